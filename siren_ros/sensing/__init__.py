@@ -1,1 +1,1 @@
-"""What sensors measure in a 3-D scene. Knows neither topics nor messages."""
+"""Simulates what sensors measure in a 3-D scene. This wing knows neither topics nor messages."""

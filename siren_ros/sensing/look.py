@@ -1,4 +1,7 @@
-"""Light and weather: sun, sky, haze and wet roads, read from ``params/looks/NAME.yaml`` or from a file of the user."""
+"""Light and weather: sun, sky, haze and wet roads.
+
+A look is read from ``params/looks/NAME.yaml`` or from a user's file.
+"""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -11,15 +14,15 @@ from siren_ros.base.params.strict_yaml import StrictMapping
 from siren_ros.simulation.scenario.episode import DEFAULT_LOOK, EpisodeDescription
 
 LOWEST_SUN_RAD: Final = float(np.radians(3.0))
-"""Where the sun stands lower, it throws no shadows and the lamps are lit: shadows would reach farther than the map."""
+"""Below this elevation of the sun there are no shadows and the lamps are lit; shadows would be longer than the map."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """Light and air. Colours are linear RGB; the defaults are a clear late morning."""
+    """Light and weather of an episode. Colours are linear RGB; the defaults are a clear late morning."""
 
     sun_azimuth_rad: float = 2.2
-    """Counter-clockwise from east, where the sun stands."""
+    """Azimuth of the sun, counter-clockwise from east."""
     sun_elevation_rad: float = 0.80
     sun_colour: tuple[float, float, float] = (3.1, 2.8, 2.35)
     zenith_colour: tuple[float, float, float] = (0.13, 0.29, 0.66)
@@ -28,16 +31,16 @@ class Look:
     """Strength of the light from sky and ground."""
     haze_per_m: float = 0.0016
     cloud_cover: float = 0.45
-    """0 clear, 1 overcast."""
+    """Cloud cover from 0 (clear) to 1 (overcast)."""
     wetness: float = 0.0
-    """0 dry, 1 soaked: dark asphalt that mirrors the sky."""
+    """Wetness of the road from 0 (dry) to 1 (soaked: dark asphalt that mirrors the sky)."""
     rain_mm_per_h: float = 0.0
     visibility_m: float = 0.0
-    """Meteorological optical range of fog; 0 where there is none."""
+    """Meteorological optical range in fog; 0 means no fog."""
 
     @property
     def lamps_lit(self) -> bool:
-        """Whether street lamps, head lamps and windows shine in place of the sun."""
+        """Whether street lamps, head lamps and windows are lit instead of the sun."""
         return self.sun_elevation_rad < LOWEST_SUN_RAD
 
     @property
@@ -47,7 +50,7 @@ class Look:
 
     @property
     def lidar_extinction_per_m(self) -> float:
-        """Share of a laser's light lost per metre in rain and fog, one way.
+        """Share of a laser's light lost per metre in rain and fog, on the way in one direction.
 
         Rain: 1.076 R^0.67 dB/km (ITU-R P.1814, section 4.2). Fog: Koschmieder's law, 5 % left at the visibility.
         """
@@ -82,17 +85,17 @@ _DUSK: Final = {
     -4.0: ((0.0, 0.0, 0.0), (0.020, 0.040, 0.110), (0.160, 0.120, 0.110), 0.50),
     3.0: ((0.0, 0.0, 0.0), (0.080, 0.140, 0.320), (0.520, 0.380, 0.300), 0.60),
 }
-"""Colours of the sun, zenith and horizon and the ambient strength by the sun's elevation, where lamps are lit."""
+"""By elevation of the low sun: colours of sun, zenith and horizon, and the ambient strength."""
 _OBLIQUITY_RAD: Final = float(np.radians(23.44))
 
 
 def look_of(episode: EpisodeDescription) -> str:
-    """Name or path of the look that an episode was asked for."""
+    """Name or path of the look with which an episode was requested."""
     return str(episode.asked.get("look", DEFAULT_LOOK))
 
 
 def load_look(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Look:
-    """A look by name or from a YAML file; what it leaves out is as on a clear morning.
+    """Load a look by name or from a YAML file; values that are left out are those of a clear morning.
 
     The sun stands where ``sun_azimuth_deg`` (counter-clockwise from east) and ``sun_elevation_deg`` say, or where it
     is at an ``hour`` of local solar time on a ``day_of_year`` at ``latitude_deg``. Where that is lower than 3 degrees
@@ -132,7 +135,7 @@ def _sun(top: StrictMapping) -> dict[str, Any]:
 
 
 def _dusk(elevation_rad: float) -> dict[str, Any]:
-    """Colours and ambient strength of a sky with the sun down; nothing with the sun up."""
+    """Default colours and ambient strength for a sun below the horizon; empty for a higher sun."""
     if elevation_rad >= LOWEST_SUN_RAD:
         return {}
     degrees = list(_DUSK)

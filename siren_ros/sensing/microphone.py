@@ -1,4 +1,4 @@
-"""A microphone on a carrier: it hears sirens with delay, Doppler shift and loss over distance.
+"""Simulates a microphone on a carrier: it records sirens with delay, Doppler shift and loss over distance.
 
 The sound at its source is a sawtooth-like tone whose pitch rises and falls.
 """
@@ -19,19 +19,19 @@ LEVEL_AT_1_M_DB: Final = 124.0
 """Sound pressure level on the axis of a 100 W siren, dB re 20 µPa: SAE J1849 asks for 118 dB(A) at 3 m and more, which
 spherical spreading makes 128 dB at 1 m; 4 dB less for all directions together."""
 _HARMONICS: Final = (1.0, 0.5, 0.33, 0.25)
-"""Of a square-like wave behind a horn: falling with the order."""
+"""Amplitudes of the siren's harmonics: those of a square-like wave behind a horn, lower with each order."""
 
 
 @dataclass(frozen=True)
 class Tone:
-    """A siren's mode: the pitch glides between two frequencies, up and down alike, in one period."""
+    """A mode of a siren: the pitch glides up and down between two frequencies in one period."""
 
     low_hz: float
     high_hz: float
     period_s: float
 
     def phase(self, time_s: Floats) -> Floats:
-        """Cycles since time 0 of the glide f = m − d cos(2πt/T), m the middle and d half the span."""
+        """Cycles since time 0 of the pitch f = m − d cos(2πt/T), where m is the middle and d half of the span."""
         middle, half = (self.high_hz + self.low_hz) / 2.0, (self.high_hz - self.low_hz) / 2.0
         turn = 2.0 * np.pi / self.period_s
         return middle * time_s - half / turn * np.sin(turn * time_s)
@@ -43,15 +43,15 @@ class Tone:
 
 
 WAIL: Final = Tone(650.0, 1450.0, 60.0 / 14.0)
-"""SAE J1849: wail 10–18 cycles a minute between 650–900 Hz and 1200–1700 Hz."""
+"""The wail: SAE J1849 asks for 10–18 cycles a minute between 650–900 Hz and 1200–1700 Hz."""
 YELP: Final = Tone(650.0, 1450.0, 60.0 / 200.0)
-"""SAE J1849: yelp 150–250 cycles a minute, the same pitches."""
+"""The yelp: SAE J1849 asks for 150–250 cycles a minute between the same pitches."""
 MODE_S: Final = 8.0
-"""The mode changes this often, wail first."""
+"""Duration of each mode; the siren begins with the wail."""
 
 
 def pressure(time_s: Floats) -> Floats:
-    """Sound pressure in units of its amplitude, of peak 1 at most, at times of emission; any shape."""
+    """Sound pressure at times of emission, in units of its amplitude, between −1 and 1; any shape."""
     wail = np.mod(time_s, 2.0 * MODE_S) < MODE_S
     cycles = np.where(wail, WAIL.phase(time_s), YELP.phase(time_s))
     wave = np.zeros_like(cycles)
@@ -61,17 +61,17 @@ def pressure(time_s: Floats) -> Floats:
 
 
 SPEED_OF_SOUND_MPS: Final = 343.2
-"""Dry air at 20 °C (ISO 9613-1)."""
+"""Speed of sound in dry air at 20 °C (ISO 9613-1)."""
 REFERENCE_PA: Final = 20e-6
 _HISTORY_STEPS: Final = 40
-"""Sound of the last 2 s is kept: sirens are heard from up to 686 m."""
+"""The last 2 s of sound are kept, so that sirens are heard up to 686 m away."""
 _SOURCE_HEIGHT_M: Final = 2.0
 _ABSORPTION_DB_PER_M: Final = 0.005
-"""Of air at 1 kHz, 20 °C, 50–70 % humidity (ISO 9613-1, table 1)."""
+"""Absorption of sound in air at 1 kHz, 20 °C, 50–70 % humidity (ISO 9613-1, table 1)."""
 _NEAREST_M: Final = 1.0
 _FULL_SCALE: Final = 32767.0
 _ITERATIONS: Final = 3
-"""Iterations for the time of emission. Each scales the error by speed / speed of sound; 10⁻³ m remain."""
+"""Iterations to solve for the time of emission. Each scales the error by speed / speed of sound; 10⁻³ m remain."""
 
 
 @dataclass(frozen=True)
@@ -80,33 +80,36 @@ class MicrophoneSpec(SensorSpec):
 
     sample_rate_hz: int = number(8_000, 48_000, 16_000)
     full_scale_db: float = number(60.0, 160.0, 130.0)
-    """Sound pressure level of a sine at full scale, dB re 20 µPa."""
+    """Sound pressure level of a sine wave at full scale, dB re 20 µPa."""
     noise_db: float = number(0.0, 120.0, 45.0)
     """Level of the background noise, dB re 20 µPa; 0 switches it off."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Heard:
-    """Microphone and sirens at one step."""
+    """Places of the microphone and of the sirens at one step."""
 
     step: int
     ear_m: Floats
-    """Shape ``(3,)``."""
+    """Place of the microphone, shape ``(3,)``."""
     sirens: dict[int, Floats]
-    """Place of each sounding siren by actor id."""
+    """Place of each active siren by actor id."""
 
 
 class Microphone:
-    """One microphone. It remembers past places of itself and of sirens, since sound arrives late. Hear every step."""
+    """Simulates one microphone. Sound arrives late, so it keeps past places: call ``hear`` at every step."""
 
     def __init__(self, spec: MicrophoneSpec, seed: int) -> None:
-        """Begin in silence; ``seed`` is that of the carrier's noise."""
+        """Start in silence; ``seed`` is that of the carrier's noise."""
         self.spec = spec
         self._seed = seed
         self._past: deque[_Heard] = deque(maxlen=_HISTORY_STEPS)
 
     def hear(self, states: ActorStates, map_from_base: Matrix) -> AudioChunk:
-        """The sound that arrives between the step before and this one, silence at the first; pose of the carrier."""
+        """The sound that arrives between the last step and this one, for a pose of the carrier.
+
+        Silence at the first step.
+        """
         spec = self.spec
         ear = (map_from_base @ np.array([spec.mount.x_m, spec.mount.y_m, spec.mount.z_m, 1.0]))[:3]
         rows = np.flatnonzero(states.lights & Lights.SIREN)
@@ -144,7 +147,7 @@ class Microphone:
         return np.where(audible, amplitude * pressure(emitted), 0.0)
 
     def _background(self, step: int, count: int) -> Floats:
-        """White noise of the suite's level, in Pa."""
+        """White background noise of the suite's level, in Pa."""
         if self.spec.noise_db <= 0.0:
             return np.zeros(count)
         draw = sensor_generator(self._seed, self.spec.name, step).standard_normal(count)

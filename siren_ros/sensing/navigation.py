@@ -53,10 +53,16 @@ class ImuSpec(SensorSpec):
 
 
 class BiasWalk:
-    """Sum of one normal increment per step from step 1 on, each drawn from its own stream; zero at step 0."""
+    """A bias that wanders: the sum of one normal increment per step from step 1 on; zero at step 0.
+
+    Each increment has its own random stream.
+    """
 
     def __init__(self, seed: int, sensor: str, per_sqrt_s: Floats) -> None:
-        """Start the walk; ``per_sqrt_s``, ``(K,)``, is each axis' deviation after one second; it grows with √t."""
+        """Start the walk.
+
+        ``per_sqrt_s``, ``(K,)``, is the standard deviation of each axis after 1 s; it grows with √t.
+        """
         self._seed = seed
         self._stream = f"{sensor} bias"
         self._stddev = np.asarray(per_sqrt_s, dtype=np.float64) * np.sqrt(STEP_S)
@@ -64,7 +70,7 @@ class BiasWalk:
         self._bias = np.zeros(len(self._stddev))
 
     def at(self, step: int) -> Floats:
-        """The bias at a step, shape ``(K,)``; steps can be asked for in any order."""
+        """The bias at a step, shape ``(K,)``; steps may be requested in any order."""
         if step < self._step:
             self._step, self._bias = 0, np.zeros(len(self._stddev))
         if np.any(self._stddev):
@@ -76,12 +82,12 @@ class BiasWalk:
 
 
 DEFAULT_PROJECTION: Final = "+proj=tmerc +lat_0=49 +lon_0=8.4 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-"""Place of maps without a geo-reference, such as the built-in town: 49° N, 8.4° E, in the Rhine valley."""
+"""Projection of maps without a geo-reference, such as the built-in town: 49° N, 8.4° E, in the Rhine valley."""
 
 
 @dataclass(frozen=True)
 class GeoReference:
-    """Takes the ``map`` frame to the WGS 84 ellipsoid; z 0 lies on it."""
+    """Converts the ``map`` frame to the WGS 84 ellipsoid, on which z is 0."""
 
     projection: str
     origin_m: tuple[float, float]
@@ -89,13 +95,13 @@ class GeoReference:
 
     @classmethod
     def of(cls, network: RoadNetwork) -> "GeoReference":
-        """The map's own, or the default where the map has none in transverse Mercator or UTM."""
+        """The reference of the map, or the default if the map has none in transverse Mercator or UTM."""
         if network.origin_lat_lon_deg is None:
             return cls(DEFAULT_PROJECTION, (0.0, 0.0))
         return cls(network.projection, network.projected_origin_m)
 
     def geodetic(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Latitude and longitude in degrees of a place in ``map``; InputError for a projection that is unknown."""
+        """Latitude and longitude in degrees of a place in ``map``; InputError for an unknown projection."""
         geodetic = geodetic_from_projected(self.projection, x_m + self.origin_m[0], y_m + self.origin_m[1])
         if geodetic is None:
             raise InputError("projection", self.projection, "a transverse Mercator or UTM projection")
@@ -103,7 +109,7 @@ class GeoReference:
 
 
 class Gnss:
-    """One receiver on one carrier."""
+    """Simulates one satellite receiver on one carrier."""
 
     def __init__(self, spec: GnssSpec, reference: GeoReference, seed: int) -> None:
         """Prepare the noise; ``seed`` is that of the carrier's noise."""
@@ -126,7 +132,7 @@ class Gnss:
 
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
-"""CGPM 1901."""
+"""Standard gravity (CGPM 1901)."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +165,7 @@ def specific_force(before: PlanarMotion | None, now: PlanarMotion, lever_m: Floa
 
 
 class Imu:
-    """One sensor on one carrier. It remembers the motion at the step before."""
+    """Simulates one inertial measurement unit on one carrier. It keeps the motion of the last step."""
 
     def __init__(self, spec: ImuSpec, seed: int) -> None:
         """Prepare the noise; ``seed`` is that of the carrier's noise."""
@@ -194,10 +200,10 @@ class WheelOdometrySpec:
     """
 
     scale_stddev: float = 0.005
-    """Of the scale of all distances, constant."""
+    """Standard deviation of the scale error of all distances, constant in an episode."""
     speed_noise_stddev_mps: float = 0.03
     gyro_bias_stddev_radps: float = 4.85e-5
-    """Constant."""
+    """Standard deviation of the gyroscope's bias, constant in an episode."""
     gyro_noise_stddev_radps: float = 1.9e-4
 
 
@@ -215,7 +221,7 @@ class VehicleMotion:
 
 
 class WheelOdometry:
-    """Odometry of one vehicle; the ``odom`` frame lies where the vehicle is at the first step."""
+    """Simulates the odometry of one vehicle. The ``odom`` frame begins at the vehicle's pose at the first step."""
 
     def __init__(self, seed: int, spec: WheelOdometrySpec | None = None) -> None:
         """Draw the constant errors; ``seed`` is that of the carrier's noise."""
@@ -244,7 +250,7 @@ class WheelOdometry:
         forward_mps, left_mps = self._scale * now.forward_mps + slip_mps[0], self._scale * now.left_mps + slip_mps[1]
         scale, noise = spec.scale_stddev**2, spec.speed_noise_stddev_mps**2
         spin = spec.gyro_bias_stddev_radps**2 + spec.gyro_noise_stddev_radps**2
-        both = forward_mps * left_mps * scale + 0.0  # no -0.0
+        both = forward_mps * left_mps * scale + 0.0  # adding 0.0 turns -0.0 into 0.0
         twist_covariance = np.array(
             [
                 [forward_mps * forward_mps * scale + noise, both, 0.0],
@@ -263,7 +269,7 @@ class WheelOdometry:
         slip_mps: tuple[float, float],
         spin_radps: float,
     ) -> None:
-        """Add the increment since the step before, in the axes of that step, and propagate the covariance.
+        """Add the motion since the last step, in the axes of that step, and propagate the covariance.
 
         P ← F P Fᵀ + Q with the Jacobian F of the motion model (Siegwart and Nourbakhsh, Introduction to Autonomous
         Mobile Robots, section 5.2.4), here with scale and gyro bias as further, constant states.
@@ -285,8 +291,8 @@ class WheelOdometry:
         self._covariance = (propagated + propagated.T) / 2.0
 
     def _noise(self, elapsed_s: float) -> Floats:
-        """Covariance that the white noise of one increment adds, shape ``(5, 5)``."""
-        if elapsed_s == self._noise_of[0]:  # every step but the first
+        """Covariance that the white noise of one step adds, shape ``(5, 5)``."""
+        if elapsed_s == self._noise_of[0]:  # true at every step but the first
             return self._noise_of[1]
         slip, spin = self._spec.speed_noise_stddev_mps * elapsed_s, self._spec.gyro_noise_stddev_radps * elapsed_s
         self._noise_of = elapsed_s, np.diag([slip**2, slip**2, spin**2, 0.0, 0.0])
@@ -294,7 +300,7 @@ class WheelOdometry:
 
 
 class Odometers:
-    """How far every actor has driven, so that wheels turn."""
+    """Distance that every actor has driven, so that drawn wheels turn."""
 
     def __init__(self) -> None:
         self._step: int | None = None
@@ -302,7 +308,7 @@ class Odometers:
         self._rolled_m = np.empty(0, np.float64)
 
     def advance(self, states: ActorStates) -> Floats:
-        """Distance rolled by each row of the states, counted from when the actor was first seen."""
+        """Distance that the wheels of each row of the states have rolled since the actor was first seen."""
         rows = rows_of_ids(self._ids, states.actor_id)
         rolled = np.where(rows >= 0, self._rolled_m[rows], 0.0) if len(self._ids) else np.zeros(len(states))
         elapsed_s = 0.0 if self._step is None else (states.step - self._step) * STEP_S

@@ -1,4 +1,4 @@
-"""All sensors of one carrier in one world, and their measurements at one step, finished or still under way."""
+"""All sensors of one carrier. It measures at a step, in part in background threads."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -39,7 +39,7 @@ from siren_ros.simulation.world.carrier import BASE_FRAME, LABEL_PERIOD_STEPS, S
 from siren_ros.simulation.world.traffic_state import SignalState
 
 _PARKED_M: Final = 150.0
-"""Vehicles that are parked farther away are left out."""
+"""Vehicles parked farther away than this are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +50,21 @@ class Observations:
     sweeps: tuple[LidarSweep, ...]
     frames: tuple[CameraFrame, ...]
     truth: GroundTruth | None
-    """Every ``LABEL_PERIOD_STEPS``."""
+    """Labels in space; present every ``LABEL_PERIOD_STEPS``."""
     labels: Mapping[str, CameraTruth] = field(default_factory=dict)
-    """Labels of the pictures by camera, where the suite or a listener asks for them."""
+    """Labels of the pictures by camera, if the suite or a listener asks for them."""
     others: tuple[tuple[SensorSpec, Any], ...] = ()
     """Measurements of the suite's other sensors, each with its specification."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """A step whose measurements have begun."""
+    """Measurements of a step that have begun and are not finished yet."""
 
     under_way: bool
     """Whether other threads are still making pictures or sweeps."""
     finish: Callable[[], Observations]
-    """Waits for them and returns all measurements. Call it once, and before the next step's measurements begin."""
+    """Waits for the threads and returns all measurements. Call it once, before the next step's measurements begin."""
 
 
 class SensorRig:
@@ -133,7 +133,7 @@ class SensorRig:
 
     @property
     def truth_frame(self) -> str:
-        """Frame of the labels: the first LiDAR, or the carrier's ``base_link`` where there is none."""
+        """Frame of the labels: that of the first LiDAR, or the carrier's ``base_link`` without a LiDAR."""
         if self.suite.lidars:
             return self.suite.lidars[0].name
         return BASE_FRAME if self.suite.station is None else STATION_FRAME
@@ -145,7 +145,7 @@ class SensorRig:
 
     @property
     def account(self) -> dict[str, object]:
-        """How this machine simulates the sensors, for the record; complete after ``prepare``."""
+        """How this machine simulates the sensors, for the episode's record; complete after ``prepare``."""
         return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
 
     def prepare(self) -> None:
@@ -206,7 +206,7 @@ class SensorRig:
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden) if self._sees_bodies else self._nobody
         exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
-        # Every sensor measures at every step, since some differentiate the motion.
+        # These sensors measure at every step, since some of them differentiate the motion.
         view = CarrierView(states, base, _row_of(states, carrier_id)) if self._others else None
         measured = [(spec, measure(view)) for spec, measure in self._others if view is not None]
         others = tuple(item for item in measured if step % item[0].period_steps == 0)
@@ -221,7 +221,7 @@ class SensorRig:
         return Sensing(under_way=bool(exposed or swept), finish=finish)
 
     def _on_ground(self, states: ActorStates, descriptions: Mapping[int, ActorDescription]) -> ActorStates:
-        """The states with people on foot on the surface of sidewalks, where the scene raises these."""
+        """The states with pedestrians lifted to the surface of raised sidewalks."""
         if self._static is None:
             return states
         kinds = (descriptions[number].actor_class for number in states.actor_id.tolist())
@@ -233,7 +233,7 @@ class SensorRig:
     def _with_parked(
         self, states: ActorStates, descriptions: Mapping[int, ActorDescription], base: Matrix
     ) -> tuple[ActorStates, Mapping[int, ActorDescription]]:
-        """The actors with the vehicles that are parked near the carrier, which the sensors see like all others."""
+        """The actors together with the vehicles parked near the carrier, which sensors see like actors."""
         if self._static is None or not self._static.parked:
             return states, descriptions
         near = [one for one in self._static.parked if np.hypot(one.x_m - base[0, 3], one.y_m - base[1, 3]) < _PARKED_M]

@@ -1,4 +1,4 @@
-"""The table of sensors: the section in a suite's file, the specification and the measurement of each type.
+"""The table of sensor types: section in a suite's file, specification, and measurement of each type.
 
 ``SENSOR_MESSAGES`` in ``siren_ros.data.sensor_messages`` has the topic and the message of each type.
 """
@@ -20,8 +20,8 @@ class SensorType:
 
     spec: type[SensorSpec]
     begin: Callable[[Any, RoadNetwork, int], Measure] | None = None
-    """From a specification, the map and the seed of the carrier's noise: what measures. None for LiDARs and cameras:
-    the rig makes them, because they share one scene."""
+    """Makes the measuring function of a sensor from its specification, the map and the seed of the carrier's noise.
+    None for LiDARs and cameras: the rig makes them, because they share one scene."""
     on_vehicles_only: bool = False
 
 
@@ -53,4 +53,4 @@ SENSOR_TYPES: Final[dict[str, SensorType]] = {
     "imus": SensorType(ImuSpec, _imu, on_vehicles_only=True),
     "microphones": SensorType(MicrophoneSpec, _microphone),
 }
-"""By section of a suite's file. Mounts, topics and messages of a step keep this order."""
+"""Sensor types by section of a suite's file. Mounts, topics and the messages of a step keep this order."""

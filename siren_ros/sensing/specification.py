@@ -1,4 +1,4 @@
-"""What a sensor is: its place on the carrier, its numbers, and its random numbers.
+"""Specification of a sensor: its mount on the carrier, its parameters, and its random numbers.
 
 Every sensor has a stream of random numbers of its own for every step.
 """
@@ -66,7 +66,7 @@ class Mount:
     z_m: float
     yaw_rad: float = 0.0
     pitch_rad: float = 0.0
-    """Positive looks down (REP 103)."""
+    """Pitch of the sensor; positive looks down (REP 103)."""
     roll_rad: float = 0.0
 
     @property
@@ -87,7 +87,7 @@ def optical_from_map(map_from_camera: Matrix) -> Matrix:
 
 
 def sensor_generator(seed: int, sensor: str, step: int) -> np.random.Generator:
-    """Generator that depends on (seed, sensor, step) alone, so that results do not depend on order or history."""
+    """Random generator that depends on (seed, sensor, step) alone, so that no result depends on order or history."""
     name = zlib.crc32(sensor.encode())
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence((seed, name, step))))
 
@@ -99,7 +99,7 @@ def number(low: float, high: float, default: Any = MISSING, key: str = "", scale
 
 
 def rate(default: float) -> Any:
-    """A field for the measurements per second, which divide the steps per second."""
+    """A dataclass field for the measurements per second; the rate must divide the steps per second."""
     return field(default=default, metadata={"key": "", "low": 0.0, "high": STEPS_PER_S, "scale": 1.0, "rate": True})
 
 
@@ -119,7 +119,7 @@ class SensorSpec:
 
 @dataclass(frozen=True, eq=False)
 class CarrierView:
-    """What a sensor can measure at one step: all actors, and where its carrier is among them."""
+    """Input of a sensor at one step: all actors, and which of them is its carrier."""
 
     states: ActorStates
     map_from_base: Matrix
@@ -129,7 +129,8 @@ class CarrierView:
 
 
 Measure = Callable[[CarrierView], Any]
-"""Called at every step. Returns a frozen dataclass with ``step`` and ``frame_id`` (the sensor's name)."""
+"""Measures at a step; called at every step. It returns a frozen dataclass with ``step`` and ``frame_id`` (the sensor's
+name)."""
 
 
 @dataclass(frozen=True)
@@ -149,17 +150,17 @@ class LidarSpec(SensorSpec):
     upper_fov_rad: float = number(-89.0, 89.0, 5.0 * RADIANS, "upper_fov_deg", RADIANS)
     lower_fov_rad: float = number(-89.0, 89.0, -25.0 * RADIANS, "lower_fov_deg", RADIANS)
     atmosphere_attenuation_per_m: float = number(0.0, 1.0, 0.004)
-    """CARLA's documented default."""
+    """Attenuation in the air; CARLA's documented default."""
     noise_stddev_m: float = number(0.0, 1.0, 0.0)
     """Standard deviation of the range noise along the ray."""
     dropoff_general_rate: float = number(0.0, 1.0, 0.0)
     """Share of points dropped at random."""
     dropoff_intensity_limit: float = number(0.0, 1.0, 0.8)
-    """At this intensity and above nothing is dropped for weakness."""
+    """Returns of this intensity and more are never dropped for weakness."""
     dropoff_zero_intensity: float = number(0.0, 1.0, 0.0)
     """Probability of dropping a point of zero intensity."""
     resolution_m: float = number(0.0, 0.1, 1.0 / 512.0)
-    """Grid of the coordinates, rounded to a power of two; 0 leaves them as they are. Real sensors resolve 2–4 mm."""
+    """Resolution of the coordinates, rounded to a power of two; 0 for no rounding. Real sensors resolve 2–4 mm."""
     motion_distortion: bool = False
     """Whether the carrier and the vehicles move while the beams turn."""
 
@@ -180,18 +181,19 @@ class CameraSpec(SensorSpec):
     jpeg_quality: int = number(1, 100, 90)
     exposure: float = number(0.05, 20.0, 1.0)
     anti_aliasing: bool = True
-    """Whether stairs at the edges are smoothed; labels have one sample per pixel in any case."""
+    """Whether staircase edges are smoothed; labels are never smoothed."""
     noise_stddev: float = number(0.0, 50.0, 0.0)
     """Standard deviation of the noise added to each colour value, in steps of 1/255."""
     blur_px: float = number(0.0, 20.0, 0.0)
     """Standard deviation of a Gaussian blur."""
     depth: bool = False
-    """Whether depth images are recorded; without, they are sent while somebody listens. Likewise the next two."""
+    """Whether depth images are recorded; otherwise they are sent only while a subscriber listens. The next two fields
+    are alike."""
     semantic: bool = False
     instance: bool = False
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
-        """The ideal camera: the horizontal field of view spans the picture's outer edges."""
+        """Ideal pinhole model; the horizontal field of view spans the outer edges of the picture."""
         focal_px = self.width / 2.0 / float(np.tan(self.horizontal_fov_rad / 2.0))
         return CameraIntrinsics.centred(self.width, self.height, focal_px)

@@ -1,4 +1,4 @@
-"""Where a roadside unit stands: a given place, the corner of the episode's junction, or the side of its road."""
+"""Finds the place of a roadside unit: a given place, the corner of the episode's junction, or the side of its road."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -15,12 +15,12 @@ from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.roads.sites import middle_of_site
 
 _BESIDE_M: Final = 0.8
-"""Between the pole and the nearest lane."""
+"""Distance between the pole and the nearest lane."""
 _SPACING_M: Final = 1.0
 _REACH_M: Final = 80.0
 _SOLID: Final = (Material.BUILDING_WALL, Material.BUILDING_ROOF, Material.FOLIAGE, Material.TREE_TRUNK)
 _ASIDE_M: Final = (1.7e-5, 2.3e-5)
-"""Offset of the ray up from the sensor, so that it does not pass exactly through an edge between two triangles."""
+"""Offset of a ray straight up from the sensor, so that it does not pass exactly through the edge of two triangles."""
 _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 
 
@@ -57,7 +57,10 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
 
 
 def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> None:
-    """Raise InputError where a sensor is in a building or tree: a ray straight up leaves it an odd number of times."""
+    """Raise InputError if a sensor is inside a building or tree.
+
+    A ray straight up from there crosses an odd number of surfaces.
+    """
     solid = np.isin(scene.mesh.material, [int(kind) for kind in _SOLID])
     corners = scene.mesh.vertices_m[scene.mesh.triangles[solid]].astype(np.float64)
     for name, mount in suite.mounts:

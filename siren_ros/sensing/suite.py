@@ -15,15 +15,15 @@ from siren_ros.sensing.sensor_table import SENSOR_TYPES
 from siren_ros.sensing.specification import RADIANS, CameraSpec, LidarSpec, Mount, SensorSpec
 
 EXPORTED_CAMERA: Final = "camera_front"
-"""The camera whose pictures go into exports and videos, where a suite has it."""
+"""The camera whose pictures exports and videos use, if the suite has it."""
 
 
 @dataclass(frozen=True)
 class Station:
-    """Where a roadside suite stands. Its mounts are relative to this place on the ground."""
+    """Place of a roadside suite on the ground. Its mounts are relative to this place."""
 
     place: Mount | None
-    """In the ``map`` frame; None: the corner of the junction where the episode happens."""
+    """Place in the ``map`` frame; None for the corner of the junction where the episode happens."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class SensorSuite:
     others: tuple[SensorSpec, ...] = ()
     """Sensors of all other types, in the order of ``SENSOR_TYPES``."""
     labels: bool = False
-    """Whether boxes in the pictures, visible fractions and truncations are recorded with each picture."""
+    """Whether boxes in the picture, visible fractions and truncations are recorded with each picture."""
     station: Station | None = None
-    """None: the suite is mounted on a vehicle."""
+    """Place of a roadside suite; None if the suite is mounted on a vehicle."""
 
     @property
     def common_period_steps(self) -> int:
@@ -54,7 +54,7 @@ class SensorSuite:
 _AT_SITE: Final = "site"
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 MAX_SENSORS: Final = 32
-"""Bounds the memory that a suite can ask for."""
+"""Maximum number of sensors of a suite; it limits the memory that a suite can use."""
 _MOUNT_KEYS: Final = {
     "x_m": ("x_m", 1.0, 20.0),
     "y_m": ("y_m", 1.0, 20.0),
@@ -162,7 +162,7 @@ def _value(section: StrictMapping, key: str, kind: Any, metadata: Mapping[str, A
 
 @dataclass(frozen=True)
 class LabelKinds:
-    """Labels to draw with the colours. Semantic classes are always drawn."""
+    """Labels that are drawn with the colours. Semantic classes are always drawn."""
 
     depth: bool = False
     instance: bool = False
@@ -170,5 +170,5 @@ class LabelKinds:
 
     @classmethod
     def of(cls, suite: SensorSuite, camera: CameraSpec) -> "LabelKinds":
-        """Labels that a suite records of a camera."""
+        """Labels that a suite records for a camera."""
         return cls(camera.depth, camera.instance, suite.labels)

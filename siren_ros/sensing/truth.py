@@ -1,4 +1,4 @@
-"""Exact labels from the simulated states, and from the measurements of the same step.
+"""Computes exact labels from the simulated states and the measurements of the same step.
 
 ``GroundTruth`` has 3-D boxes with LiDAR points. ``CameraTruth`` has 2-D boxes, visible fractions and truncations, from
 the instance image.
@@ -25,7 +25,7 @@ from siren_ros.simulation.world.carrier import CameraTruth, GroundTruth
 from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 LABEL_RANGE_M: Final = 120.0
-"""Actors whose centre is further away than the paper's LiDAR reaches are not labelled."""
+"""Actors whose centre is farther away than this, the range of the paper's LiDAR, are not labelled."""
 
 
 def label_boxes(
@@ -77,17 +77,17 @@ def label_boxes(
 
 _NEAR_M: Final = 0.1
 _SMALLEST_PX: Final = 4.0
-"""Outlines smaller than this are not labelled."""
+"""Vehicles whose outline is smaller than this in the picture are not labelled."""
 _DIRECTIONS: Final = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 
 
 @dataclass(frozen=True, eq=False)
 class PixelBoxes:
-    """Pixels of each actor; rows in the order of the given ids."""
+    """Number and bounds of each actor's pixels; rows in the order of the given ids."""
 
     count: npt.NDArray[np.int64]
     bounds: npt.NDArray[np.int64]
-    """First column, first row, last column, last row, shape ``(N, 4)``; of no meaning where the count is 0."""
+    """First column, first row, last column, last row, shape ``(N, 4)``; meaningless where the count is 0."""
 
 
 def extreme_points(shape: VehicleShape) -> Floats:
@@ -108,7 +108,7 @@ def pixel_boxes(instance: npt.NDArray[np.uint32], actor_id: npt.NDArray[np.uint3
 
 @compiled
 def _scan(instance: Array, actor_id: Array, count: Array, bounds: Array) -> None:
-    """One pass over the image; runs of equal pixels cost one search."""
+    """Scan the image once; a run of equal pixels needs one search."""
     for v in range(instance.shape[0]):
         last, row = np.uint32(0), -1
         for u in range(instance.shape[1]):
@@ -128,7 +128,7 @@ def _scan(instance: Array, actor_id: Array, count: Array, bounds: Array) -> None
 
 
 class ImageLabeller:
-    """Labels pictures; knows the vehicles' shapes."""
+    """Labels the vehicles in a picture."""
 
     def __init__(self, shapes: Mapping[ActorClass, VehicleShape]) -> None:
         """Find each shape's outermost points once."""
@@ -175,7 +175,7 @@ class ImageLabeller:
     def _outlines(
         self, camera: CameraIntrinsics, optical_from_map_: Matrix, placement: VehiclePlacement, rows: Rows
     ) -> tuple[Floats, Floats]:
-        """Area of each vehicle's convex outline, and of its part within the picture, in pixels, shape ``(R,)``."""
+        """Area of each vehicle's convex outline, and of the part within the picture, in pixels, shape ``(R,)``."""
         points, owner = [np.empty((0, 2))], [np.empty(0, np.intp)]
         for number, row in enumerate(rows):
             local = self._extremes[int(placement.actor_class[row])] * placement.scale[row]
@@ -200,7 +200,7 @@ class ImageLabeller:
 
 
 def _in_front(optical: Floats) -> Floats:
-    """Points of a convex body in front of the camera, and where lines between its points cross the near plane."""
+    """Clip a convex body at the near plane: its points in front of the camera, and where its lines cross the plane."""
     ahead = optical[:, 2] > _NEAR_M
     if np.all(ahead) or not np.any(ahead):
         return optical[ahead]

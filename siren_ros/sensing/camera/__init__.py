@@ -1,1 +1,1 @@
-"""Camera pictures through OpenGL; imports go down: ``camera``, ``renderer``, light, geometry, ``shaders``."""
+"""Draws camera pictures with OpenGL. Imports go down: ``camera``, ``renderer``, light, geometry, ``shaders``."""

@@ -1,4 +1,4 @@
-"""Smooths the stairs at the edges of a drawn picture.
+"""Smooths the staircase edges of a drawn picture.
 
 Where two colours meet along a row or a column, the ends of the run tell where the true edge lies, and the pixels beside
 it get their share of both (morphological anti-aliasing: Reshetov, HPG 2009). That costs a fraction of several samples
@@ -13,13 +13,13 @@ import numpy.typing as npt
 from siren_ros.base.numerics.compiled import Array, compiled
 
 _CONTRAST: Final = 20
-"""Least difference in brightness, of 255, that makes an edge."""
+"""Smallest difference in brightness (of 255) between two pixels that counts as an edge."""
 _BELOW: Final = 1
 _RIGHT: Final = 2
 
 
 def smooth_edges(rgba: npt.NDArray[np.uint8]) -> None:
-    """Smooth the colours in place; shape ``(height, width, 4)``, the fourth channel stays."""
+    """Smooth the colours in place; shape ``(height, width, 4)``. The fourth channel does not change."""
     height, width = rgba.shape[:2]
     edges = np.zeros((height, width), np.uint8)
     brightness = np.empty((height, width), np.int16)
@@ -31,7 +31,10 @@ def smooth_edges(rgba: npt.NDArray[np.uint8]) -> None:
 
 @compiled
 def _find_edges(rgba: Array, brightness: Array, edges: Array) -> None:
-    """Bits: the pixel differs from that below it, and from that to its right."""
+    """Mark edges with two bits per pixel.
+
+    One bit says that the pixel differs from the pixel below, the other that it differs from the one to its right.
+    """
     height, width = edges.shape
     for y in range(height):
         for x in range(width):
@@ -63,7 +66,7 @@ def _smooth_along_rows(drawn: Array, edges: Array, out: Array) -> None:
 
 @compiled
 def _smooth_along_columns(drawn: Array, edges: Array, out: Array) -> None:
-    """Goes through memory in its order: all columns' runs are open at the same time."""
+    """Smooth the horizontal edges. It reads memory row by row, so the runs of all columns are open at the same time."""
     height, width = edges.shape
     starts = np.full(width, -1, np.int32)
     for y in range(height + 1):
@@ -77,7 +80,10 @@ def _smooth_along_columns(drawn: Array, edges: Array, out: Array) -> None:
 
 @compiled
 def _turn(edges: Array, line: int, place: int, lies: bool, short: bool) -> int:
-    """Where an edge after ``line`` turns between ``place`` and the next: 1 to the side of the line, −1 to the other.
+    """Find where an edge after ``line`` turns.
+
+    It gives 1 where the edge turns towards the line between ``place`` and the next pixel, −1 where it turns away, 0
+    otherwise.
 
     A straight edge has steps of one pixel along rows or columns. Where both sides are longer, there is a corner.
     """
@@ -95,7 +101,7 @@ def _turn(edges: Array, line: int, place: int, lies: bool, short: bool) -> int:
 
 @compiled
 def _blend_run(drawn: Array, edges: Array, out: Array, line: int, start: int, stop: int, lies: bool) -> None:
-    """Blend along an edge between a line of pixels and the next, from ``start`` to ``stop``; ``lies`` in rows.
+    """Blend the pixels along an edge between a line of pixels and the next; ``lies`` says that the lines are rows.
 
     The true edge leads from half a pixel beside the run's end, where it turns, to the run's middle.
     """
@@ -115,7 +121,7 @@ def _blend_run(drawn: Array, edges: Array, out: Array, line: int, start: int, st
 
 @compiled
 def _is_thin(edges: Array, line: int, start: int, stop: int, side: int, lies: bool) -> bool:
-    """Whether a run that turns to one side at both ends is the side or the end of a line of one pixel, which stays."""
+    """Whether a run borders a line that is one pixel thin; such lines are not smoothed."""
     other = line - side
     if stop - start == 1:
         return True
@@ -128,7 +134,7 @@ def _is_thin(edges: Array, line: int, start: int, stop: int, side: int, lies: bo
 
 @compiled
 def _share(pixel: int, reach: float) -> float:
-    """Part of a pixel, counted from the end of a run, below an edge that falls from ½ at the end to 0 at ``reach``."""
+    """Share of a pixel below the true edge, which falls from ½ at the end of the run to 0 at ``reach`` pixels."""
     far = min(pixel + 1.0, reach)
     return 0.5 * (far - pixel) * (1.0 - 0.5 * (pixel + far) / reach) if far > pixel else 0.0
 

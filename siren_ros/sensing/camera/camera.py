@@ -1,4 +1,4 @@
-"""A camera of a suite: pictures with noise, as JPEG, and the labels that go with them."""
+"""A camera of a suite: noisy pictures as JPEG, and their labels."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
@@ -22,14 +22,14 @@ from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """One exposure. All its images come from the same instant and the same draw."""
+    """One exposure. All its images show the same instant."""
 
     sensor: str
     step: int
     camera: CameraIntrinsics
     image: RenderedImage
     encoded: Future[bytes]
-    """The JPEG, which may still be under way."""
+    """Gives the JPEG; the encoder may still be working on it."""
 
     @property
     def jpeg(self) -> bytes:
@@ -72,7 +72,7 @@ class Camera:
         image, spec = picture(), self.spec
         if spec.anti_aliasing:
             smooth_edges(image.rgba)
-        colours = image.rgba[..., :3]  # the lens and the noise leave the labels as they are
+        colours = image.rgba[..., :3]  # noise and blur change the colours only, not the labels
         if spec.blur_px > 0.0:
             from scipy.ndimage import gaussian_filter  # noqa: PLC0415 - loads slowly, and few suites need it
 

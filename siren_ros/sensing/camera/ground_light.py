@@ -1,4 +1,4 @@
-"""Light on the ground as one texture: by day the shade of scene and vehicles, at night the light of lamps."""
+"""The light on the ground as one texture: shadows of scene and vehicles by day, the light of lamps at night."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -20,13 +20,13 @@ from siren_ros.simulation.world.actors import Lights
 UNIT_FROM_CLIP: Final = np.array(
     [[0.5, 0.0, 0.0, 0.5], [0.0, 0.5, 0.0, 0.5], [0.0, 0.0, 0.5, 0.5], [0.0, 0.0, 0.0, 1.0]]
 )
-"""Takes clip coordinates to texture coordinates and depth, each 0–1."""
+"""Converts clip coordinates to texture coordinates and depth, each from 0 to 1."""
 
 
 def sun_view(
     towards_sun: Floats, centre_m: tuple[float, float], half_m: float, heights_m: tuple[float, float]
 ) -> Matrix:
-    """The sun's view as ``clip_from_map``: a square of the ground and all that shades it, along the sun's rays."""
+    """Matrix ``clip_from_map`` of the sun's view: it covers a square of the ground and everything that can shade it."""
     up = np.array([0.0, 0.0, 1.0]) if abs(towards_sun[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, towards_sun)
     right /= np.linalg.norm(right)
@@ -47,7 +47,7 @@ def sun_view(
 
 
 class ShadowMap:
-    """A square depth texture that shaders compare against."""
+    """A square depth texture, drawn from the sun; shaders compare against it to find shadows."""
 
     def __init__(self, context: moderngl.Context, size: int) -> None:
         """Allocate ``size`` × ``size`` texels."""
@@ -67,7 +67,7 @@ class ShadowMap:
         program["clip_from_map"].write(np.ascontiguousarray(clip_from_map.T, dtype=np.float32).tobytes())
 
     def end(self) -> None:
-        """Leave the shadow pass. The outermost texels say "lit"; lookups beyond the map return them."""
+        """End the shadow pass. The outermost texels are set to "lit", because lookups beyond the map return them."""
         size = self.texture.width
         for border in ((0, 0, size, 1), (0, size - 1, size, 1), (0, 0, 1, size), (size - 1, 0, 1, size)):
             self._framebuffer.clear(depth=1.0, viewport=border)
@@ -93,52 +93,55 @@ class LightMap:
 
 
 def cell_of(eye_m: Floats) -> tuple[int, int]:
-    """Grid point of the square that gives the light of a picture from a place."""
+    """Grid point at the centre of the light square that a picture from this place uses."""
     return round(float(eye_m[0]) / LIGHT_GRID_M), round(float(eye_m[1]) / LIGHT_GRID_M)
 
 
 def light_from_map(centre_m: tuple[float, float]) -> tuple[float, float, float]:
-    """Scale and offset that take map coordinates to texture coordinates of the square around a point."""
+    """Scale and offset that convert map coordinates to texture coordinates of the square around a point."""
     scale = 0.5 / LIGHT_HALF_M
     return scale, 0.5 - scale * centre_m[0], 0.5 - scale * centre_m[1]
 
 
 @dataclass(eq=False)
 class _Square:
-    """Light around one grid point: of what stands still, and with that of the vehicles last drawn."""
+    """Light around one grid point: once for static objects alone, once with the vehicles drawn last."""
 
     centre_m: tuple[float, float]
     baked: Any
     light: Any
-    """Framebuffers."""
+    """Framebuffers that hold the light."""
     shadow: ShadowMap | None = None
     unit_from_map: Matrix = field(default_factory=lambda: np.eye(4))
     drawn: tuple[VehiclePlacement, int] | None = None
-    """Vehicles and step."""
+    """The vehicles drawn last, and the step at which they were drawn."""
     thrown: Casters = ()
 
 
 class SquareLight(ABC):
-    """Squares of light around the cameras. They depend on place and vehicles, not on earlier pictures."""
+    """Squares of ground light around the cameras.
+
+    A square depends on its place and the vehicles, not on earlier pictures.
+    """
 
     _texels: int
     _components: int
 
     def __init__(self, context: moderngl.Context) -> None:
-        """Begin without squares."""
+        """Start without squares."""
         self._context = context
         self._squares: dict[tuple[int, int], _Square] = {}
 
     @abstractmethod
     def _bake(self, square: _Square) -> None:
-        """Draw the light of all that stands still."""
+        """Draw the light of everything static."""
 
     @abstractmethod
     def _draw(self, square: _Square, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> None:
-        """Draw the light with the vehicles."""
+        """Draw the light again with the vehicles."""
 
     def update(self, eye_m: Floats, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> LightMap:
-        """Set the light for a picture from a place; pictures of the same vehicles share it."""
+        """Update the light for a picture from a place; pictures of the same vehicles share it."""
         cell = cell_of(eye_m)
         square = self._squares.pop(cell, None)
         if square is None:
@@ -165,7 +168,7 @@ class SquareLight(ABC):
 
 
 _RECEIVER_M: Final = 0.07
-"""Height at which the ground's shade is taken, between carriageway and sidewalk."""
+"""Height above the ground at which shadows are computed, between carriageway and sidewalk."""
 _BAKE_VERTEX: Final = """#version 330 core
 uniform mat4 unit_from_map;
 uniform vec3 centre;  // z: height
@@ -191,7 +194,7 @@ class GroundLight(SquareLight):
     _texels, _components = LIGHT_TEXELS, 1
 
     def __init__(self, context: moderngl.Context, static: StaticGeometry, towards_sun: Floats) -> None:
-        """Compile the programs; the sun stays where it is."""
+        """Compile the programs; the sun does not move during an episode."""
         super().__init__(context)
         self._static = static
         self._sun = towards_sun
@@ -247,9 +250,9 @@ class GroundLight(SquareLight):
 
 
 _TEXELS: Final = 512
-"""Light of lamps has no edges, so that texels of half a metre do."""
+"""Texels on each side of the square. Lamp light has no sharp edges, so texels of half a metre are enough."""
 _LAMP_SIZE_M: Final = 1.5
-"""Triangles of one luminaire lie closer together than this."""
+"""Triangles that are closer than this belong to the same luminaire."""
 _VEHICLE: Final = np.dtype([("pose", "<f4", 4), ("length_beacon", "<f4", 2)])
 _ROOM: Final = 512
 
@@ -319,7 +322,7 @@ def luminaires(mesh: Mesh) -> Floats:
 
 
 def beacon_colour(step: int) -> tuple[float, float, float]:
-    """Light that flashing beacons throw at a step, in time with the lamps themselves (``vehicle_geometry``)."""
+    """Colour of the light that flashing beacons cast on the ground at a step; it flashes with the lamps of vehicles."""
     strobe = step * STEP_S * 2.0 % 1.0
     if strobe * 6.0 % 1.0 >= 0.62:
         return 0.0, 0.0, 0.0
@@ -327,7 +330,7 @@ def beacon_colour(step: int) -> tuple[float, float, float]:
 
 
 class LampLight(SquareLight):
-    """Light of lamps on the ground at night."""
+    """The light that lamps cast on the ground at night."""
 
     _texels, _components = _TEXELS, 4
 
@@ -352,7 +355,7 @@ class LampLight(SquareLight):
             self._lamps.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=self._lamp_count)
 
     def _draw(self, square: _Square, placement: VehiclePlacement, vehicles: VehicleGeometry, step: int) -> None:  # noqa: ARG002
-        """Add the light of the vehicles, including the vehicle with the sensors."""
+        """Add the light of the vehicles' lamps, including those of the vehicle with the sensors."""
         self._context.copy_framebuffer(square.light, square.baked)
         near = placement.distance_m(*square.centre_m) < 1.5 * LIGHT_HALF_M
         lit = np.zeros(int(np.count_nonzero(near)) + 1, _VEHICLE)

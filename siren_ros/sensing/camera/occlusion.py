@@ -1,4 +1,4 @@
-"""What walls hide from an eye, so that OpenGL need not draw it.
+"""Finds what walls hide from a camera, so that OpenGL need not draw it.
 
 In a street most triangles of a scene stand behind the first row of houses. A horizon holds, for each direction of the
 compass and each distance, the slope up to which a wall that stands nearer hides what lies behind it. The test errs
@@ -14,19 +14,19 @@ from siren_ros.base.numerics.compiled import Array, compiled
 from siren_ros.sensing.meshes.mesh import Material, Mesh
 
 GROUND_M: Final = 0.0
-"""Walls that reach down to this height hide all behind them that is not lower."""
+"""A wall that reaches down to this height hides everything behind it up to its slope."""
 _BINS: Final = 512
-"""Directions around the eye, a power of two. They divide not the angle but the way around a square."""
+"""Number of directions around the eye, a power of two. They divide the way around a square, not the angle."""
 _RING_M: Final = 4.0
 _RINGS: Final = 112
-"""Steps of distance; walls beyond the last hide nothing."""
+"""Number of distance steps; walls beyond the last one hide nothing."""
 _MARGIN: Final = 1e-4
-"""Of slopes, for the rounding of coordinates."""
+"""Safety margin on slopes, for the rounding of coordinates."""
 _SLACK_M: Final = 1e-3
 
 
 def standing_walls(mesh: Mesh) -> Floats:
-    """Rectangular walls that stand on the ground: two ends, outward normal, top and area; shape ``(W, 8)``.
+    """Rectangular walls that stand on the ground: two end points, outward normal, top and area; shape ``(W, 8)``.
 
     Two triangles in a row of one plane make a rectangle where their areas add up to its own.
     """
@@ -49,14 +49,14 @@ def standing_walls(mesh: Mesh) -> Floats:
 
 
 def bounding_circles(low_m: Floats, high_m: Floats) -> Floats32:
-    """Circles on the ground around boxes, and their heights: x, y, radius, low, high; shape ``(N, 5)``."""
+    """Circles on the ground that enclose boxes, and the boxes' heights: x, y, radius, low, high; shape ``(N, 5)``."""
     middle, reach = (low_m + high_m) / 2.0, np.linalg.norm((high_m - low_m)[:, :2], axis=1) / 2.0 + _SLACK_M
     return np.column_stack((middle[:, :2], reach, low_m[:, 2], high_m[:, 2])).astype(np.float32)
 
 
 @compiled
 def _way_around(x: float, y: float) -> float:
-    """Place of a direction on the way around a square, 0 to 4: turns like an angle, at most as fast, without atan2."""
+    """Direction as a position on the perimeter of a square, 0 to 4. It replaces atan2 and grows at most as fast."""
     way = y / (abs(x) + abs(y))
     if x < 0.0:
         return 2.0 - way
@@ -84,7 +84,7 @@ class Horizon:
         """Tangent of the elevation, by distance and direction; what ``is_hidden`` reads."""
 
     def look_from(self, eye_m: Floats, smallest: float, reach_m: float) -> None:
-        """Set the slopes for an eye.
+        """Compute the slopes for one eye position.
 
         Walls beyond the reach and walls of less than ``smallest`` steradians are not drawn, and hide nothing.
         """
@@ -104,7 +104,7 @@ def _raise_horizon(walls: Array, directions: Array, eye: Array, smallest: float,
         nx, ny, up = walls[w, 4], walls[w, 5], walls[w, 6] - eye[2]
         before = -(nx * ax + ny * ay)
         farthest = np.sqrt(max(ax * ax + ay * ay, bx * bx + by * by) + max(up * up, eye[2] * eye[2]))
-        # The wall's triangles each have half of its area.
+        # A wall is two triangles; each has half of its area.
         if before <= 0.0 or farthest >= reach or 0.5 * walls[w, 7] * before < smallest * farthest**3:
             continue
         first, last = _way_around(ax, ay), _way_around(bx, by)
@@ -138,7 +138,8 @@ def is_hidden(slopes: Array, eye: Array, circle: Array) -> bool:
     ring = min(int(near / _RING_M), slopes.shape[0] - 1)
     up = circle[4] - eye[2]
     slope = (up / near if up > 0.0 else up / (away + reach)) + _MARGIN
-    middle, half = _way_around(x, y), 0.5 * np.pi * reach / away  # asin(a) <= a π / 2
+    # An upper bound that is cheaper than asin: asin(a) <= a π / 2.
+    middle, half = _way_around(x, y), 0.5 * np.pi * reach / away
     begin, end = int((middle - half + 4.0) * (bins / 4)), int((middle + half + 4.0) * (bins / 4))
     for k in range(begin, end + 1):  # noqa: SIM110 # a compiled loop
         if slopes[ring, k & (bins - 1)] <= slope:

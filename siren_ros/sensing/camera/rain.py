@@ -1,4 +1,4 @@
-"""Falling drops: streaks around the camera, drawn over the picture. Labels and depth ignore them."""
+"""Draws falling rain drops as streaks over the picture. Labels and depth do not show them."""
 
 from typing import Any, Final
 
@@ -11,14 +11,15 @@ from siren_ros.sensing.camera.surface_light import defined, preamble
 from siren_ros.sensing.look import Look
 
 _SIDE_M: Final = (11.0, 11.0, 7.0)
-"""Drops repeat with this period; the box around the camera shows each once."""
+"""Size of the box of drops around the camera; the pattern repeats with this period."""
 _VELOCITY_MPS: Final = (1.1, 0.6, -7.0)
-"""A drop of 2 mm falls at 6.5 m/s (Gunn and Kinzer 1949, table 2), in a light breeze."""
+"""Velocity of the drops: a drop of 2 mm falls at 6.5 m/s (Gunn and Kinzer 1949, table 2); a light breeze moves it
+sideways."""
 _EXPOSURE_S: Final = 1.0 / 50.0
 _DROPS_AT_1_MM_PER_H: Final = 600.0
 _GROWTH: Final = 0.63
-"""Drops per volume grow with about this power of the rain rate: N = N₀ / Λ, Λ ∝ R^−0.21, and larger ones are seen more
-easily (Marshall and Palmer 1948, with their liquid water R^0.84)."""
+"""Exponent of the number of visible drops over the rain rate: N = N₀ / Λ, Λ ∝ R^−0.21, and larger drops are easier to
+see (Marshall and Palmer 1948, with their liquid water R^0.84)."""
 _MOST: Final = 6000
 
 _VERTEX: Final = (
@@ -61,7 +62,7 @@ void main() {
 
 
 class Rain:
-    """The drops of a look."""
+    """Draws the drops of a look."""
 
     def __init__(self, context: moderngl.Context, look: Look) -> None:
         """Compile the program."""
@@ -74,7 +75,7 @@ class Rain:
         self._drops = min(_MOST, round(_DROPS_AT_1_MM_PER_H * look.rain_mm_per_h**_GROWTH))
 
     def draw(self, picture: Any, step: int) -> None:
-        """Draw the drops into a framebuffer that holds a finished picture and its depth; alpha stays as it is."""
+        """Draw the drops into a framebuffer that holds a finished picture and its depth; alpha does not change."""
         context = self._context
         fallen = np.mod(step * STEP_S * np.array(_VELOCITY_MPS), _SIDE_M)
         self.program["fallen"].value = tuple(float(value) for value in fallen)

@@ -1,4 +1,4 @@
-"""Pictures without OpenGL: one ray per pixel, plain light and no shadows, with the renderer's interface.
+"""A renderer without OpenGL: it casts one ray per pixel, with plain light and no shadows.
 
 For machines without EGL. Slower by an order of magnitude; geometry, labels and colours of surfaces are the same.
 """
@@ -30,20 +30,20 @@ from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 _REACH_M: Final = 450.0
 _PAINTED: Final = (Material.CAR_PAINT, Material.CLOTHING)
-"""Materials that have the actor's colour."""
+"""Materials that are drawn in the actor's colour."""
 _LENS_ALBEDO: Final = 0.1
 _LENSES: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
 
 
 class RaycastRenderer:
-    """One scene, any number of cameras."""
+    """Draws one scene for any number of cameras, with the interface of ``Renderer``."""
 
     device: Final = "ray casting (no OpenGL through EGL on this machine)"
 
     def __init__(
         self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape], look: Look | None = None
     ) -> None:
-        """Build the trees that rays are cast at."""
+        """Build the ray-casting trees."""
         self.look = look or Look()
         self._static = static
         self._world = RaycastWorld(static, shapes)
@@ -55,14 +55,14 @@ class RaycastRenderer:
         camera: CameraIntrinsics,
         map_from_camera: Matrix,
         placement: VehiclePlacement,
-        rolled_m: Floats,  # noqa: ARG002 - the interface of all renderers; wheels stand still here
+        rolled_m: Floats,  # noqa: ARG002 - the interface of all renderers has it; wheels do not turn here
         signals: Mapping[str, str],
-        step: int,  # noqa: ARG002 - likewise; nothing blinks
+        step: int,  # noqa: ARG002 - the interface has it; nothing blinks here
         exposure: float = 1.0,
         labels: bool = False,
         instances: bool = False,
     ) -> RenderedImage:
-        """One picture; arguments as ``Renderer.render``."""
+        """Draw one picture; the arguments are those of ``Renderer.render``."""
         map_from_optical = inverse(optical_from_map(map_from_camera))
         rays = np.empty((camera.height * camera.width, 6), np.float32)
         rays[:, :3] = map_from_optical[:3, 3]
@@ -88,7 +88,7 @@ class RaycastRenderer:
         seen = self._light(rays, depth, albedo, glow, normal)
         shape = (camera.height, camera.width)
         rgba = np.empty((*shape, 4), np.uint8)
-        seen *= exposure  # tone curve and gamma as in the renderer's shaders
+        seen *= exposure  # the same tone curve and gamma as in the renderer's shaders
         film = (seen * (2.51 * seen + 0.03)) / (seen * (2.43 * seen + 0.59) + 0.14)
         rgba[..., :3] = np.rint(255.0 * np.sqrt(np.clip(film, 0.0, 1.0))).astype(np.uint8).reshape(*shape, 3)
         rgba[..., 3] = semantic.reshape(shape)
@@ -96,7 +96,7 @@ class RaycastRenderer:
         return RenderedImage(rgba, actor.reshape(shape) if labels or instances else None, far if labels else None)
 
     def begin(self, *arguments: Any, **options: Any) -> Callable[[], RenderedImage]:
-        """The picture, cast when the returned function is called; arguments as ``Renderer.begin``."""
+        """Prepare a picture; the returned function casts its rays. The arguments are those of ``Renderer.begin``."""
         return partial(self.render, *arguments, **options)
 
     def _vehicle(
@@ -108,7 +108,7 @@ class RaycastRenderer:
         surface: tuple[Floats, Floats, Floats],
         names: tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint32]],
     ) -> None:
-        """Replace hits that lie behind one vehicle: albedo, glow and normal; class and actor."""
+        """Replace hits behind one vehicle with the vehicle's albedo, glow and normal, and its class and actor id."""
         kind = ActorClass(int(placement.actor_class[row]))
         centre = np.array([placement.x_m[row], placement.y_m[row], placement.z_m[row] + placement.size_m[row, 2] / 2])
         direction = rays[:, 3:].astype(np.float64)
@@ -145,7 +145,7 @@ class RaycastRenderer:
         actor[pixels] = placement.actor_id[row]
 
     def _light(self, rays: Floats32, depth: Floats32, albedo: Floats, glow: Floats, normal: Floats) -> Floats:
-        """Linear light of every ray."""
+        """Linear light that each ray returns."""
         look = self.look
         direction = rays[:, 3:].astype(np.float64)
         length = np.linalg.norm(direction, axis=1)

@@ -34,8 +34,8 @@ from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 _MESA: Final = {"mesa_glthread": "true", "MESA_DEBUG": "silent"}
-"""Mesa's own thread for the commands (docs.mesa3d.org/envvars.html): without it, software drawing transforms the scene
-in the calling thread, with the interpreter's lock held. Mesa would say on stderr that the option is not its default."""
+"""Mesa options (docs.mesa3d.org/envvars.html). Its own thread for commands keeps software drawing from holding the
+interpreter's lock; silent, because Mesa would report the changed option on stderr."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ class RenderedImage:
     """One picture and, where asked for, its labels, all from one draw; row 0 is the top."""
 
     rgba: npt.NDArray[np.uint8]
-    """Colour, and the semantic class (CARLA's numbers) in the fourth channel, shape ``(height, width, 4)``."""
+    """Colour; the fourth channel is the semantic class (CARLA's numbers). Shape ``(height, width, 4)``."""
     instance: npt.NDArray[np.uint32] | None
-    """Actor id, 0 off vehicles, shape ``(height, width)``."""
+    """Actor id per pixel, 0 where no vehicle is; shape ``(height, width)``."""
     depth_m: Floats32 | None
-    """Along the optical axis, 0 where there is sky, shape ``(height, width)``."""
+    """Distance along the optical axis, 0 in the sky; shape ``(height, width)``."""
 
     @property
     def semantic(self) -> npt.NDArray[np.uint8]:
@@ -56,20 +56,20 @@ class RenderedImage:
 
 
 class RendererUnavailableError(SirenError):
-    """This machine has no OpenGL 3.3 through EGL."""
+    """Raised where the machine has no OpenGL 3.3 through EGL."""
 
 
 class DrawingContext:
-    """A context of its own. Everything that uses it must run in the thread that makes it."""
+    """An OpenGL context without a window. Only the thread that makes it may use it."""
 
     def __init__(self) -> None:
-        """Open it; where EGL or OpenGL is missing, RendererUnavailableError says what to install."""
+        """Open the context; RendererUnavailableError says what to install where EGL or OpenGL is missing."""
         try:
             with _set_where_unset(_MESA):
                 backend = glcontext.get_backend_by_name("egl")(mode="standalone", glversion=330)
             options: dict[str, Any] = {"require": 330, "context": backend}
             self.gl: moderngl.Context = moderngl.create_context(**options)
-        except Exception as error:  # moderngl and glcontext raise bare Exception where libEGL is absent
+        except Exception as error:  # moderngl and glcontext raise a bare Exception where libEGL is absent
             message = f"cameras need OpenGL 3.3 through EGL (Debian: libegl1 and libgl1-mesa-dri): {error}"
             raise RendererUnavailableError(message) from error
         self._flush = ctypes.CFUNCTYPE(None)(backend.load("glFlush"))
@@ -77,7 +77,10 @@ class DrawingContext:
         self._handle = self._present()
 
     def use(self) -> None:
-        """Make it the thread's current context, unless it is already: a change would wait for all drawing."""
+        """Make this the thread's current context.
+
+        It does nothing if it is current already: a switch waits for all drawing.
+        """
         if self._present() != self._handle:
             self.gl.mglo.__enter__()
 
@@ -98,7 +101,7 @@ def _set_where_unset(variables: dict[str, str]) -> Iterator[None]:
 
 
 class Target:
-    """Framebuffers of one picture size; labels are attached only where they are asked for."""
+    """Framebuffers for one picture size; label images are attached only when requested."""
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
         """Allocate memory for a picture and its labels."""
@@ -129,19 +132,19 @@ class Target:
 NEAR_M: Final = 0.1
 FAR_M: Final = 700.0
 _REACH_M: Final = 450.0
-"""Vehicles further away than this are not drawn: haze hides them."""
+"""Vehicles farther away than this are not drawn, because haze hides them."""
 _NOISE_TEXELS: Final = 512
 _SMOOTH: Final = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
 _COARSE: Final = (moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST)
-"""Filters of the noise: of grain one texel is as good as a mean of four."""
+"""Cheap texture filters for the noise; the nearest texel looks as good as a mean of four."""
 _SKY_TEXELS: Final = 1024
 _FRAME_FLOATS: Final = 3 * 16 + 4 * 4
 _SIDES: Final = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
-"""The view frustum's planes, as signs of the clip coordinates: left, right, bottom, top, near."""
+"""Planes of the view frustum in clip coordinates: left, right, bottom, top, near."""
 
 
 class Renderer:
-    """One scene, any number of cameras. Belongs to the thread that makes it."""
+    """Draws one scene for any number of cameras. Only the thread that makes it may use it."""
 
     def __init__(
         self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape], look: Look | None = None
@@ -178,11 +181,11 @@ class Renderer:
 
     @property
     def device(self) -> str:
-        """Name that OpenGL gives its renderer."""
+        """Name of the graphics device, as OpenGL reports it."""
         return str(self._context.info["GL_RENDERER"])
 
     def render(self, *arguments: Any, **options: Any) -> RenderedImage:
-        """One picture; arguments as ``begin``."""
+        """Draw one picture and wait for it; the arguments are those of ``begin``."""
         return self.begin(*arguments, **options)()
 
     def begin(
@@ -222,7 +225,7 @@ class Renderer:
         return image
 
     def draw_again(self, camera: CameraIntrinsics) -> RenderedImage:
-        """Draw and read back the last picture, of this camera, once more: the reference for the time of ``render``."""
+        """Draw the last picture of this camera once more and read it back: a reference for the time of ``render``."""
         self._drawing.use()
         target = self._take_target(camera)
         target.plain.use()
@@ -239,20 +242,20 @@ class Renderer:
         step: int,
         exposure: float,
     ) -> tuple[Any, ...]:
-        """Set the vehicles, the light and the frame's uniforms; returns the textures by slot."""
+        """Prepare vehicles, light and uniforms for a frame; returns the textures by slot."""
         eye = map_from_camera[:3, 3]
         if self._placed is None or self._placed[0] is not placement or self._placed[1] is not rolled_m:
             self._vehicles.place(placement, rolled_m)
             self._placed = (placement, rolled_m)
         light = self._ground.update(eye, placement, self._vehicles, step)
-        self._drawing.flush()  # shadows are drawn while what is in view is chosen
+        self._drawing.flush()  # The graphics card draws shadows while the processor chooses what is in view.
         self._write_frame(clip, map_from_camera, camera, light, step, exposure)
         sky = self._skies.get(exposure) or self._paint_sky(exposure)
         self._static.select(clip, eye, camera.focal_x_px)
         return light.shadow, light.ground, self._noise, sky
 
     def _draw(self, rows: Rows, textures: tuple[Any, ...], signals: Mapping[str, str], step: int, plain: Any) -> None:
-        """Draw the selected scene and these rows' vehicles; rain where the framebuffer has no labels."""
+        """Draw the selected scene and the vehicles of these rows; rain only into framebuffers without labels."""
         context = self._context
         context.fbo.clear(depth=1.0)
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -270,7 +273,10 @@ class Renderer:
             self._rain.draw(plain, step)
 
     def _paint_sky(self, exposure: float) -> moderngl.Texture:
-        """Paint the sky once for each exposure; pictures look it up by direction. The frame's uniforms are set."""
+        """Paint the sky for an exposure, once; pictures look it up by direction.
+
+        The frame's uniforms must be set before.
+        """
         context = self._context
         constants = preamble(self.look)
         program = context.program(
@@ -291,7 +297,7 @@ class Renderer:
         return sky
 
     def _take_target(self, camera: CameraIntrinsics) -> Target:
-        """A target that no picture is being drawn to; ``_finish`` gives it back."""
+        """Take a target that no picture uses at the moment; ``_finish`` gives it back."""
         free = self._targets.setdefault((camera.width, camera.height), [])
         return free.pop() if free else Target(self._context, camera.width, camera.height)
 
@@ -316,7 +322,10 @@ class Renderer:
 
 
 def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: VehiclePlacement, horizon: Horizon) -> Rows:
-    """Rows of the vehicles whose bounding sphere reaches into the view frustum and over the horizon, nearest first."""
+    """Rows of the vehicles in view, nearest first.
+
+    Their bounding sphere meets the view frustum and is not hidden by walls.
+    """
     middle = placement.z_m + placement.size_m[:, 2] / 2.0
     centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)
     radius = np.linalg.norm(placement.size_m, axis=1) / 2.0
@@ -332,7 +341,7 @@ def _nearest_in_view(clip_from_map: Matrix, eye_m: Floats, placement: VehiclePla
 
 
 def _bind(program: Any) -> None:
-    """Connect a program's blocks and samplers to the slots that every picture uses; set the class of the sky."""
+    """Connect a program's uniform blocks and samplers to the slots that all pictures share; set the sky's class."""
     if "Frame" in program:
         program["Frame"].binding = 0
     slots = {"static_shadow": 0, "ground_light": 1, "noise": 2, "sky": 3, "semantic": int(SemanticClass.SKY) / 255.0}
@@ -350,7 +359,7 @@ def _noise_texture(context: moderngl.Context) -> moderngl.Texture:
     spectrum[0, 0] = 0.0
     values = np.fft.ifft2(spectrum).real
     values = np.clip(0.5 + 0.18 * values / values.std(), 0.0, 1.0)
-    texels = np.repeat((255 * values).astype(np.uint8)[..., None], 4, axis=2)  # software samples RGBA8 fastest
+    texels = np.repeat((255 * values).astype(np.uint8)[..., None], 4, axis=2)  # software drivers sample RGBA8 fastest
     texture = context.texture((_NOISE_TEXELS, _NOISE_TEXELS), 4, texels.tobytes())
     texture.build_mipmaps()
     texture.filter = _COARSE

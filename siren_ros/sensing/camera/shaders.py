@@ -18,7 +18,7 @@ from siren_ros.simulation.world.actors import Lights
 
 
 def included(source: str) -> str:
-    """GLSL with the texts of this module in place of its ``#include`` line, which names them."""
+    """Expand the ``#include`` line of a GLSL source, which names texts of this module."""
     return re.sub(r"^#include (.*)\n", lambda line: "".join(globals()[name] for name in line[1].split()), source)
 
 
@@ -37,14 +37,14 @@ SQUARE: Final = """#version 330 core
 uniform vec4 light_from_map;  // scale, offset x, offset y, in clip coordinates of the light map
 vec2 corner() { return vec2(float(gl_VertexID & 1), float(gl_VertexID >> 1)); }
 """
-"""Of light on the ground."""
+"""Uniform block: the square of light on the ground."""
 
 CODES: Final = "".join(
     [f"const float {material.name} = {int(material)}.0;\n" for material in Material]
     + [f"const uint LIGHT_{light.name} = {int(light)}u;\n" for light in Lights]
     + [f"const float {swing.name} = {int(swing)}.0;\n" for swing in Swing]
 )
-"""Of materials, lamps and limbs."""
+"""GLSL constants: codes of materials, lamps and limbs."""
 
 CLEAR: Final = """
 float clearness(vec3 position) { return exp2(-1.442695 * HAZE_PER_M * distance(position, eye.xyz)); }
@@ -60,7 +60,7 @@ vec3 lit_place(vec3 position, vec2 away) {
 #endif
 }
 """
-"""Where a vertex looks up how much light falls on it: the sun's shadow map, or at night the ground's light below."""
+"""GLSL functions: where a vertex looks up how much light reaches it, in the sun's shadow map or the lamps' texture."""
 
 LIT: Final = """
 uniform sampler2D ground_light;

@@ -28,9 +28,9 @@ from siren_ros.sensing.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, SignalLamp
 
 CHUNK_M: Final = 24.0
 _SMALLEST_PX: Final = 0.4
-"""Triangles that cover less of a picture are left out: most would meet no pixel's centre."""
+"""Triangles smaller than this in the picture are left out: most of them cover no pixel's centre."""
 _BLINK_PERIOD_NS: Final = NS_PER_S
-"""Yellow blinking signals: 60 flashes a minute, half on and half off (MUTCD 4L.01 demands 50–60 a minute)."""
+"""Period of yellow blinking signals: 60 flashes a minute, half of the time on (MUTCD 4L.01 demands 50–60 a minute)."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class _Style:
     fragment: str
     defines: tuple[str, ...] = ()
     reach_m: float = 450.0
-    """Distance up to which they are drawn; beyond lies haze."""
+    """The triangles are drawn up to this distance; haze hides them beyond."""
     near_focals: float = 0.0
-    """Details show up to this many metres per pixel of focal length; 0: there are none."""
+    """Details are drawn up to this many metres per pixel of focal length; 0 where there are none."""
     far_fragment: str | None = None
-    """The same farther away, where it differs without details."""
+    """Fragment shader without details, for greater distances; None where it is the same."""
     far_defines: tuple[str, ...] = ()
 
 
@@ -76,14 +76,14 @@ _DRAWN: Final = (
     (Shading.PLAIN, False),
     (Shading.BEDROCK, False),
 )
-"""Shadings in drawing order, with their near details and without: first what hides most of the rest."""
+"""Shadings in drawing order, and whether details are drawn. What hides most of the scene comes first."""
 
 
 class StaticGeometry:
-    """Static triangles sorted by program and chunk, and the signals' lamps that shine."""
+    """The static triangles, sorted by program and chunk, and the lit lamps of signals."""
 
     def __init__(self, context: moderngl.Context, scene: StaticScene, look: Look, constants: str) -> None:
-        """Upload the scene once; ``constants`` are a look's preamble of all shaders."""
+        """Upload the scene once; ``constants`` is the text that all shaders of a look begin with."""
         self._context = context
         mesh = scene.mesh
         shading = shading_of(mesh.material, mesh.normals, look)
@@ -134,7 +134,7 @@ class StaticGeometry:
 
     @property
     def all_programs(self) -> list[Any]:
-        """Every program that needs the frame's uniforms."""
+        """All programs that need the frame's uniforms."""
         return [*self._programs, self._lamps.program]
 
     @property
@@ -145,11 +145,11 @@ class StaticGeometry:
         return float(self._low[:, 2].min()), float(self._high[:, 2].max())
 
     def shadow_array(self) -> Any:
-        """All static triangles, positions alone, for the shadow program."""
+        """Vertex array of all static triangles with positions only, for the shadow program."""
         return self._context.vertex_array(self.shadow_program, ((self._vertices, "3f 24x", "in_position"),), self._all)
 
     def draw_shadow(self, array: Any, low_m: Floats, high_m: Floats) -> None:
-        """Draw the chunks that meet a rectangle of the ground, corners of shape ``(2,)``."""
+        """Draw the chunks that overlap a rectangle on the ground, given by corners of shape ``(2,)``."""
         meets = np.all((self._high[:, :2] >= low_m) & (self._low[:, :2] <= high_m), axis=1)
         chunks = np.flatnonzero(meets)
         if len(chunks) == 0:
@@ -161,7 +161,10 @@ class StaticGeometry:
         array.render_indirect(self._context.buffer(commands.tobytes()), moderngl.TRIANGLES, count=len(chunks))
 
     def select(self, clip_from_map: Floats, eye_m: Floats, focal_px: float) -> None:
-        """Choose the triangles of the next ``draw``: chunks in view nearest first, triangles that face the camera."""
+        """Select the triangles of the next ``draw``.
+
+        They face the camera and lie in chunks in view; the nearest chunk comes first.
+        """
         w, x, y, z = clip_from_map[3], clip_from_map[0], clip_from_map[1], clip_from_map[2]
         planes = np.stack((w + x, w - x, w + y, w - y, w + z))
         eye = np.ascontiguousarray(eye_m)
@@ -200,14 +203,17 @@ class StaticGeometry:
             first += int(count)
 
     def draw_lamps(self, signals: Mapping[str, str], step: int) -> None:
-        """Draw the lamps that shine, over their dark lenses."""
+        """Draw the lamps of signals that are lit, over their dark lenses."""
         self._lamps.draw(signals, step)
 
 
 def _chunked(
     centre: npt.NDArray[np.floating[Any]], shading: npt.NDArray[np.int64]
 ) -> tuple[Rows, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Order of triangles by shading and cell, first triangle of each chunk with the end, shading of each chunk."""
+    """Sort triangles by shading and cell.
+
+    It gives their order, the first triangle of each chunk with the end, and the shading of each chunk.
+    """
     cell = np.floor(centre[:, :2] / CHUNK_M).astype(np.int64)
     order = np.lexsort((cell[:, 1], cell[:, 0], shading))
     key = np.stack((shading, cell[:, 0], cell[:, 1]), axis=1)[order]
@@ -223,7 +229,7 @@ def _program(context: moderngl.Context, fragment: str, constants: str, names: tu
 
 
 def _vertex_array(context: moderngl.Context, program: Any, vertices: Any, indices: Any) -> Any:
-    """Vertex array of the attributes that a program has; a compiler drops those that it does not need."""
+    """Vertex array with only those attributes that the program uses; compilers remove unused ones."""
     formats = [
         part if name in program else f"{int(part[0]) * int(part[-1] if part[-1].isdigit() else 4)}x"
         for part, name in zip(STATIC_FORMAT.split(), STATIC_NAMES, strict=True)

@@ -1,4 +1,4 @@
-"""Light of a look: the light that static surfaces reflect, and constants in all shaders.
+"""Computes the light that static surfaces reflect under a look, and the constants that all shaders share.
 
 The sun does not move, so reflected light is computed once and shaders only add it up. Constants stand in the shaders'
 text, because a software rasteriser would load each uniform anew for every few pixels.
@@ -17,10 +17,10 @@ from siren_ros.sensing.meshes.mesh import Material
 
 
 class Shading(IntEnum):
-    """Programs of the static scene."""
+    """The shader programs of the static scene."""
 
     GLASS = 0
-    """Windows: not drawn where they are smaller than a pixel or two, like DETAIL."""
+    """Windows; like DETAIL not drawn where they are smaller than a pixel or two."""
     DETAIL = 1
     """Poles, lamps, signs, trunks."""
     PLAIN = 2
@@ -31,11 +31,11 @@ class Shading(IntEnum):
     PAVING = 6
     GROUND = 7
     BEDROCK = 8
-    """The plane below everything, which shows only through cracks."""
+    """The plane below everything; it shows only through cracks between surfaces."""
 
 
 STATIC_VERTEX: Final = np.dtype([("position", "<f4", 3), ("sun", "<f2", 4), ("shade", "<f2", 4), ("normal", "<f2", 4)])
-"""What a static triangle's last vertex says of it, 36 bytes.
+"""Record of a static triangle's last vertex, 36 bytes: it holds the values of the whole triangle.
 
 ``sun``: reflected sunlight; w: grain (ground; above 1 where water soaks away), 1 for bricks (walls), sun on the crown
 (foliage).
@@ -45,7 +45,7 @@ STATIC_VERTEX: Final = np.dtype([("position", "<f4", 3), ("sun", "<f2", 4), ("sh
 STATIC_FORMAT: Final = "3f 4f2 4f2 4f2"
 STATIC_NAMES: Final = ("in_position", "in_sun", "in_shade", "in_normal")
 GROUND_AMBIENT: Final = (0.20, 0.19, 0.17)
-"""Light from below, as a share of the ambient strength."""
+"""Light that the ground reflects upwards, as a share of the ambient strength."""
 
 _DETAIL: Final = (
     Material.METAL_POLE,
@@ -65,16 +65,16 @@ _GROUND: Final = (*_ROAD, *_GREEN, *_MARKING, Material.KERB)
 _LENS: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
 _GREEN_BASE: Final = 0.72
 _OPEN_SKY: Final = 0.72
-"""Share of the ambient light that reaches the ground also in the shade, where something hides part of the sky."""
+"""Share of the ambient light that reaches shaded ground, where an object hides part of the sky."""
 _WET_ROAD: Final = 0.55
 """Albedo of soaked asphalt relative to dry (0.05 against 0.09: Oke, Boundary Layer Climates, table 1.1, rounded)."""
 _LAMPS_ASIDE: Final = 0.55
-"""Share of the lamps' light on the ground that falls on walls beside it."""
+"""Share of a lamp's light on the ground that also reaches walls beside it."""
 _CROWN_AT_NIGHT: Final = 0.45
 _LUMINAIRE: Final = (6.0, 4.8, 3.0)
 _ROOM_COLOUR: Final = (1.0, 0.72, 0.40)
 _ROOM_GLOW: Final = 2.2
-"""Rooms are lit behind curtains, which are warmer in colour than bare glass."""
+"""Factor on the brightness of lit rooms: curtains let less light out than bare glass, and it is warmer."""
 
 
 def _table(default: float, *entries: tuple[tuple[Material, ...], float]) -> Floats:
@@ -121,12 +121,12 @@ def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Floats:
 
 
 def _full_light(look: Look) -> Floats:
-    """Light on a surface that faces its source: the sun's, or at night all that the lamps' texture holds."""
+    """Light on a surface that faces its source: the sun, or at night the maximum of the lamps' texture."""
     return np.ones(3) if look.lamps_lit else np.array(look.sun_colour)
 
 
 def _direct(normals: Floats32, look: Look) -> Floats:
-    """Light of the sun, or of lamps from above and all around, on surfaces of these normals, shape ``(N, 3)``."""
+    """Direct light of the sun or of lamps on surfaces with these normals, shape ``(N, 3)``."""
     if look.lamps_lit:
         facing = _LAMPS_ASIDE + (1.0 - _LAMPS_ASIDE) * normals[:, 2].astype(np.float64)
     else:
@@ -145,7 +145,7 @@ def _night_glow(material: npt.NDArray[np.uint8], colour: Floats, look: Look) -> 
 
 
 def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = False) -> npt.NDArray[np.void]:
-    """Vertices (``vertices.VERTEX``) with their light (``STATIC_VERTEX``); ``lit``: lenses of lamps that shine."""
+    """Vertices (``vertices.VERTEX``) with their light (``STATIC_VERTEX``); ``lit``: lenses of lamps that are on."""
     material = vertices["normal_material"][:, 3].astype(np.uint8)
     normals = vertices["normal_material"][:, :3].astype(np.float32)
     colour = (vertices["colour"][:, :3].astype(np.float64) / 255.0) ** 2
@@ -175,20 +175,21 @@ def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = F
 
 
 LIGHT_HALF_M: Final = 120.0
-"""Half the side of the square that has shadows or lamps; beyond, everything lies in the sun, or in the dark."""
+"""Half the side of the square with shadows or lamps. Outside it everything is in the sun by day, in the dark at
+night."""
 LIGHT_TEXELS: Final = 2048
 LIGHT_GRID_M: Final = 40.0
 """The square moves in steps of this length, a multiple of the noise's period."""
 _NOISE_PER_M: Final = 0.3
 _FOG_HAZE_PER_M: Final = 0.004
-"""From here on haze differs too much within a triangle to be interpolated, and is worked out per pixel."""
+"""With more haze than this, interpolation over a triangle is too coarse, so that haze is computed per pixel."""
 _MIRRORED_GROUND: Final = (0.168, 0.163, 0.158)
-"""Light of streets and houses in mirroring surfaces, as a share of the ambient strength."""
+"""Light of streets and houses that mirroring surfaces reflect, as a share of the ambient strength."""
 _VERSION: Final = "#version 330 core\n"
 
 
 def preamble(look: Look) -> str:
-    """Preprocessor names and constants of a look, in GLSL."""
+    """GLSL text with the preprocessor names and constants of a look."""
     names = (
         *(("FOG",) if look.haze_per_m > _FOG_HAZE_PER_M else ()),
         *(("WET",) if look.wetness > 0.0 else ()),
@@ -222,7 +223,7 @@ def preamble(look: Look) -> str:
 
 
 def defined(source: str, constants: str, *names: str) -> str:
-    """A shader with a look's constants and preprocessor names of its own."""
+    """A shader's source with the constants of a look and further preprocessor names."""
     return source.replace(_VERSION, _VERSION + "".join(_defines(names)) + constants, 1)
 
 

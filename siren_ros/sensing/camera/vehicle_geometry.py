@@ -25,14 +25,14 @@ INSTANCE: Final = np.dtype([("rows", "<f4", (3, 4)), ("paint", "<f4", 4), ("moti
 _INSTANCE_FORMAT: Final = "4f 4f 4f 4f 2f 2u4/i"
 _INSTANCE_NAMES: Final = ("in_row_x", "in_row_y", "in_row_z", "in_paint", "in_motion", "in_actor")
 _ROOM: Final = 64
-"""Initial capacity of the buffers, in vehicles of one class."""
+"""Initial size of the buffers: vehicles of one class."""
 Casters = tuple[tuple[int, npt.NDArray[np.void]], ...]
-"""Vehicles that throw shadows: their class and, dtype ``INSTANCE``, where they stand."""
+"""Vehicles that cast shadows, by class, with their poses (dtype ``INSTANCE``)."""
 _SEMANTIC: Final = np.array([int(semantic_class_of_actor(kind)) for kind in ActorClass], np.float32)
 
 
 def model_rows(placement: VehiclePlacement) -> Floats32:
-    """Rows of ``map_from_base`` with each shape's scale, shape ``(N, 3, 4)``."""
+    """Poses ``map_from_base`` combined with each shape's scale, as the upper three rows, shape ``(N, 3, 4)``."""
     cos, sin = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
     zero = np.zeros(len(placement))
     sx, sy, sz = placement.scale.T if len(placement) else (zero, zero, zero)
@@ -45,7 +45,10 @@ def model_rows(placement: VehiclePlacement) -> Floats32:
 
 
 def _indexed(shape: VehicleShape) -> IndexedMesh:
-    """The shape at rest as one indexed mesh; its vertices, dtype ``_VERTEX``, know their wheel's hub or their joint."""
+    """The shape at rest as one indexed mesh.
+
+    Each vertex, dtype ``_VERTEX``, holds the hub or the joint that it turns about.
+    """
     blocks, triangles, first = [], [], 0
     for mesh, hub in shape.parts:
         indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
@@ -59,7 +62,7 @@ def _indexed(shape: VehicleShape) -> IndexedMesh:
 
 
 def _hull(shape: VehicleShape) -> Floats32:
-    """Corners of a simple convex body's triangles that throws the shadow, shape ``(K, 3)``.
+    """Corners of the triangles of a simple convex body that casts the vehicle's shadow, shape ``(K, 3)``.
 
     It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces. Its triangles turn
     counter-clockwise seen from outside: of both sides that cover the shadow one is drawn.
@@ -78,7 +81,7 @@ def _hull(shape: VehicleShape) -> Floats32:
 
 
 class _Class:
-    """Buffers of one vehicle class: those in view, and all of the picture's, whose shadows may be in view."""
+    """Buffers of one vehicle class: one for vehicles in view, one for all that may cast a shadow into the view."""
 
     def __init__(self, context: moderngl.Context, shape: VehicleShape, program: Any, shadow_program: Any) -> None:
         self._instances = context.buffer(reserve=_ROOM * INSTANCE.itemsize, dynamic=True)
@@ -116,10 +119,10 @@ class _Class:
 
 
 class VehicleGeometry:
-    """All classes' meshes; ``place`` once per set of vehicles, then draw."""
+    """Meshes of all classes. Call ``place`` once per set of vehicles, then draw."""
 
     def __init__(self, context: moderngl.Context, shapes: Mapping[ActorClass, VehicleShape], constants: str) -> None:
-        """Upload the shapes once; ``constants`` are a look's preamble of the program."""
+        """Upload the shapes once; ``constants`` is the text that the program begins with."""
         self.program = context.program(
             vertex_shader=defined(VEHICLE_VERTEX, constants), fragment_shader=defined(VEHICLE_FRAGMENT, constants)
         )
@@ -134,7 +137,7 @@ class VehicleGeometry:
         self._instances = np.empty(0, INSTANCE)
 
     def place(self, placement: VehiclePlacement, rolled_m: Floats) -> None:
-        """Set the vehicles of the pictures to come."""
+        """Set the vehicles for the next pictures."""
         instances = np.zeros(len(placement), INSTANCE)
         instances["rows"] = model_rows(placement)
         instances["paint"][:, :3] = placement.colour_rgb / 255.0
@@ -144,13 +147,13 @@ class VehicleGeometry:
         self._instances, self._actor_class = instances, placement.actor_class
 
     def draw(self, nearest_first: Rows) -> None:
-        """Draw vehicles, given as rows of what was placed."""
+        """Draw some of the placed vehicles, given by their rows."""
         kinds = self._actor_class[nearest_first]
         for kind in dict.fromkeys(kinds.tolist()):
             self._classes[kind].draw(self._instances[nearest_first[kinds == kind]])
 
     def casters(self, near: Flags) -> Casters:
-        """Some of the placed vehicles by class."""
+        """The placed vehicles that are near, grouped by class."""
         by_class = ((kind, self._instances[near & (self._actor_class == kind)]) for kind in self._classes)
         return tuple((kind, instances) for kind, instances in by_class if len(instances))
 

@@ -17,7 +17,8 @@ from siren_ros.sensing.camera.occlusion import is_hidden
 from siren_ros.sensing.meshes.mesh import Mesh
 
 VERTEX: Final = np.dtype([("position", "<f4", 3), ("normal_material", "<f2", 4), ("colour", "u1", 4)])
-"""24 bytes; the fourth byte of the colour is the semantic class. Half floats hold material codes exactly."""
+"""Record of a vertex, 24 bytes. The colour's fourth byte is the semantic class; half floats hold material codes
+exactly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +28,11 @@ class IndexedMesh:
     vertices: npt.NDArray[np.void]
     """Records of dtype ``VERTEX``, shape ``(V,)``."""
     triangles: npt.NDArray[np.uint32]
-    """Rows of ``vertices``, shape ``(T, 3)``, in the mesh's order; the last one holds the triangle's values."""
+    """Rows of ``vertices``, shape ``(T, 3)``, in the mesh's order; the last corner holds the triangle's values."""
 
 
 def index_mesh(mesh: Mesh, semantic_of_material: npt.NDArray[np.uint8]) -> IndexedMesh:
-    """The mesh with as few vertices as a greedy choice of the triangles' last vertices gives."""
+    """Index a mesh with few vertices: a greedy rule chooses which corner of each triangle comes last."""
     values = np.zeros(len(mesh), VERTEX)
     values["normal_material"][:, :3] = mesh.normals
     values["normal_material"][:, 3] = mesh.material
@@ -53,7 +54,7 @@ def index_mesh(mesh: Mesh, semantic_of_material: npt.NDArray[np.uint8]) -> Index
 
 
 def _distinct(rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Index of one row of each distinct kind, and the kind of each row; rows compare by their bytes."""
+    """Group equal rows by their bytes: the index of one row of each group, and the group of each row."""
     whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).reshape(-1)
     _, first, kind = np.unique(whole, return_index=True, return_inverse=True)
     return first.astype(np.int64), kind.astype(np.int64).reshape(-1)
@@ -61,9 +62,10 @@ def _distinct(rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArra
 
 @compiled
 def _share(triangles: Any, key: Any, source: Any, owner: Any, points: int) -> int:
-    """Turn or copy corners so that each triangle's last corner is its own; returns the number of vertices.
+    """Reorder or copy corners so that no two triangles share a last corner; returns the number of vertices.
 
-    ``owner`` becomes the triangle whose values a vertex holds, −1 for none; ``source`` the point of a vertex.
+    ``owner`` becomes the triangle whose values a vertex holds (−1 for none), ``source`` the point that it stands for.
+
     """
     for v in range(points):
         source[v] = v

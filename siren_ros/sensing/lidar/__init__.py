@@ -1,1 +1,1 @@
-"""The LiDAR: rays cast by Embree, returns, drop-off, noise."""
+"""Simulates the LiDAR: Embree casts the rays; loops compute returns, drop-off and noise."""

@@ -1,4 +1,4 @@
-"""Rays against triangles by Embree, in coherent packets and without the GIL.
+"""Casts rays at triangles with Embree, in packets of neighbouring rays and without holding the GIL.
 
 Neighbouring rays travel through the tree together, which costs a fifth of casting them one by one, as Open3D's
 ``cast_rays`` and the Python bindings of Embree do. So the library inside the ``embreex`` wheel is called directly:
@@ -32,16 +32,16 @@ from siren_ros.sensing.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.simulation.world.actors import ActorClass
 
 _MOST: Final = 8
-"""With more threads the parts of a loop become too small to gain anything."""
+"""Maximum number of threads; with more, the parts of a loop become too small to gain anything."""
 
 
 class ThreadPool:
-    """The calling thread and further threads, which share loops."""
+    """Shares loops between the calling thread and further threads."""
 
     def __init__(self, size: int) -> None:
         """Prepare the threads; ``size`` counts the calling thread too."""
         self.size = max(1, size)
-        self._executor = ThreadPoolExecutor(self.size, "rays")  # makes a thread only when it is needed
+        self._executor = ThreadPoolExecutor(self.size, "rays")  # the executor starts a thread only when it needs one
 
     def run(self, work: Callable[[int, int, int], None], count: int, grain: int) -> None:
         """Run a loop of ``count`` in parts of ``grain``: a free thread takes the next part. Returns when all are done.
@@ -76,13 +76,13 @@ def shared_pool() -> ThreadPool:
 
 
 _NATIVE: Final = {16: 34, 8: 33, 4: 32}
-"""Rays of a packet, and the device property that says whether the processor has registers of that width: where it has
-not, Embree casts the rays of a packet one by one."""
+"""Packet sizes in rays, each with the Embree property that says whether the processor has registers of that width.
+Without them, Embree casts the rays of a packet one by one."""
 _ROWS: Final = 21
-"""Numbers of a ray and its hit in ``RTCRayHit4``, ``8`` and ``16``: origin 0-2, near 3, direction 4-6, time 7, far 8,
+"""Rows of ``RTCRayHit4``, ``8`` and ``16``, each a number per ray: origin 0-2, near 3, direction 4-6, time 7, far 8,
 mask 9, id 10, flags 11, normal 12-14, u v 15-16, primitive 17, geometry 18, instances 19-20."""
 _PART: Final = 512 * max(_NATIVE)
-"""Rays that one thread takes at a time: about a millisecond's work, in whole packets."""
+"""Rays that one thread takes at a time: about a millisecond of work, a multiple of all packet sizes."""
 _ALIGNMENT: Final = 64
 _NOTHING: Final = 0xFFFFFFFF
 _COHERENT: Final = 1 << 16
@@ -90,7 +90,7 @@ _TRIANGLES, _INDEX_BUFFER, _VERTEX_BUFFER, _UINT3, _FLOAT3, _HIGH_QUALITY = 0, 0
 _SYMBOL: Final = "siren_embree_intersect"
 _pointer, _size, _uint = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint
 _SIGNATURES: Final[dict[str, tuple[Any, ...]]] = {
-    # result, arguments
+    # each entry: result type, then argument types
     "rtcNewDevice": (_pointer, ctypes.c_char_p),
     "rtcNewScene": (_pointer, _pointer),
     "rtcSetSceneBuildQuality": (None, _pointer, ctypes.c_int),
@@ -110,7 +110,7 @@ _intersect: Any = types.ExternalFunction(_SYMBOL, types.void(types.intp, types.i
 
 
 class _IntersectArguments(ctypes.Structure):
-    """``RTCIntersectArguments``."""
+    """Embree's structure ``RTCIntersectArguments``."""
 
     _fields_ = (
         ("flags", _uint),
@@ -127,20 +127,20 @@ class RayHits:
     """The first hit of each of N rays."""
 
     distance: Floats32
-    """In units of the ray's direction; infinite where nothing was hit; shape ``(N,)``."""
+    """Distance as a multiple of the ray's direction vector; infinite where nothing was hit; shape ``(N,)``."""
     triangle: npt.NDArray[np.uint32]
     """Index of the triangle within its mesh, shape ``(N,)``; meaningless where nothing was hit."""
     normal: Floats32
-    """Of the triangle, not of unit length, shape ``(N, 3)``; meaningless where nothing was hit."""
+    """Normal of the triangle, not of unit length, shape ``(N, 3)``; meaningless where nothing was hit."""
 
     @classmethod
     def for_rays(cls, count: int) -> "RayHits":
-        """Memory for the hits of ``count`` rays."""
+        """Allocate memory for the hits of ``count`` rays."""
         return cls(np.empty(count, np.float32), np.empty(count, np.uint32), np.empty((count, 3), np.float32))
 
 
 class PacketTree(NamedTuple):
-    """A tree as compiled loops need it: addresses are integers; the arrays are kept alive."""
+    """A tree in the form that compiled loops need: addresses as integers, with the arrays that must stay alive."""
 
     scene: int
     arguments: int
@@ -151,7 +151,7 @@ class PacketTree(NamedTuple):
 
 
 class TriangleTree:
-    """Meshes in a tree that rays are cast at. They do not change after that."""
+    """Meshes in a tree at which rays are cast. The meshes cannot change later."""
 
     def __init__(
         self, meshes: Sequence[tuple[Floats32, npt.NDArray[np.integer[Any]]]], pool: ThreadPool | None = None
@@ -176,12 +176,13 @@ class TriangleTree:
         self._packets_of = [self.packets() for _ in range(self._pool.size)]
 
     def __del__(self) -> None:
-        """Give Embree's memory back."""
+        """Free Embree's memory."""
         if scene := getattr(self, "_scene", 0):
             self._library.rtcReleaseScene(scene)
 
     def _add(self, device: int, vertices_m: Floats32, triangles: npt.NDArray[np.integer[Any]]) -> None:
-        vertices = np.zeros((len(vertices_m) + 1, 3), np.float32)  # Embree reads 16 bytes of each vertex, the last too
+        # Embree reads 16 bytes per vertex, also for the last one.
+        vertices = np.zeros((len(vertices_m) + 1, 3), np.float32)
         vertices[:-1] = vertices_m
         corners = np.ascontiguousarray(triangles, dtype=np.uint32)
         self._kept += (vertices, corners)
@@ -197,14 +198,14 @@ class TriangleTree:
         library.rtcReleaseGeometry(geometry)
 
     def packets(self) -> PacketTree:
-        """The tree for compiled loops, with scratch memory for one thread; it lives no longer than this object."""
+        """The tree for compiled loops, with scratch memory for one thread. It must not outlive this object."""
         lanes = _lanes()
         packet, valid = _aligned((_ROWS, lanes), np.float32), _aligned((lanes,), np.int32)
         arguments = ctypes.addressof(self._arguments)
         return PacketTree(self._scene, arguments, packet, packet.ctypes.data, valid, valid.ctypes.data)
 
     def cast(self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None) -> RayHits:
-        """Find what each ray (origin and direction, ``(N, 6)``) hits first; one bundle at a time.
+        """Find the first hit of each ray (origin and direction, ``(N, 6)``). Only one call at a time.
 
         ``hits`` is memory for the answer, used again from call to call. ``order`` are the rays in an order in which
         neighbours travel together, shape ``(N,)``, see ``tiles``; it decides the cost alone.
@@ -221,7 +222,7 @@ class TriangleTree:
 
 
 def tiles(columns: int, rows: int, side: int = 4) -> npt.NDArray[np.int32]:
-    """An order for rays that lie ``(columns, rows)`` in a grid: tile by tile, ``side`` rays wide; shape ``(N,)``."""
+    """Order the rays of a ``(columns, rows)`` grid by square tiles of ``side`` rays; shape ``(N,)``."""
     grid = np.arange(columns * rows, dtype=np.int32).reshape(columns, rows)
     bounds = [*range(0, columns, side), columns], [*range(0, rows, side), rows]
     return np.concatenate([grid[a:b, c:d].reshape(-1) for a, b in pairwise(bounds[0]) for c, d in pairwise(bounds[1])])
@@ -229,7 +230,7 @@ def tiles(columns: int, rows: int, side: int = 4) -> npt.NDArray[np.int32]:
 
 @compiled
 def cast_packets(tree: PacketTree, rays: Any, order: Any, hits: Any) -> None:
-    """Fill packets with rays (N, 6) in an order (N,), cast them and spread their hits: distance, triangle, normal."""
+    """Cast rays (N, 6) in packets in the given order (N,), and write distance, triangle and normal of each hit."""
     packet, valid = tree.packet, tree.valid
     distance, triangle, normal = hits
     names = packet.view(np.uint32)
@@ -260,7 +261,7 @@ def cast_packets(tree: PacketTree, rays: Any, order: Any, hits: Any) -> None:
 
 
 def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any]:
-    """Zeros that begin where the processor's widest registers want them."""
+    """Zeros at an address aligned for the processor's widest registers."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     raw = np.zeros(size + _ALIGNMENT, np.uint8)
     start = -raw.ctypes.data % _ALIGNMENT
@@ -269,7 +270,7 @@ def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Embree's library in the wheel; SirenError where the wheel has none."""
+    """Load Embree's library from the wheel; SirenError where the wheel has none."""
     libraries = [file for file in files("embreex") or () if file.name.startswith("libembree4")]
     if not libraries:
         raise SirenError("the package embreex has no Embree library in it; install it from its wheel")
@@ -290,7 +291,7 @@ def _device() -> int:
 
 @cache
 def _lanes() -> int:
-    """Rays of the widest packets that this processor casts together; compiled code casts such packets from then on."""
+    """Width of the widest ray packets of this processor. The call also sets this width for compiled code."""
     library, device = _library(), _device()
     lanes = next((size for size, name in _NATIVE.items() if library.rtcGetDeviceProperty(device, name)), min(_NATIVE))
     intersect = getattr(library, f"rtcIntersect{lanes}")
@@ -305,7 +306,7 @@ _SHAPES_PER_ROW: Final = 4
 
 
 class RaycastWorld:
-    """Static scene and vehicle shapes, ready for rays."""
+    """The static scene and the vehicle shapes as trees for ray casting."""
 
     def __init__(self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape]) -> None:
         """Build both trees."""
@@ -329,19 +330,22 @@ class RaycastWorld:
         self.cast_shapes(np.zeros((1, 6), np.float32))
 
     def shape_rows(self, actor_class: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
-        """Row of each actor's shape in the ``shape_*`` arrays, shape of ``actor_class``."""
+        """Row of each actor's shape in the ``shape_*`` arrays; same shape as ``actor_class``."""
         return self._row_of_class[actor_class]
 
     def cast_static(
         self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
     ) -> RayHits:
-        """Cast rays (origin and direction, ``(N, 6)``, ``map`` frame) at the static scene: ``TriangleTree.cast``."""
+        """Cast rays (origin and direction, ``(N, 6)``, ``map`` frame) at the static scene, as ``TriangleTree.cast``."""
         return self._static.cast(rays, hits, order)
 
     def packets(self) -> tuple[PacketTree, PacketTree]:
-        """Both trees for compiled loops, the static scene's first; they live no longer than this object."""
+        """Both trees for compiled loops, the static scene first. They must not outlive this object."""
         return self._static.packets(), self._shapes.packets()
 
     def cast_shapes(self, rays: Floats32) -> RayHits:
-        """Cast rays at the shapes, given in a shape's own frame plus its ``shape_offset_m``, shape ``(N, 6)``."""
+        """Cast rays at the vehicle shapes, shape ``(N, 6)``.
+
+        Rays are in the shape's own frame, shifted by its ``shape_offset_m``.
+        """
         return self._shapes.cast(rays)

@@ -41,33 +41,33 @@ _aim, _merge, _pack = loops.aim, loops.merge_vehicles, loops.pack_points
 
 
 class Optics(NamedTuple):
-    """Inputs that are the same for every sweep of a sensor."""
+    """Inputs that do not change between the sweeps of a sensor."""
 
     pattern: loops.Pattern
     order: Array
-    """As ``TriangleTree.cast`` takes it, int32 (R,)."""
+    """Order of the rays for ``TriangleTree.cast``, int32 (R,)."""
     trees: tuple[PacketTree, PacketTree]
-    """Of the static scene and of the vehicles' shapes."""
+    """Trees of the static scene and of the vehicles' shapes."""
     surfaces: loops.Surfaces
 
 
 class Scratch(NamedTuple):
-    """Memory of one sensor, written anew by every sweep."""
+    """Working memory of one sensor; every sweep overwrites it."""
 
     poses: Array
-    """Of the sensor at each column, float32 (C, 3, 4); the caller fills it."""
+    """Pose of the sensor at each column, float32 (C, 3, 4); the caller fills it."""
     rays: Array
-    """float32 (R, 6)."""
+    """Origin and direction of each ray, float32 (R, 6)."""
     hits: loops.Hits
     candidates: loops.Candidates
     """Memory for the rays that may hit a vehicle."""
 
 
 class Rotation(NamedTuple):
-    """Inputs of one sweep, and memory for its points."""
+    """Inputs of one sweep, and memory for its results."""
 
     lidar_from_map: Array
-    """float64 (4, 4)."""
+    """Transform from the map to the sensor at the stamp, float64 (4, 4)."""
     vehicles: loops.Vehicles
     receiver: loops.Receiver
     step: int
@@ -78,7 +78,7 @@ class Rotation(NamedTuple):
 
 @compiled
 def measure_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
-    """Aim, cast at the static scene and go on as ``complete_sweep``; returns the same."""
+    """Compute a whole sweep: aim the rays, cast them at the static scene, go on as ``complete_sweep``."""
     _aim(optics.pattern.directions, scratch.poses, scratch.rays)
     hits = scratch.hits
     cast_packets(optics.trees[0], scratch.rays, optics.order, (hits.distance, hits.static_triangle, hits.normal))
@@ -87,7 +87,7 @@ def measure_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
 
 @compiled
 def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
-    """Cast those rays at vehicles that may hit one, and pack the points; what hits the static scene is known.
+    """Complete a sweep whose hits on the static scene are known: cast at vehicles, then write the points.
 
     Returns the number of points written. Where ``scratch.candidates`` is too short: minus the length that is needed,
     and nothing is written.
@@ -108,9 +108,9 @@ def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
 
 _ATTENUATION_STEPS_PER_M: Final = 16.0
 _SEEN_AT_RANGE: Final = 0.1
-"""Reflectivity of the target that a LiDAR just sees at its range in clear air, as data sheets state it."""
+"""Reflectivity of the target on which data sheets state a LiDAR's range in clear air."""
 _GRID_OF_UNIT: Final = 1.5 * 2.0**23
-"""Adding this to a float32 leaves no bits below 1 (float32 has a 24-bit significand)."""
+"""Adding and subtracting this number rounds a float32 to a whole number, since its significand has 24 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,19 +123,19 @@ class LidarSweep:
     """Records of dtype ``LIDAR_POINT_DTYPE`` in firing order, shape ``(P,)``: metres in the sensor's frame, intensity
     0–1, seconds relative to the stamp (≤ 0), ring (0 lowest), actor hit (0: static scene)."""
     actor_id: npt.NDArray[np.uint32]
-    """Vehicles within range, sorted, shape ``(N,)``."""
+    """Ids of the vehicles within range, sorted, shape ``(N,)``."""
     points_on_actor: npt.NDArray[np.int64]
-    """Returns on each of them, shape ``(N,)``."""
+    """Number of returns on each of these vehicles, shape ``(N,)``."""
 
     @property
     def payload(self) -> memoryview:
-        """The points as bytes, not copied."""
+        """The points as bytes, without a copy."""
         return self.points.view(np.uint8).data
 
 
 @dataclass(frozen=True)
 class CarrierMotion:
-    """Motion of the carrier while the beams turn; used where the suite asks for motion distortion."""
+    """Motion of the carrier during a rotation; used where the suite asks for motion distortion."""
 
     vx_mps: float = 0.0
     vy_mps: float = 0.0
@@ -143,7 +143,7 @@ class CarrierMotion:
 
 
 def beam_pattern(spec: LidarSpec) -> loops.Pattern:
-    """Directions, times and rings of one rotation.
+    """Directions, times and rings of the beams of one rotation.
 
     The beams are equally spaced in elevation from the lower to the upper limit, both included. Columns turn
     clockwise seen from above, as rotating LiDARs do, from straight back over the left side and the front; the last
@@ -165,15 +165,16 @@ def beam_pattern(spec: LidarSpec) -> loops.Pattern:
 
 
 class Lidar:
-    """One sensor on one carrier. Holds scratch memory, so one sweep at a time."""
+    """Simulates one LiDAR on one carrier. It holds working memory, so only one sweep can run at a time."""
 
     def __init__(
         self, spec: LidarSpec, world: RaycastWorld, seed: int, look: Look | None = None, colour_share: float = 0.0
     ) -> None:
         """Prepare the beam pattern; ``seed`` is the episode's. Rain and fog of the look weaken the returns.
 
-        What they weaken too much is lost. In clear air each return is seen, as in CARLA.
-        ``colour_share`` as in ``reflectivity_of``.
+        Returns that become too weak are lost. In clear air every return is kept, as in CARLA. ``colour_share`` is that
+        of ``reflectivity_of``.
+
         """
         self.spec = spec
         self._colour_share = colour_share
@@ -227,7 +228,7 @@ class Lidar:
     def scan(
         self, step: int, map_from_lidar: Matrix, placement: VehiclePlacement, motion: CarrierMotion | None = None
     ) -> LidarSweep:
-        """One rotation that ends at ``step``, from a pose of the sensor (``(4, 4)``), with the vehicles placed.
+        """Simulate one rotation that ends at ``step``, from a pose of the sensor, ``(4, 4)``.
 
         Without motion distortion nothing moves during the rotation, as in CARLA's synchronous mode. The points' times
         still say when the beam would have fired.
@@ -254,7 +255,8 @@ class Lidar:
             return measure_sweep(self._optics, self._scratch, rotation)
 
         measured = background.submit(measure)
-        started.wait()  # else the background thread would wait for the interpreter's lock: 5 ms if the caller is busy
+        # Without this the background thread waits for the interpreter's lock: 5 ms if the caller is busy.
+        started.wait()
 
         def finish() -> LidarSweep:
             written = measured.result()
@@ -278,7 +280,7 @@ class Lidar:
         )
 
     def _complete(self, rotation: Rotation) -> int:
-        """Find what hits vehicles among cast rays and write the points, with more memory where it was too short."""
+        """Complete the sweep of rays already cast; repeats it with more memory if the first attempt had too little."""
         written = complete_sweep(self._optics, self._scratch, rotation)
         if written < 0:
             self._scratch = self._scratch._replace(candidates=_candidates(-2 * written))
@@ -290,7 +292,7 @@ class Lidar:
         return LidarSweep(self.spec.name, rotation.step, points, rotation.vehicles.actor_id, rotation.count_on)
 
     def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> Floats32:
-        """Pose of the sensor at each column, shape ``(C, 3, 4)``, or ``(3, 4)`` where it stands still."""
+        """Pose of the sensor at each column, shape ``(C, 3, 4)``; ``(3, 4)`` without motion distortion."""
         columns = self.spec.columns
         if not self.spec.motion_distortion or motion is None:
             return map_from_lidar[:3].astype(np.float32)
@@ -326,7 +328,7 @@ class Lidar:
         )
 
     def _receiver(self, step: int) -> loops.Receiver:
-        """Noise of one step, drawn from (seed, sensor, step) alone, so that it does not depend on earlier steps."""
+        """Noise of one step. It depends on (seed, sensor, step) alone, not on earlier steps."""
         spec = self.spec
         none = np.empty(0, np.float32)
         noise = draw = none

@@ -1,4 +1,4 @@
-"""The LiDAR's loops over rays, over named tuples of C-contiguous arrays.
+"""Compiled loops of the LiDAR over rays. Their arguments are named tuples of C-contiguous arrays.
 
 R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit. A ray may
 hit a vehicle where it enters the vehicle's bounding box before it hits the static scene.
@@ -12,22 +12,22 @@ from siren_ros.base.numerics.compiled import Array, compiled
 
 
 class Pattern(NamedTuple):
-    """Where the beams point and when: fixed for a sensor."""
+    """Directions and times of the beams; they do not change for a sensor."""
 
     directions: Array
     """Unit vectors in the sensor's frame, float32 (R, 3)."""
     elevation: Array
-    """Of each ray of a column, increasing, float64 (R / C,)."""
+    """Elevation of each ray of a column, increasing, float64 (R / C,)."""
     slope: Array
     """Tangent of the elevation, float64 (R / C,)."""
     column_time_s: Array
     """Time of each column relative to the sweep's stamp, float32 (C,)."""
     world_time_s: Array
-    """The same where the world moves while the beams turn, otherwise zero, float32 (C,)."""
+    """Times at which the world is seen: the column times with motion distortion, otherwise zero; float32 (C,)."""
 
 
 class Vehicles(NamedTuple):
-    """The vehicles near enough to be hit."""
+    """The vehicles that are near enough to be hit."""
 
     pose: Array
     """x, y, z, yaw at the sweep's stamp, float64 (N, 4)."""
@@ -36,76 +36,77 @@ class Vehicles(NamedTuple):
     size: Array
     """Length, width, height, float64 (N, 3)."""
     scale: Array
-    """Of the shape, per axis, float32 (N, 3)."""
+    """Scale of the vehicle's shape along each axis, float32 (N, 3)."""
     bounds: Array
     """Lowest and highest corner of the shape in its own frame, float32 (N, 2, 3)."""
     offset: Array
     """Place of the shape in the shapes' common tree, float32 (N, 3)."""
     first_triangle: Array
-    """Of the shape, in ``Surfaces.shape_reflectivity``, int64 (N,)."""
+    """Index of the first triangle of the shape in ``Surfaces.shape_reflectivity``, int64 (N,)."""
     paint: Array
     """Reflectivity of the vehicle's paint, float32 (N,)."""
     actor_id: Array
-    """uint32 (N,)."""
+    """Id of each vehicle, uint32 (N,)."""
 
 
 class Candidates(NamedTuple):
     """Rays that may hit a vehicle."""
 
     rays: Array
-    """In the coordinates of the shapes' tree, float32 (M, 6)."""
+    """Origin and direction in the coordinates of the shapes' tree, float32 (M, 6)."""
     ray: Array
     """Index of the ray in the sweep, int32 (M,)."""
     vehicle: Array
-    """Row of the vehicle, int32 (M,)."""
+    """Row of the vehicle that the ray may hit, int32 (M,)."""
 
 
 class Hits(NamedTuple):
     """The nearest hit of each ray of the sweep."""
 
     distance: Array
-    """float32 (R,)."""
+    """Distance along the ray, float32 (R,)."""
     normal: Array
-    """Of static hits, of any length, float32 (R, 3)."""
+    """Normal of hits on the static scene, of any length, float32 (R, 3)."""
     static_triangle: Array
-    """uint32 (R,)."""
+    """Triangle hit in the static scene, uint32 (R,)."""
     vehicle: Array
     """Row of the vehicle hit + 1, 0 on the static scene, int32 (R,)."""
     shape_triangle: Array
-    """Of vehicle hits, uint32 (R,)."""
+    """Triangle hit in a vehicle's shape, uint32 (R,)."""
     cosine: Array
-    """Of the angle of incidence of vehicle hits, float32 (R,)."""
+    """Cosine of the angle of incidence on a vehicle, float32 (R,)."""
 
 
 class Surfaces(NamedTuple):
-    """Share of the light that the triangles send back at normal incidence, 0 to 1, float32."""
+    """Reflectivity of the triangles: share of the light that returns at normal incidence, 0 to 1, float32."""
 
     static_reflectivity: Array
     shape_reflectivity: Array
-    """0 where it is that of the vehicle's paint."""
+    """Reflectivity of the triangles of vehicle shapes; 0 means that of the vehicle's paint."""
 
 
 class Receiver(NamedTuple):
-    """How a return becomes a point: range, attenuation, noise, drop-off."""
+    """Parameters that turn a return into a point: range, attenuation, noise, drop-off."""
 
     range_m: np.float32
     attenuation: Array
-    """Transmittance tabulated over distance, float32."""
+    """Share of the light that passes, as a table over distance, float32."""
     least: Array
-    """Intensity below which a return is not seen, tabulated like ``attenuation``."""
+    """Smallest intensity that the receiver sees, as a table over the same distances."""
     steps_per_m: np.float32
     grid: float
-    """1.5 · 2²³ times the coordinates' resolution, so that adding and subtracting it rounds to that; or 0."""
+    """Rounding constant for coordinates: 1.5 · 2²³ times their resolution, added and subtracted again; 0 for no
+    rounding."""
     range_noise_m: Array
-    """float32 (R,) or empty."""
+    """Range noise of each ray, float32 (R,), or empty."""
     draw: Array
     """Uniform numbers that decide the drop-off, float32 (R,) or empty."""
     dropoff: Array
-    """General rate, intensity limit, rate at zero intensity, float32 (3,)."""
+    """General drop-off rate, intensity limit, rate at zero intensity, float32 (3,)."""
 
 
 class Records(NamedTuple):
-    """One buffer of ``LIDAR_POINT_DTYPE``, seen as each element type."""
+    """One buffer of ``LIDAR_POINT_DTYPE`` as arrays of each element type."""
 
     f4: Array
     """float32 (R, 6): x, y, z, intensity, time; the last is not used."""
@@ -115,7 +116,10 @@ class Records(NamedTuple):
 
 @compiled
 def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
-    """Fill ``rays`` (R, 6) with origin and direction in the ``map`` frame; the poses have shape (C, 3, 4)."""
+    """Compute origin and direction of all rays in the ``map`` frame into ``rays`` (R, 6).
+
+    Poses have shape (C, 3, 4).
+    """
     rings = directions.shape[0] // map_from_lidar.shape[0]
     for column in range(map_from_lidar.shape[0]):
         m = map_from_lidar[column]
@@ -130,10 +134,10 @@ def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
 
 
 @compiled
-def merge_vehicles(  # compiled code is called with positions
+def merge_vehicles(  # arguments are positional, because compiled code cannot take keywords
     candidates: Candidates, distance: Array, normal: Array, triangle: Array, vehicles: Vehicles, hits: Hits
 ) -> None:
-    """Replace a ray's nearest hit where a vehicle lies nearer."""
+    """Replace the hits of rays for which a vehicle is nearer than the static scene."""
     for j in range(distance.shape[0]):
         i = candidates.ray[j]
         if distance[j] < hits.distance[i]:
@@ -152,7 +156,7 @@ def merge_vehicles(  # compiled code is called with positions
 
 @compiled
 def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
-    """Whether a return is lost: at random, or because it is weak (CARLA's documentation of its LiDAR)."""
+    """Whether a return is lost at random or for its low intensity, as CARLA's documentation of its LiDAR describes."""
     rate = dropoff[0]
     if intensity < dropoff[1]:
         rate = 1.0 - (1.0 - rate) * (1.0 - dropoff[2] * (1.0 - intensity / dropoff[1]))
@@ -160,7 +164,7 @@ def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
 
 
 @compiled
-def pack_points(  # compiled code is called with positions
+def pack_points(  # arguments are positional, because compiled code cannot take keywords
     map_from_lidar: Array,
     pattern: Pattern,
     hits: Hits,
@@ -170,7 +174,10 @@ def pack_points(  # compiled code is called with positions
     out: Records,
     count_on: Array,
 ) -> int:
-    """Write one record per return and count those on each vehicle; returns the number of records. Poses (C, 3, 4)."""
+    """Write one record per return and count the returns on each vehicle; returns the number of records.
+
+    Poses (C, 3, 4).
+    """
     rings = pattern.elevation.shape[0]
     levels, per_level = np.float32(255.0), np.float32(1.0 / 255.0)
     grid, noisy, lossy = np.float32(receiver.grid), receiver.range_noise_m.shape[0] > 0, receiver.draw.shape[0] > 0
@@ -223,7 +230,7 @@ def pack_points(  # compiled code is called with positions
 
 @compiled
 def _entry(bounds: Array, origin: Array, direction: Array) -> np.float32:
-    """Parameter at which a ray enters an axis-aligned box, infinite where it misses (slab method)."""
+    """Ray parameter at which a ray enters an axis-aligned box (slab method); infinite where it misses."""
     near = np.float32(0.0)
     far = np.float32(np.inf)
     for axis in range(3):
@@ -244,7 +251,7 @@ def _entry(bounds: Array, origin: Array, direction: Array) -> np.float32:
 def _window(
     pattern: Pattern, pose: Array, size: Array, reach: float, lidar_from_map: Array
 ) -> tuple[int, int, int, int]:
-    """First column, number of columns (cyclic) and first and end ray of a column that can meet a vehicle's sphere.
+    """First column, number of columns (cyclic), first and end ray of a column that can hit a vehicle's bounding sphere.
 
     A sphere of radius r at horizontal distance d spans ± asin(r / d) in azimuth, and ± asin(r / distance) in elevation.
     ``reach`` is how far the vehicle moves while the beams turn.
@@ -269,7 +276,7 @@ def _window(
 
 @compiled
 def _rank(ascending: Array, value: float) -> int:
-    """How many numbers lie below a value (bisection)."""
+    """Count the numbers below a value in a sorted array (bisection)."""
     low, high = 0, ascending.shape[0]
     while low < high:
         middle = (low + high) // 2
@@ -307,10 +314,10 @@ def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: f
 
 
 @compiled
-def select_candidates(  # compiled code is called with positions
+def select_candidates(  # arguments are positional, because compiled code cannot take keywords
     rays: Array, pattern: Pattern, distance: Array, lidar_from_map: Array, vehicles: Vehicles, out: Candidates
 ) -> int:
-    """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
+    """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns their number.
 
     As many as fit into ``out`` are written. Where there are more the caller calls again with a longer one.
     """

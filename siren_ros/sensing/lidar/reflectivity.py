@@ -1,4 +1,4 @@
-"""How much of a LiDAR's light surfaces send back: by material, and where a study asks for it, by colour."""
+"""LiDAR reflectivity of surfaces by material, and by colour where a study asks for it."""
 
 from typing import Final
 
@@ -40,7 +40,7 @@ _REFLECTIVITY: Final[dict[Material, float]] = {
 }
 
 REFLECTIVITY: Final = np.array([_REFLECTIVITY.get(material, _DEFAULT) for material in Material], dtype=np.float32)
-"""Share of the light sent back at normal incidence by material code, 0–1, near infrared (about 905 nm).
+"""Reflectivity by material code at normal incidence, 0–1, in the near infrared (about 905 nm).
 
 Orders of magnitude after the ASTER/ECOSTRESS spectral library: asphalt 0.1–0.2, vegetation 0.4–0.5, concrete 0.3–0.4,
 rubber below 0.1; retro-reflective sheeting saturates a receiver and is 1; glass mostly lets light through or
@@ -57,7 +57,7 @@ _BRIGHTEST: Final = 0.85
 def reflectivity_of(
     material: npt.NDArray[np.uint8], colour_rgb: npt.NDArray[np.uint8], colour_share: float
 ) -> Floats32:
-    """Of triangles, shape ``(T,)``, from their materials, ``(T,)``, and colours, ``(T, 3)``.
+    """Reflectivity of triangles, shape ``(T,)``, from their materials, ``(T,)``, and colours, ``(T, 3)``.
 
     With ``colour_share`` 0 each material has one value. With 1, paint, walls and sheet metal have that of their colour:
     the linear red of the picture, the nearest that it has to near infrared, from 0.04 (carbon black) to 0.85 (titanium

@@ -1,4 +1,4 @@
-"""Triangles, the materials of their surfaces, and what is made of them: meshes, vehicle shapes and the static scene."""
+"""Data types of the 3-D scene: meshes of triangles with materials, vehicle shapes, and the static scene."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
@@ -16,7 +16,7 @@ from siren_ros.simulation.world.actors import ActorClass, ActorDescription
 
 
 class Material(IntEnum):
-    """Surface material of a triangle. LiDAR reflectivity and camera shading key on it."""
+    """Surface material of a triangle. It decides LiDAR reflectivity and camera shading."""
 
     GROUND = 0
     GRASS = 1
@@ -93,7 +93,7 @@ class SemanticClass(IntEnum):
 
 
 LENSES: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
-"""Materials of the lamps of signals."""
+"""Materials of signal lamps."""
 _STATIC_MATERIALS: Final = {
     SemanticClass.ROAD: (Material.ASPHALT, Material.SHOULDER_ASPHALT),
     SemanticClass.SIDEWALK: (Material.KERB, Material.SIDEWALK),
@@ -109,7 +109,7 @@ _STATIC_MATERIALS: Final = {
 }
 
 SEMANTIC_CLASS_OF_MATERIAL: Final = np.full(len(Material), SemanticClass.CAR, np.uint8)
-"""Semantic class by material code; the materials of vehicles give CAR (see ``semantic_class_of_actor``)."""
+"""Semantic class by material code; vehicle materials give CAR (see ``semantic_class_of_actor``)."""
 for _class, _materials in _STATIC_MATERIALS.items():
     SEMANTIC_CLASS_OF_MATERIAL[list(_materials)] = _class
 SEMANTIC_CLASS_OF_MATERIAL.setflags(write=False)
@@ -125,7 +125,7 @@ _ACTOR_CLASSES: Final = {
 
 
 def semantic_class_of_actor(actor_class: ActorClass) -> SemanticClass:
-    """Semantic class of every triangle of a vehicle, its rider's too; CAR where the class has none of its own."""
+    """Semantic class of all triangles of a vehicle and its rider; CAR for classes without one of their own."""
     return _ACTOR_CLASSES.get(actor_class, SemanticClass.CAR)
 
 
@@ -138,7 +138,7 @@ class LampColour(StrEnum):
 
     @property
     def lit_by(self) -> str:
-        """SUMO signal letters in which the lamp shines (``u`` is red with yellow, ``o`` blinks yellow)."""
+        """SUMO's signal letters for which the lamp is lit (``u`` is red with yellow, ``o`` blinks yellow)."""
         return {"red": "rus", "yellow": "yuo", "green": "gG"}[self.value]
 
     @property
@@ -231,7 +231,7 @@ class Wheel:
 
 
 class Swing(IntEnum):
-    """How a limb swings: codes of the shader, which tells wheels (1, 2) from limbs by them."""
+    """How a limb swings. The shader tells these codes from those of wheels (1, 2)."""
 
     WALKING_LEG = 3
     PEDALLING_LEG = 4
@@ -240,13 +240,13 @@ class Swing(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """A leg or arm that swings about the y axis through its joint with the way that its owner has moved.
+    """A leg or an arm. It swings about the y axis through its joint, with the distance that its owner has moved.
 
     Limbs on the left and on the right swing against each other.
     """
 
     mesh: Mesh
-    """About the joint, in its middle position."""
+    """The limb around its joint, in the middle position."""
     joint_m: tuple[float, float, float]
     swing: Swing
 
@@ -268,9 +268,11 @@ class VehicleShape:
 
     @cached_property
     def parts(self) -> tuple[tuple[Mesh, tuple[float, float, float, float]], ...]:
-        """Body, wheels straight ahead and limbs in their middle positions in ``base_link``.
+        """The parts in ``base_link``: body, wheels straight ahead, limbs in their middle positions.
 
-        Each has its hub or joint, and how it moves: 0 with the body, 1 a wheel, 2 a steered wheel, above a ``Swing``.
+        Each part has its hub or joint, and a code of its motion: 0 moves with the body, 1 is a wheel, 2 a steered
+        wheel, larger numbers are a ``Swing``.
+
         """
         wheels = ((w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in self.wheels)
         limbs = ((limb.mesh.translated(*limb.joint_m), (*limb.joint_m, float(limb.swing))) for limb in self.limbs)
@@ -278,29 +280,29 @@ class VehicleShape:
 
     @cached_property
     def at_rest(self) -> Mesh:
-        """The parts as one mesh."""
+        """All parts joined to one mesh."""
         return Mesh.joined(*(mesh for mesh, _ in self.parts))
 
 
 @dataclass(frozen=True)
 class SignalLamp:
-    """One lens of a signal head: triangles ``start`` to ``stop`` (exclusive) of the static scene's mesh."""
+    """One lens of a signal head; its triangles are ``start`` to ``stop`` (exclusive) of the static scene's mesh."""
 
     signal_id: str
     link: int
-    """Index into the signal's state string."""
+    """Position of the signal's link in its state string."""
     colour: LampColour
     start: int
     stop: int
 
     def is_lit(self, state: str) -> bool:
-        """Whether the lamp shines in a state string of its signal, which may be too short."""
+        """Whether the lamp is lit in a state string of its signal; a string that is too short leaves it dark."""
         return self.link < len(state) and state[self.link] in self.colour.lit_by
 
 
 @dataclass(frozen=True, eq=False)
 class ParkedVehicle:
-    """A vehicle that stands in the scene for the whole episode; the pose of its ``base_link`` in the ``map`` frame."""
+    """A vehicle that stays parked for the whole episode; its pose is that of ``base_link`` in the ``map`` frame."""
 
     actor: ActorDescription
     x_m: float
@@ -311,16 +313,16 @@ class ParkedVehicle:
 
 @dataclass(frozen=True, eq=False)
 class StaticScene:
-    """Everything that does not move, in the ``map`` frame, and which of its triangles are signal lamps."""
+    """Everything that does not move, in the ``map`` frame, with the triangles of the signal lamps."""
 
     mesh: Mesh
     signal_lamps: tuple[SignalLamp, ...]
     raised: BaseGeometry = field(default_factory=Polygon)
-    """Sidewalks and medians…"""
+    """Area of sidewalks and medians, which are higher than the road."""
     raised_m: float = 0.0
-    """…and their height above the road."""
+    """Height of these areas above the road."""
     parked: tuple[ParkedVehicle, ...] = ()
-    """Not in the mesh: to the sensors they are actors."""
+    """Parked vehicles. They are not part of the mesh, because sensors treat them as actors."""
 
     def ground_m(self, x_m: Floats, y_m: Floats) -> Floats:
         """Height of the ground at some places."""

@@ -1,4 +1,4 @@
-"""Where the vehicles' shapes stand at one step, as a structure of arrays."""
+"""Poses and sizes of the vehicles' shapes at one step, as a structure of arrays."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -21,7 +21,7 @@ from siren_ros.simulation.world.actors import (
 
 @dataclass(frozen=True)
 class EgoVehicle:
-    """The vehicle with the sensors. They do not see it, but its lamps light the street."""
+    """The vehicle with the sensors. The sensors do not see it, but its lamps light the street."""
 
     x_m: float
     y_m: float
@@ -49,11 +49,11 @@ class VehiclePlacement:
     steer_rad: Floats
     lights: npt.NDArray[np.uint8]
     scale: Floats
-    """Shape ``(N, 3)``."""
+    """Scale of the shape along each axis, shape ``(N, 3)``."""
     size_m: Floats
     """Length, width, height of each actor, shape ``(N, 3)``."""
     colour_rgb: npt.NDArray[np.uint8]
-    """Shape ``(N, 3)``."""
+    """Colour of each actor, shape ``(N, 3)``."""
     ego: EgoVehicle | None = None
 
     def __len__(self) -> int:
@@ -68,10 +68,10 @@ _OF_STATES: Final = tuple(field.name for field in fields(VehiclePlacement) if fi
 
 
 class Catalogue:
-    """Sizes, classes and colours of the actors as arrays: a step gathers rows instead of looping over actors."""
+    """Sizes, classes and colours of all actors as arrays, so that a step selects rows without a loop over actors."""
 
     def __init__(self, shapes: Mapping[ActorClass, VehicleShape]) -> None:
-        """Remember the shapes; actors are added when they are first placed."""
+        """Store the shapes; an actor is added when it is first placed."""
         self._shapes = shapes
         self._actor_id = np.empty(0, np.uint32)
         self._add({}, np.empty(0, np.uint32))
@@ -79,7 +79,10 @@ class Catalogue:
     def place(
         self, states: ActorStates, descriptions: Mapping[int, ActorDescription], hidden_id: int = NO_ACTOR
     ) -> VehiclePlacement:
-        """All actors of a step but ``hidden_id``, the vehicle with the sensors: mounts may lie in its bodywork."""
+        """Place all actors of a step except ``hidden_id``, the vehicle with the sensors.
+
+        The sensors may be inside its bodywork.
+        """
         visible = states.select(np.flatnonzero(states.actor_id != hidden_id))
         rows = rows_of_ids(self._actor_id, visible.actor_id)
         if np.any(rows < 0):
@@ -95,7 +98,7 @@ class Catalogue:
         )
 
     def _add(self, descriptions: Mapping[int, ActorDescription], actor_id: npt.NDArray[np.uint32]) -> None:
-        """Hold these actors; others are dropped."""
+        """Store the descriptions of these actors and forget all others."""
         self._actor_id = actor_id
         actors = [descriptions[int(number)] for number in actor_id]
         shapes = [self._shapes[actor.actor_class] for actor in actors]
@@ -107,7 +110,7 @@ class Catalogue:
 
 
 def _ego_vehicle(states: ActorStates, descriptions: Mapping[int, ActorDescription], actor_id: int) -> EgoVehicle | None:
-    """An actor as the vehicle with the sensors; None where it is not among the states."""
+    """The vehicle with the sensors, found by its id; None if it is not among the states."""
     rows = np.flatnonzero(states.actor_id == actor_id)
     if len(rows) == 0:
         return None

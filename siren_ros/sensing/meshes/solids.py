@@ -26,9 +26,9 @@ ARCH_CLEARANCE_M = 0.045
 """Gap between tyre and wheel arch."""
 _ARCH_STEPS = 5
 _MERGE_M = 0.07
-"""Knots of the outlines nearer than this to another cross-section get none, but for those that round the ends."""
+"""Knots of the outlines that are nearer than this to a cross-section add none, except the knots that round the ends."""
 _SLACK_M = 0.1
-"""By so much a roof may lie below the belt and beyond the side: a load bed has no roof, only edges."""
+"""Tolerance by which a roof may lie below the belt line and outside the side: a load bed has only edges."""
 
 
 class Band(IntEnum):
@@ -55,10 +55,10 @@ class Axle:
 
 @dataclass(frozen=True)
 class BodyProfile:
-    """A shell's outlines: heights above the ground and half widths over ``s``, linear between knots ``(s, value)``."""
+    """Outlines of a shell: heights above the ground and half widths over ``s``, linear between knots ``(s, value)``."""
 
     length_m: float
-    """Of the vehicle whose front bumper is at ``s`` 0; the shell may cover a part of it."""
+    """Length of the vehicle, whose front bumper is at ``s`` 0; the shell may cover only a part of it."""
     top_m: Knots
     belt_m: Knots
     bottom_m: Knots
@@ -68,15 +68,15 @@ class BodyProfile:
     roof_drop_m: float = 0.07
     """How far the roof's edge lies below its middle."""
     tuck: float = 0.965
-    """Half width at the sill and at the belt, relative to the widest line between them."""
+    """Half width at the sill and at the belt line, relative to the widest line between them."""
     extra_stations_m: tuple[float, ...] = ()
     zone_splits: tuple[float, float] = (0.52, 0.86)
     """Where zones 1 and 2 of the end faces begin, relative to their half width."""
     crease: float = 0.6
-    """Height of the widest line between bottom (0) and belt (1)."""
+    """Height of the widest line, from 0 (bottom) to 1 (belt line)."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError for outlines that no body has: a number of a drawing is mistyped."""
+        """Check the outlines; ValueError if they cannot form a body, usually because a number is mistyped."""
         outlines = self._outlines
         places = [[s for s, _ in outline] for outline in outlines]
         if len({(row[0], row[-1]) for row in places}) > 1 or any(np.diff(row).min() <= 0.0 for row in places):
@@ -141,13 +141,13 @@ def _at(knots: Knots, s_m: npt.ArrayLike) -> Floats:
 
 
 ShellFinish = Callable[[Band, float, int], Finish]
-"""Finish of a shell's face from its band, the ``s`` of its middle, and its side (+1 left, −1 right)."""
+"""Gives the finish of a shell's face from its band, its middle ``s``, and its side (+1 left, −1 right)."""
 EndFinish = Callable[[Band, int], Finish]
-"""Finish of a face at an end from its band and zone: −2 rightmost … 0 middle … +2 leftmost."""
+"""Gives the finish of a face at an end from its band and zone: −2 is rightmost, 0 the middle, +2 leftmost."""
 
 
 def loft(profile: BodyProfile, side: ShellFinish, front: EndFinish, rear: EndFinish) -> Mesh:
-    """A closed shell along the profile, in ``base_link``; faces without area are left out."""
+    """Build a closed shell along the profile, in ``base_link``; faces without area are left out."""
     half = profile.half_rings_m()
     ring = np.concatenate((half, half[:, -2:0:-1] * (1.0, -1.0, 1.0)), axis=1)
     stations, around = ring.shape[:2]
@@ -181,7 +181,7 @@ def _end_faces(
 
 
 def from_quads(faces: list[tuple[Floats, Finish]]) -> Mesh:
-    """A mesh of quads ``(4, 3)`` with a finish each; triangles smaller than 1 mm² are left out."""
+    """Build a mesh of quads ``(4, 3)``, each with its finish; triangles smaller than 1 mm² are left out."""
     corners = np.stack([quad for quad, _ in faces])
     triangles = np.concatenate((corners[:, (0, 1, 2)], corners[:, (0, 2, 3)]), axis=1).reshape(-1, 3, 3)
     material = np.repeat(np.array([int(finish[0]) for _, finish in faces], dtype=np.uint8), 2)
@@ -224,7 +224,7 @@ def hexahedra(corners: Floats, material: Material, colour: Rgb) -> Mesh:
 def frustum(
     base: Point3, height_m: float, radii_m: tuple[float, float], sides: int, material: Material, colour: Rgb
 ) -> Mesh:
-    """An upright cylinder or cone stump on ``base`` with lower and upper radius; closed."""
+    """An upright closed cylinder or truncated cone on ``base``, with lower and upper radius."""
     angle = np.arange(sides) * (2 * np.pi / sides)
     ring = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(sides)))
     low = ring * (radii_m[0], radii_m[0], 0.0)
@@ -238,7 +238,7 @@ def frustum(
 
 
 def flat_polygons(polygons: list[Polygon], z_m: float, material: Material, colour: Rgb) -> Mesh:
-    """Horizontal faces that look up, with the polygons' holes left open; polygons in metres."""
+    """Horizontal faces that face up; holes of the polygons stay open. Polygons are in metres."""
     return Mesh.joined(
         *[
             Mesh.uniform(np.column_stack((points, np.full(len(points), z_m))), triangles, material, colour)
@@ -261,7 +261,7 @@ def triangulated(polygon: Polygon) -> tuple[Floats, npt.NDArray[np.uint32]]:
 
 
 def walls(polygon: Polygon, z0_m: float, z1_m: float, material: Material, colour: Rgb) -> Mesh:
-    """Upright faces along a polygon's rings that look out of the polygon."""
+    """Upright faces along a polygon's rings; they face away from the polygon."""
     parts = []
     for ring in (orient(polygon).exterior, *orient(polygon).interiors):
         points = np.asarray(ring.coords)[:, :2]
@@ -286,7 +286,7 @@ _ICOSAHEDRON_FACES = np.array(
 
 
 def sphere_points(subdivisions: int) -> tuple[Floats, npt.NDArray[np.int64]]:
-    """Unit directions and outward triangles of an icosahedron, each face split in four ``subdivisions`` times."""
+    """Unit directions and outward triangles of an icosahedron whose faces are split in four ``subdivisions`` times."""
     points, faces = _ICOSAHEDRON, _ICOSAHEDRON_FACES
     for _ in range(subdivisions):
         edges = np.sort(np.concatenate((faces[:, (0, 1)], faces[:, (1, 2)], faces[:, (2, 0)])), axis=1)

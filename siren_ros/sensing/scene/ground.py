@@ -1,4 +1,4 @@
-"""The ground: painted road markings as plane polygons, and the triangles of every region at its height.
+"""Builds the ground: painted road markings as polygons, and the triangles of every region at its height.
 
 Dimensions of markings follow the German guideline for road markings (RMS): lines 0.12 m, dashes 3 m with 6 m gaps, stop
 lines 0.5 m, crossing stripes 0.5 m. Arrows are drawn 4 m long, 8 m before the stop line. The triangles have kerbs
@@ -27,13 +27,13 @@ from siren_ros.simulation.roads.road_network import Edge, Junction, JunctionKind
 
 _ARROW_BEFORE_END_M: Final = 8.0
 _SIDE_GAP_M: Final = 0.15
-"""Between a line at the edge of a lane and the lane's boundary."""
+"""Gap between a line at the edge of a lane and the lane's boundary."""
 _ONCOMING_M: Final = 14.0
 
 
 @dataclass(frozen=True, eq=False)
 class Markings:
-    """White and yellow areas; disjoint, and inside the paved surfaces."""
+    """Areas of white and yellow paint. They do not overlap and lie inside the paved surfaces."""
 
     white: BaseGeometry
     yellow: BaseGeometry
@@ -42,7 +42,7 @@ class Markings:
 def road_markings(
     network: RoadNetwork, centres: dict[int, Polyline], surfaces: Surfaces, config: SceneConfig
 ) -> Markings:
-    """All markings of a map, cut to its paved surfaces; ``centres`` are those of ``drawn_centres``."""
+    """All road markings of a map, cut to its paved surfaces; ``centres`` come from ``drawn_centres``."""
     painter = _Painter(network, centres, config)
     white: list[Polygon] = []
     yellow: list[Polygon] = []
@@ -76,7 +76,7 @@ class _Painter:
         self.divided = _edges_beside_oncoming(network)
 
     def driving(self, edge: Edge) -> list[Lane]:
-        """Driving lanes of an edge from the right to the left."""
+        """Driving lanes of an edge, from right to left."""
         return [self.network.lanes[i] for i in edge.lanes if self.network.lanes[i].kind is LaneKind.DRIVING]
 
     def must_wait(self, lane: Lane) -> bool:
@@ -123,7 +123,7 @@ class _Painter:
         side = lane.width_m / 2
         opposite = self.opposite.get(edge.index)
         if opposite is not None and len(lanes) == 1 and len(self.driving(self.network.edges[opposite])) == 1:
-            paints = edge.index < opposite  # one of the two roads paints their common line
+            paints = edge.index < opposite  # two edges share this line; only one of them paints it
             return "yellow", list(self.dashes(centre, side, 0.0, centre.length_m)) if paints else []
         line = ribbon(centre, 0.0, centre.length_m, side - _SIDE_GAP_M, self.config.line_width_m)
         return ("yellow" if edge.index in self.divided else "white"), [line]
@@ -140,13 +140,13 @@ class _Painter:
             yield from arrow(lane.centre, tip, letters)
 
     def zebra(self, lane: Lane) -> Iterator[Polygon]:
-        """Stripes of a crossing that the map defines; ``lane`` runs in walking direction."""
+        """Stripes of a crossing that the map defines; ``lane`` is the crossing's lane, in walking direction."""
         stripe = self.config.zebra_stripe_m
         for start in np.arange(0.25, lane.length_m - stripe, 2 * stripe):
             yield ribbon(lane.centre, start, start + stripe, 0.0, lane.width_m)
 
     def added_crossings(self) -> Iterator[Polygon]:
-        """Stripes across the legs of signalised junctions, just inside the junction."""
+        """Stripes across the approaches of signalised junctions, just inside the junction."""
         for edge in self.roads:
             for junction_id, at_end in ((edge.to_junction, True), (edge.from_junction, False)):
                 junction: Junction | None = self.network.junctions.get(junction_id)
@@ -167,7 +167,7 @@ class _Painter:
 
 
 def ribbon(centre: Polyline, from_m: float, to_m: float, left_m: float, width_m: float) -> Polygon:
-    """A strip along a curve between two arc lengths, its middle ``left_m`` beside the curve."""
+    """A strip along a curve between two arc lengths; its centre line is ``left_m`` to the left of the curve."""
     inner = centre.arc_m[(centre.arc_m > from_m + 0.01) & (centre.arc_m < to_m - 0.01)]
     s = np.concatenate(([from_m], inner, [to_m]))
     left = _mitred(centre, s, left_m + width_m / 2)
@@ -176,7 +176,7 @@ def ribbon(centre: Polyline, from_m: float, to_m: float, left_m: float, width_m:
 
 
 def _mitred(centre: Polyline, s_m: Floats, left_m: float) -> Floats:
-    """Points beside a curve, at its corners on the bisector."""
+    """Points beside a curve; at the curve's corners they lie on the bisector, so that the width stays the same."""
     after = centre.heading_rad(s_m + 1e-6)
     before = centre.heading_rad(s_m - 1e-6)
     turn = np.arctan2(np.sin(after - before), np.cos(after - before))
@@ -187,7 +187,7 @@ def _mitred(centre: Polyline, s_m: Floats, left_m: float) -> Floats:
 
 
 def _arrow_shapes() -> dict[str, Polygon]:
-    """Arrows in lane coordinates (s forward, l left), tip of the straight arrow at the origin."""
+    """Arrow shapes in lane coordinates (s forward, l left); the tip of the straight arrow is at the origin."""
     shaft = Polygon([(-4, -0.09), (-1.4, -0.09), (-1.4, 0.09), (-4, 0.09)])
     head = Polygon([(-1.5, -0.36), (0, 0), (-1.5, 0.36)])
     stem = Polygon([(-4, -0.09), (-2.3, -0.09), (-1.75, 0.3), (-1.75, 0.5), (-2.05, 0.42), (-2.45, 0.09), (-4, 0.09)])
@@ -200,14 +200,14 @@ _ARROWS: Final = _arrow_shapes()
 
 
 def arrow(centre: Polyline, tip_m: float, letters: set[str]) -> Iterator[Polygon]:
-    """The arrow for a lane's movements (SUMO's letters in lower case; a turnaround counts as left)."""
+    """The arrow for the movements of a lane, given by SUMO's letters in lower case; a U-turn counts as left."""
     for letter in sorted({"l" if letter == "t" else letter for letter in letters} & set(_ARROWS)):
         corners = np.asarray(_ARROWS[letter].exterior.coords)
         yield Polygon(centre.offset_points(tip_m + corners[:, 0], corners[:, 1]))
 
 
 def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:
-    """Edges with traffic of the opposite direction on their left, within ``_ONCOMING_M`` of their leftmost lane."""
+    """Edges with oncoming traffic on their left, within ``_ONCOMING_M`` of their leftmost lane."""
     leftmost = [network.lanes[edge.lanes[-1]] for edge in network.edges if not edge.internal]
     lines = [LineString(lane.centre.points) for lane in leftmost]
     tree = shapely.STRtree(lines)
@@ -235,11 +235,14 @@ MEDIAN_RGB: Final[Rgb] = (98, 124, 62)
 VERGE_RGB: Final[Rgb] = (132, 118, 94)
 GRASS_RGB: Final[Rgb] = (92, 122, 58)
 _BEDROCK_DEPTH_M: Final = 0.05
-"""A plane below everything catches rays that slip between two surfaces."""
+"""Depth of a plane below everything; it catches rays that pass between two surfaces."""
 
 
 def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> Mesh:
-    """Carriageway with markings cut in at z 0, sidewalks and medians a kerb's height above it, grass around."""
+    """Triangles of the ground.
+
+    The carriageway with its markings is at z 0; sidewalks and medians are higher by a kerb; grass lies around.
+    """
     west, south, east, north = surfaces.bounds_m
     margin = config.ground_margin_m
     land = rectangle(west - margin, south - margin, east + margin, north + margin)
@@ -270,7 +273,7 @@ def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> 
 
 
 def _cut(area: BaseGeometry, tile_m: float) -> list[shapely.Polygon]:
-    """Pieces of an area along the lines of a square grid."""
+    """Cut an area into pieces along the lines of a square grid."""
     columns = [area]
     for axis in (0, 1):
         pieces: list[shapely.Polygon] = []

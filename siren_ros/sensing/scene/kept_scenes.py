@@ -1,4 +1,4 @@
-"""Static scenes that were built before, as files next to the compiled maps: a town's takes seconds to build."""
+"""Caches static scenes as files next to the compiled maps, because building a town's scene takes seconds."""
 
 import hashlib
 import io
@@ -23,12 +23,12 @@ from siren_ros.simulation.roads.maps.map_compiler import default_cache_dir, stor
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
 _KEPT: Final = 24
-"""Files that stay, those used last; a town's has 5 MB."""
+"""Number of files that are kept, those used most recently; a town's file has 5 MB."""
 _CODE: Final = ("base/numerics", "simulation/roads", "simulation/world", "sensing/meshes", "sensing/scene")
-"""Folders of the library whose code makes the triangles."""
+"""Folders of the library whose code builds the triangles."""
 _PACKAGES: Final = ("numpy", "shapely", "mapbox-earcut")
 _COLUMNS: Final = ("vertices_m", "triangles", "material", "colour_rgb")
-"""Of ``Mesh``."""
+"""The arrays of ``Mesh`` that a file holds."""
 _UNREADABLE: Final = (
     OSError,
     EOFError,
@@ -41,7 +41,7 @@ _UNREADABLE: Final = (
 
 
 def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = None) -> StaticScene:
-    """``static_scene``, from the file that an earlier call has left, or built and left for later calls.
+    """``static_scene`` with a cache: it loads the file of an earlier call, or builds the scene and leaves a file.
 
     The file's name is a hash of all that makes the scene: the net, the seed, the numbers, the code and the packages
     that it calls. A file that is damaged is made again; where the folder cannot be written, nothing is left. A network
@@ -69,7 +69,7 @@ def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = Non
 
 @cache
 def _recipe() -> str:
-    """What makes scenes: the code, and the packages by their versions."""
+    """What decides the result of a build: the source code, and the versions of the packages that it calls."""
     library = Path(__file__).parents[2]
     code = hashlib.sha256()
     for file in sorted(file for name in _CODE for file in (library / name).rglob("*.py")):

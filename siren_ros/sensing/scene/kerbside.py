@@ -1,4 +1,4 @@
-"""What stands at the side of roads where a study asks for variety: parked vehicles, street furniture and clutter.
+"""Adds objects along the roads where a study asks for variety: parked vehicles, street furniture and clutter.
 
 Everything stands off traffic's space, sidewalks and medians. Parked vehicles are actors to the sensors, with labels;
 all else belongs to the static scene.
@@ -32,19 +32,19 @@ _PARKED: Final = {
     ActorClass.VAN: 0.11,
     ActorClass.PICKUP: 0.03,
 }
-"""Shares of the bodies, as in the templates, without buses and lorries."""
+"""Shares of the vehicle classes among parked vehicles: those of the templates without buses and trucks."""
 _PARKED_ENDS: Final = chances(_PARKED.values())
 _MOST_PARKED: Final = 2**16 - FIRST_PARKED_ID
 _PLACE_M: Final = 6.2
-"""Length of a place along the road (EAR 05: 5.2 to 6.7 m)."""
+"""Length of a parking place along the road (EAR 05: 5.2 to 6.7 m)."""
 _ASIDE_M: Final = 0.3
-"""Between a parked vehicle and the space of traffic."""
+"""Distance between a parked vehicle and the space of traffic."""
 _YAW_RAD: Final = 0.04
-"""Most that a vehicle stands askew."""
+"""Largest yaw of a parked vehicle against the road."""
 
 
 def scene_config_of(values: Mapping[str, float]) -> SceneConfig:
-    """How the scene of an episode is generated, from the values of its template (``EpisodeDescription``)."""
+    """Scene configuration of an episode, from the drawn values of its template (``EpisodeDescription``)."""
     variety: dict[str, Any] = {path.rpartition(".")[2]: float(values.get(path, 0.0)) for path in VARIETY}
     return SceneConfig(**variety)
 
@@ -52,7 +52,10 @@ def scene_config_of(values: Mapping[str, float]) -> SceneConfig:
 def parked_vehicles(
     surfaces: Surfaces, space: FreeSpace, config: SceneConfig, seed: int, rng: np.random.Generator
 ) -> tuple[ParkedVehicle, ...]:
-    """Vehicles in a share of the places along all roads, their right side away from the road; their space is taken."""
+    """Parked vehicles on a share of the places along all roads, with their right side away from the road.
+
+    The space that they take is marked as occupied.
+    """
     edge = _roadside(surfaces)
     sizes = load_vehicle_parameters()
     widest = max(sizes[kind].width_m for kind in _PARKED) * (1.0 + config.size_spread)
@@ -77,7 +80,7 @@ def parked_vehicles(
 
 
 class _Kind(NamedTuple):
-    """A piece of clutter: lowest and highest length, width and height, whether it is round."""
+    """A kind of clutter: ranges of length, width and height, and whether it is round."""
 
     weight: float
     length_m: tuple[float, float]
@@ -101,15 +104,15 @@ _CLUTTER: Final[Mapping[str, _Kind]] = {
     "column": _Kind(0.5, (1.1, 1.5), (1.1, 1.5), (2.4, 3.6), Material.BUILDING_WALL, (170, 160, 140), round=True),
     "stack of pallets": _Kind(1.0, (1.2, 2.6), (0.8, 1.3), (0.4, 2.0), Material.TREE_TRUNK, (146, 114, 76)),
 }  # fmt: skip
-"""What stands about, with sizes typical of catalogues of street furniture; some of it is as large as a vehicle."""
+"""The kinds of clutter with sizes from catalogues of street furniture; some are as large as a vehicle."""
 _CLUTTER_ENDS: Final = chances(kind.weight for kind in _CLUTTER.values())
 _EAVES_M: Final = 0.4
-"""Of the houses, in front of which the pieces stand."""
+"""How far the eaves reach out in front of the houses; pieces stand clear of them."""
 _TRIES: Final = 8
 
 
 def clutter(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Iterator[Mesh]:
-    """Furniture and clutter between the edges of all roads and the houses, as dense as the configuration says."""
+    """Furniture and clutter between the roads and the houses, as dense as the configuration says."""
     spacing_m = 100.0 / config.clutter_per_100_m
     edge = _roadside(surfaces)
     places, tangents = ring_samples(edge, spacing_m)
@@ -118,7 +121,7 @@ def clutter(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.r
         length, width, height = (float(rng.uniform(*side)) for side in (kind.length_m, kind.width_m, kind.height_m))
         yaw = float(np.arctan2(ty, tx)) + float(rng.normal(0.0, 0.15))
         tone = np.clip(np.array(kind.colour) + rng.integers(-18, 19, 3), 0, 255).tolist()
-        # The road lies left of the ring's direction.
+        # The ring runs with the road on its left.
         spare = max(0.0, config.building_setback_m - _EAVES_M - _ASIDE_M - width)
         asides = (_ASIDE_M + width / 2.0 + rng.uniform(0.0, spare, _TRIES)).tolist()
         ahead = rng.uniform(-0.5, 0.5, _TRIES) * spacing_m
@@ -160,5 +163,5 @@ def _on_map(surfaces: Surfaces, x_m: float, y_m: float) -> bool:
 
 
 def mirrored(parked: tuple[ParkedVehicle, ...]) -> tuple[ParkedVehicle, ...]:
-    """Parked vehicles in the mirror image about the x axis."""
+    """Parked vehicles mirrored about the x axis, for left-hand traffic."""
     return tuple(replace(one, y_m=-one.y_m, yaw_rad=-one.yaw_rad) for one in parked)

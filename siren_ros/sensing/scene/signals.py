@@ -1,4 +1,4 @@
-"""Signal heads and stop signs at the approaches that they control, and the poles of these and of street lamps."""
+"""Builds signal heads and stop signs at their approaches, and the poles of these and of street lamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _LENS_RGB: Final[dict[LampColour, Rgb]] = {
     LampColour.GREEN: (14, 80, 46),
 }
 _LENS_RADIUS_M: Final = 0.15
-"""Lenses of 300 mm, the larger of the two standard sizes (EN 12368)."""
+"""Radius of a lens: 300 mm diameter, the larger of the two standard sizes (EN 12368)."""
 HEAD_HEIGHT_M: Final = 1.28
 _LETTERS: Final = {
     "S": ("111", "100", "111", "001", "111"),
@@ -32,20 +32,20 @@ _LETTERS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class SignalHead:
-    """A head as a mesh, with the triangles of each lamp."""
+    """A signal head as a mesh, with the triangles of each lamp."""
 
     mesh: Mesh
     lamps: tuple[tuple[LampColour, int, int], ...]
 
 
 def turned(mesh: Mesh, x_m: float, y_m: float, z_m: float, heading_rad: float) -> Mesh:
-    """A mesh turned so that its x axis points along a heading, and moved."""
+    """Turn a mesh so that its x axis points along a heading, then move it."""
     c, s = float(np.cos(heading_rad)), float(np.sin(heading_rad))
     return mesh.transformed(np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)]), (x_m, y_m, z_m))
 
 
 def signal_head() -> SignalHead:
-    """A three-lamp head that shines along +x, its lower edge at z 0, red above yellow above green."""
+    """A head with three lamps that faces +x, its lower edge at z 0, red above yellow above green."""
     parts = [
         box((-0.2, -0.21, 0.0), (0.0, 0.21, HEAD_HEIGHT_M), Material.SIGNAL_HOUSING, HOUSING_RGB),
         box((-0.08, -0.36, -0.12), (-0.06, 0.36, HEAD_HEIGHT_M + 0.12), Material.SIGNAL_HOUSING, HOUSING_RGB),
@@ -69,7 +69,7 @@ def pole(x_m: float, y_m: float, height_m: float, radius_m: float = 0.07) -> Mes
 
 
 def stop_sign() -> Mesh:
-    """An octagonal sign that faces +x, its middle at the origin: red with a white rim and the word STOP."""
+    """An octagonal sign that faces +x, its centre at the origin: red with a white rim and the word STOP."""
     angle = np.pi / 8 + np.arange(8) * (np.pi / 4)
     outline = np.column_stack((np.zeros(8), np.cos(angle), np.sin(angle)))
     fan = np.array([(0, k, k + 1) for k in range(1, 7)])
@@ -114,18 +114,18 @@ def mast_arm(from_m: tuple[float, float], to_m: tuple[float, float], z_m: float)
 def clear_pole(
     space: FreeSpace, x_m: float, y_m: float, direction: tuple[float, float], reach_m: float, radius_m: float
 ) -> tuple[float, float] | None:
-    """The nearest place from a point along a direction, within a reach, with a clear radius; None without one."""
+    """Find the nearest place from a point along a direction, within a reach. None if no place has the clear radius."""
     steps = np.arange(0.0, reach_m, 0.25)[:, None]
     return space.first_clear(np.array((x_m, y_m)) + steps * np.array(direction), radius_m)
 
 
 _POST_HEAD_M: Final = 2.6
-"""Lower edge of a head on a post beside the road."""
+"""Height of the lower edge of a signal head on a post beside the road."""
 _POST_RADIUS_M: Final = 0.5
 """Room around a post that carries a head or a sign at eye height."""
 _MAST_RADIUS_M: Final = 0.25
 _PREFERENCE: Final = "slrt"
-"""A head that serves several movements shows the state of the first of these that it has."""
+"""A head that serves several movements shows the state of the first movement in this order."""
 
 
 def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> StaticScene:
@@ -145,7 +145,7 @@ def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfi
 
 
 class _ControlsBuilder:
-    """Meshes in order, with the lamps' triangle ranges in their concatenation."""
+    """Collects meshes in order, and which triangles of the joined mesh are lamps."""
 
     def __init__(self, network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> None:
         self.parts: list[Mesh] = []
@@ -183,7 +183,7 @@ class _ControlsBuilder:
         )
 
     def _right_post(self, edge: Edge, lane: Lane) -> tuple[float, float] | None:
-        """A place for a post at the right of the end of an edge: as near as possible to the lane and to its end."""
+        """Find a place for a post at the right of the end of an edge, as near to the lane and its end as possible."""
         outer = self._network.lanes[edge.lanes[0]]
         _, to_outer = outer.centre.project(lane.centre.at(lane.length_m))
         reach = lane.width_m + abs(float(to_outer)) + outer.width_m + 3.0
@@ -193,7 +193,7 @@ class _ControlsBuilder:
         return self._space.first_clear(lane.centre.offset_points(s, -aside[nearest]), _POST_RADIUS_M)
 
     def add_near_post(self, edge: Edge, lane: Lane, link: Connection) -> None:
-        """A head on a post beside the approach; the head hangs in front of its post."""
+        """Add a signal head in front of a post beside the approach."""
         place = self._right_post(edge, lane)
         if place is not None:
             heading = float(lane.centre.heading_rad(lane.length_m)) + np.pi
@@ -201,7 +201,7 @@ class _ControlsBuilder:
             self._add_head(link, (*place, _POST_HEAD_M), heading, 0.26)
 
     def add_far_heads(self, signalled: Sequence[tuple[Lane, Connection]]) -> None:
-        """Heads over the lanes beyond the junction for straight movements, else on a post opposite the approach."""
+        """Add heads for straight movements over the lanes beyond the junction, or on a post opposite the approach."""
         straight = [(self._network.lanes[link.to_lane], link) for _, link in signalled if link.direction == "s"]
         if not straight:
             self._add_opposite_post(*signalled[-1])
@@ -233,7 +233,7 @@ class _ControlsBuilder:
             self._add_head(link, (*place, _POST_HEAD_M + 0.6), heading + np.pi, 0.26)
 
     def add_stop_post(self, edge: Edge, lane: Lane) -> None:
-        """A stop sign on a post beside the approach."""
+        """Add a stop sign on a post beside the approach."""
         place = self._right_post(edge, lane)
         if place is not None:
             facing = float(lane.centre.heading_rad(lane.length_m)) + np.pi
@@ -243,7 +243,7 @@ class _ControlsBuilder:
 
 
 def _on_line(start: tuple[float, float], end: tuple[float, float], point: Floats) -> tuple[float, float]:
-    """The nearest place to a point on the line between two places."""
+    """Nearest place to a point on the line between two places."""
     a, b = np.array(start), np.array(end)
     along = float(np.dot(point - a, b - a) / np.dot(b - a, b - a))
     x, y = a + np.clip(along, 0.0, 1.0) * (b - a)

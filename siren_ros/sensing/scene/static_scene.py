@@ -34,23 +34,23 @@ _WALL_RGB: Final = np.array(
 )  # fmt: skip
 _GLASS_RGB: Final[Rgb] = (66, 84, 98)
 _CURTAIN_RGB: Final = np.array([(138, 134, 122), (148, 138, 116), (126, 122, 114), (142, 128, 110)])
-"""Panes with curtains behind them; at night, rooms with a light on."""
+"""Colours of window panes with curtains; at night these rooms are lit."""
 _CURTAINED: Final = 0.4
 _STOREY_M: Final = 3.2
 _RAIL_ASIDE_M: Final = 0.7
-"""Between the paved road and a crash barrier."""
+"""Distance between the paved road and a crash barrier."""
 _RAIL_M: Final = 0.44, 0.75
 """Heights of the lower and the upper edge of a crash barrier."""
 _RAIL_RGB: Final[Rgb] = (158, 162, 166)
 _POST_M: Final = 0.05
 """Half the thickness of rails and posts."""
 _PROUD_M: Final = 0.03
-"""Window panes stand this far in front of the wall."""
+"""Window panes are this far in front of the wall."""
 
 
 @dataclass(frozen=True)
 class Lot:
-    """A building's footprint: its front's middle, the direction from front to back, and its size."""
+    """A building's footprint: the middle of its front, the direction from front to back, and its size."""
 
     x_m: float
     y_m: float
@@ -61,7 +61,10 @@ class Lot:
 
 
 def building(lot: Lot, rng: np.random.Generator, *, detailed: bool) -> Mesh:
-    """A building on a lot; front at the street. ``detailed`` ones have windows in every storey and on both sides."""
+    """A building on a lot, its front towards the street.
+
+    ``detailed`` gives windows in every storey and on both sides.
+    """
     tone = np.clip(_WALL_RGB[rng.integers(len(_WALL_RGB))] + rng.integers(-10, 11, 3), 0, 255)
     colour: Rgb = (int(tone[0]), int(tone[1]), int(tone[2]))
     storeys = max(1, int(lot.height_m / _STOREY_M))
@@ -91,7 +94,7 @@ def _facade(
     ribbons: bool,
     shop: bool,
 ) -> Mesh:
-    """Window panes along a wall from ``start`` to ``end`` as seen from outside, left to right."""
+    """Window panes along a wall from ``start`` to ``end``, left to right as seen from outside."""
     a, b = np.array(start), np.array(end)
     length = float(np.linalg.norm(b - a))
     spans: list[tuple[float, float, float, float]] = []
@@ -145,7 +148,7 @@ def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: n
 
 
 def _gable(half_m: float, depth_m: float, height_m: float, rng: np.random.Generator) -> list[Mesh]:
-    """A saddle roof with its ridge along the street, eaves 0.4 m out."""
+    """A saddle roof with its ridge parallel to the street; the eaves reach 0.4 m out."""
     eaves, rise = 0.4, depth_m * 0.28
     shade = int(rng.integers(-14, 15))
     colour: Rgb = (138 + shade, 74 + shade, 58 + shade)
@@ -195,20 +198,20 @@ def conifer(x_m: float, y_m: float, radius_m: float, rng: np.random.Generator) -
 
 
 def street_lamps(surfaces: Surfaces, space: FreeSpace, config: SceneConfig) -> Mesh:
-    """Lamps along the carriageway's edge, arms over the road."""
+    """Street lamps along the carriageway's edge, their arms over the road."""
     edge = surfaces.keep_clear.buffer(0.55, quad_segs=4)
     places, tangents = ring_samples(edge, config.lamp_spacing_m)
     lamp = street_lamp(config.lamp_height_m)
     parts = []
     for (x, y), (tx, ty) in zip(places, tangents, strict=True):
         if _is_built_up(surfaces, x, y, 0.0) and space.place_disc(x, y, 0.2):
-            # The road lies left of the ring's direction.
+            # The ring runs with the road on its left, so that the arm points left.
             parts.append(turned(lamp, x, y, 0.0, float(np.arctan2(tx, -ty))))
     return Mesh.joined(*parts)
 
 
 def street_trees(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Mesh:
-    """A row of trees along every road, with gaps, each crown wholly off the space of traffic."""
+    """A row of trees along every road, with gaps; no crown reaches into the space of traffic."""
     parts: list[Mesh] = []
     row = surfaces.keep_clear.buffer(2.4, quad_segs=4)
     places, _ = ring_samples(row, config.tree_spacing_m)
@@ -250,11 +253,11 @@ def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, 
             width = float(rng.uniform(11.0, 24.0))
             depth = float(rng.uniform(9.0, 15.0))
             height = float(low + (high - low) * rng.beta(1.4, 2.6 if detailed else 1.6))
-            # The streets lie left of the ring's direction, the lot on the right.
+            # The ring runs with the street on its left, so that the lot is on the right.
             outward = float(np.arctan2(-tx, ty))
             lot = Lot(float(x + tx * width / 2), float(y + ty * width / 2), outward, width, depth, height)
             area = footprint(lot)
-            # On the outside of bends a lot may reach over the building line by a sliver.
+            # On the outside of bends a lot may reach over the building line by a small area.
             off_street = not front.intersects(area) or front.intersection(area).area < 0.06 * area.area
             if _is_built_up(surfaces, lot.x_m, lot.y_m, config.skyline_m) and off_street and space.is_clear(area):
                 space.occupy(area.buffer(0.6))
@@ -284,7 +287,7 @@ def crash_barriers(surfaces: Surfaces, config: SceneConfig) -> Mesh:
 
 
 def _bars(start: Points, end: Points, along: Points, heights_m: tuple[float, float]) -> Mesh:
-    """Upright bars between places, each of shape ``(N, 2)``."""
+    """Upright bars between pairs of places, each array of shape ``(N, 2)``."""
     aside = np.stack((along[:, 1], -along[:, 0]), axis=-1) * _POST_M
     ring = np.stack((start + aside, end + aside, end - aside, start - aside), axis=1)
     corners = np.empty((len(ring), 2, 4, 3))
@@ -308,9 +311,10 @@ def _is_built_up(surfaces: Surfaces, x_m: float, y_m: float, margin_m: float) ->
 
 
 def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = None) -> StaticScene:
-    """The static world of a map; the same arguments give the same triangles. The seed varies buildings and trees.
+    """Build the static scene of a map; the same arguments give the same triangles. The seed varies buildings and trees.
 
-    Where traffic keeps left, it is the mirror image of that of the map's mirror image.
+    For left-hand traffic the scene is built on the mirrored map and then mirrored back.
+
     """
     if network.left_hand:
         image = static_scene(right_hand_image(network), seed, config)
@@ -330,7 +334,7 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
         parked = parked_vehicles(surfaces, space, numbers, seed, random_stream(seed, "scene parked"))
     trees = street_trees(surfaces, space, numbers, random_stream(seed, "scene trees"))
     things = Mesh.joined()
-    if numbers.clutter_per_100_m:  # before the houses, which would leave no place for most of it
+    if numbers.clutter_per_100_m:  # clutter comes first, because houses would leave no place for most of it
         things = Mesh.joined(*clutter(surfaces, space, numbers, random_stream(seed, "scene clutter")))
     houses = street_buildings(surfaces, space, numbers, random_stream(seed, "scene buildings"))
     park = parkland(surfaces, space, numbers, random_stream(seed, "scene park"))

@@ -1,4 +1,4 @@
-"""The regions of the ground, disjoint and plane: carriageway, shoulder, sidewalk, median, verge and grass.
+"""Divides the ground into regions without overlaps: carriageway, shoulder, sidewalk, median, verge and grass.
 
 The free places for objects lie outside the space of traffic, and no object lies inside another.
 """
@@ -21,20 +21,20 @@ from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """How the static scene is generated. Lengths and heights in metres."""
+    """Numbers that decide how the static scene is generated. Lengths and heights in metres."""
 
     ground_margin_m: float = 150.0
-    """Grass around the map's bounds."""
+    """Width of the grass around the map's bounds."""
     road_extension_m: float = 90.0
-    """How far a road goes on, in the picture only, beyond a dead end of the network."""
+    """Length by which roads continue beyond a dead end of the network, in pictures only."""
     kerb_height_m: float = 0.13
     kerb_width_m: float = 0.15
     verge_width_m: float = 2.0
-    """Gravel beside the carriageway of maps without sidewalks."""
+    """Width of the gravel beside the carriageway, on maps without sidewalks."""
     line_width_m: float = 0.12
-    """Longitudinal lines (RMS, German road markings: 0.12 m in towns)."""
+    """Width of longitudinal lines (RMS, German road markings: 0.12 m in towns)."""
     dash_m: float = 3.0
-    """Lane dividers in towns: 3 m line, 6 m gap (RMS)."""
+    """Length of the dashes of lane dividers (RMS: in towns 3 m line, 6 m gap)."""
     dash_gap_m: float = 6.0
     solid_before_junction_m: float = 20.0
     """Lane dividers are solid this far before a signal or stop sign."""
@@ -46,20 +46,20 @@ class SceneConfig:
     lamp_height_m: float = 7.5
     tree_spacing_m: float = 13.0
     building_setback_m: float = 3.0
-    """From the sidewalk's outer edge, or from the verge, to the façade."""
+    """Distance from the sidewalk's outer edge, or from the verge, to the façade."""
     building_height_m: tuple[float, float] = (6.0, 25.0)
     skyline_m: float = 90.0
     """How far behind the road the second row of buildings reaches."""
     open_country_m: float = 80.0
     """Beside roads out of town there are no street's lamps, trees and houses within this distance."""
     rail_spacing_m: float = 4.0
-    """Between the posts of the crash barriers along roads out of town."""
+    """Distance between the posts of crash barriers along roads out of town."""
     clearance_m: float = 4.6
     """Nothing hangs lower than this over lanes, shoulders and junctions (StVO: 4.5 m headroom)."""
     parked_share: float = 0.0
-    """Share of the places along the roads in which a vehicle is parked."""
+    """Share of the parking places along the roads that have a parked vehicle."""
     size_spread: float = 0.0
-    """Up to which share sizes of parked vehicles differ from those of their class."""
+    """Largest relative difference between the size of a parked vehicle and that of its class."""
     clutter_per_100_m: float = 0.0
     """Pieces of furniture and clutter on 100 m of the roads' edges, where there is space."""
     colour_share: float = 0.0
@@ -102,16 +102,16 @@ class SceneConfig:
 GRID_M: Final = 0.001
 """Regions' corners lie on this grid, so that neighbours share them exactly."""
 _MOUTH_M: Final = 3.0
-"""Length of the lane ends that count as part of a junction's carriageway."""
+"""Length of the lane ends that count as carriageway of a junction."""
 _CORNER_M: Final = 4.0
-"""Gaps between the paths across a junction up to twice this wide are paved."""
+"""Gaps between the paths across a junction are paved if they are narrower than twice this."""
 _SMALLEST_MEDIAN_M2: Final = 6.0
 _SMALLEST_HOLE_M2: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Regions of the plane. ``keep_clear`` is the space of traffic; the others are disjoint but for ``cycle``."""
+    """Regions of the ground. ``keep_clear`` is the space of traffic; the others do not overlap, except ``cycle``."""
 
     carriageway: BaseGeometry
     """Driving lanes and the paved part of junctions."""
@@ -124,10 +124,10 @@ class Surfaces:
     verge: BaseGeometry
     """Gravel beside the carriageway, on maps without sidewalks."""
     keep_clear: BaseGeometry
-    """Driving lanes, shoulders, junctions' outlines and crossings: nothing may stand here."""
+    """Driving lanes, shoulders, outlines of junctions and crossings: no object may stand here."""
     junctions: BaseGeometry
     country: BaseGeometry
-    """Roads out of town and the land beside them: their limit is no town's, and they have no sidewalk."""
+    """Roads out of town and the land beside them: the speed limit is above that of towns, and there is no sidewalk."""
     bounds_m: tuple[float, float, float, float]
 
     @property
@@ -142,7 +142,7 @@ class Surfaces:
 
 
 def drawn_centres(network: RoadNetwork, extension_m: float) -> dict[int, Polyline]:
-    """Centre lines by lane index, those at the map's dead ends prolonged straight on where no other road is near."""
+    """Centre lines by lane index. Lanes at a dead end of the map continue straight on, unless another road is near."""
     centres = {lane.index: lane.centre for lane in network.lanes}
     if extension_m <= 0:
         return centres
@@ -172,7 +172,7 @@ def strip(centre: Polyline, width_m: float) -> Polygon:
 
 
 def union(parts: Iterable[BaseGeometry]) -> BaseGeometry:
-    """Union of areas on the grid, self-crossing ones mended; empty for nothing."""
+    """Union of areas on the grid. It repairs areas that cross themselves; the union of nothing is empty."""
     shapes = [part if part.is_valid else part.buffer(0) for part in parts if not part.is_empty]
     return areal(shapely.union_all(shapes, grid_size=GRID_M)) if shapes else MultiPolygon()
 
@@ -191,17 +191,17 @@ def intersection(area: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
 
 
 def areal(shape: BaseGeometry) -> BaseGeometry:
-    """A geometry without lines and points that overlays leave behind."""
+    """The areas of a geometry, without the lines and points that overlays leave behind."""
     return shape if isinstance(shape, Polygon | MultiPolygon) else MultiPolygon(polygons(shape, 0.0))
 
 
 def closed(area: BaseGeometry, radius_m: float) -> BaseGeometry:
-    """Area with gaps and notches narrower than twice the radius filled; outer corners stay as they are."""
+    """Fill gaps and notches of an area that are narrower than twice the radius; outer corners stay as they are."""
     return area.buffer(radius_m, join_style="mitre", mitre_limit=2.0).buffer(-radius_m, join_style="mitre")
 
 
 def polygons(area: BaseGeometry, smallest_m2: float = 1e-4) -> list[Polygon]:
-    """The polygons of a geometry, lines and points dropped."""
+    """The polygons of a geometry, without lines and points."""
     parts: Sequence[BaseGeometry] = shapely.get_parts(area).tolist() if hasattr(area, "geoms") else [area]
     kept: list[Polygon] = []
     for part in parts:
@@ -230,7 +230,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     seams = closed(union((driving, beside)), 0.9)
     bare = difference(beside, driving, heart)
     drawn = union((driving, heart, across, crossed, seams, bare))
-    # Lanes and paths leave slivers between them, which are paved, too.
+    # Narrow gaps between lanes and paths are paved, too.
     rings = [
         (part, [ring for ring in part.interiors if Polygon(ring).area > _SMALLEST_HOLE_M2]) for part in polygons(drawn)
     ]
@@ -268,7 +268,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
 
 
 def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: BaseGeometry) -> BaseGeometry:
-    """The paved part of the junctions: paths across them and the ends of their lanes, gaps between these filled."""
+    """The paved part of the junctions: paths across them, the ends of their lanes, and the gaps between these."""
     mouths: list[Polygon] = []
     for lane in network.lanes:
         if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.CYCLE}:
@@ -280,7 +280,7 @@ def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: 
 
 
 def _is_left_of_traffic(network: RoadNetwork, lane: Lane) -> bool:
-    """Whether an unused strip lies left of a driving lane of its own edge."""
+    """Whether an unused strip is on the left of a driving lane of its own edge."""
     rightward = network.edges[lane.edge].lanes[: lane.position]
     return lane.kind is LaneKind.KERB and any(network.lanes[i].kind is LaneKind.DRIVING for i in rightward)
 
@@ -289,7 +289,7 @@ _CELL_M: Final = 20.0
 
 
 class FreeSpace:
-    """The plane without the space of traffic and without the objects placed so far."""
+    """Space that is still free for objects: outside the space of traffic and outside the objects placed so far."""
 
     def __init__(self, surfaces: Surfaces) -> None:
         self.keep_clear = surfaces.keep_clear
@@ -306,12 +306,12 @@ class FreeSpace:
         return ~np.asarray(shapely.dwithin(self.keep_clear, shapely.points(points), radius_m), dtype=np.bool_)
 
     def occupy(self, area: BaseGeometry) -> None:
-        """Marks an area as taken."""
+        """Mark an area as taken."""
         for cell in _cells(area):
             self._placed.setdefault(cell, []).append(area)
 
     def place_disc(self, x_m: float, y_m: float, radius_m: float) -> bool:
-        """Takes a disc where it is clear; says whether it was."""
+        """Take a disc if it is clear; returns whether it was."""
         disc = Point(x_m, y_m).buffer(radius_m, quad_segs=4)
         if not self.is_clear(disc):
             return False
@@ -333,7 +333,10 @@ def _cells(area: BaseGeometry) -> list[tuple[int, int]]:
 
 
 def ring_samples(area: BaseGeometry, spacing_m: float) -> tuple[Points, Points]:
-    """Points along an area's boundary and the unit tangents there, the area on the left; each of shape ``(N, 2)``."""
+    """Points along an area's boundary and the unit tangents there; the area is on the left.
+
+    Each of shape ``(N, 2)``.
+    """
     places: list[Points] = []
     tangents: list[Points] = []
     for part in shapely.get_parts(area):

@@ -34,12 +34,12 @@ from siren_ros.sensing.vehicles.vehicle_parts import (
 )
 
 Span = tuple[float, float]
-"""From and to, in metres behind the front bumper."""
+"""A range in metres behind the front bumper: from, to."""
 
 
 @dataclass(frozen=True)
 class CarDesign:
-    """A car's profile and where its glass lies."""
+    """Profile of a car and the places of its glass."""
 
     profile: BodyProfile
     windscreen: Span
@@ -164,7 +164,7 @@ POLICE: Final = replace(
 
 
 def _shell(design: CarDesign, band: Band, s_m: float, side: int) -> Finish:
-    """Dark wells, flanks, windows with the dark pillars between them, and the roof."""
+    """Finish of a car's faces: dark wheel wells, flanks, windows with the dark pillars between them, and the roof."""
     if band <= Band.WELL_ROOF:
         return PLASTIC
     if band <= Band.UPPER_SIDE:

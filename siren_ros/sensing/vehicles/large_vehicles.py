@@ -40,7 +40,7 @@ from siren_ros.sensing.vehicles.vehicle_parts import (
 
 
 def flat_shell(paint: Finish, windows: tuple[tuple[float, float], ...], band: Band, s_m: float, side: int) -> Finish:
-    """Paint over dark wells, with glass in the window band between given stations, and indicators at the front."""
+    """Finish of a flat-sided body: paint above dark wells, glass at the given stations, and indicators at the front."""
     if band <= Band.WELL_ROOF:
         return PLASTIC
     if band is Band.WINDOW and any(low < s_m < high for low, high in windows):

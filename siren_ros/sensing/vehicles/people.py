@@ -1,4 +1,4 @@
-"""People: limbs, torso and head, of which riders are made, and those who walk.
+"""Shapes of people: limbs, torso and head, for riders and pedestrians.
 
 Sizes are those of an adult of 1.75 m (DIN 33402-2, medians rounded).
 """
@@ -22,7 +22,7 @@ _HAIR: Final[Finish] = (Material.PLASTIC, (66, 48, 36))
 
 
 def rod(start: Point3, end: Point3, radii_m: tuple[float, float], finish: Finish, sides: int = _SIDES) -> Mesh:
-    """A round bar between two points, with its radius at each of them."""
+    """A round bar between two points, with a radius at each of them."""
     along = np.subtract(end, start)
     length = float(np.linalg.norm(along))
     up = along / length
@@ -45,14 +45,14 @@ def jointed(points: Sequence[Point3], radii_m: Sequence[float], finish: Finish) 
 
 
 def torso(hips: Point3, shoulders: Point3, jacket: Finish = JACKET) -> Mesh:
-    """Trunk and shoulders between the middles of hips and shoulders."""
+    """Trunk and shoulders between the middle of the hips and the middle of the shoulders."""
     chest = rod(hips, shoulders, (0.15, 0.17), jacket, 8)
     across = rod((shoulders[0], -0.2, shoulders[2]), (shoulders[0], 0.2, shoulders[2]), (0.065, 0.065), jacket)
     return Mesh.joined(chest, across)
 
 
 def head(centre: Point3, cover: Finish, cover_m: float) -> Mesh:
-    """Face and neck, and above and behind them hair or a helmet of that thickness."""
+    """Face and neck, with hair or a helmet of the given thickness above and behind them."""
     x, y, z = centre
     lifted = x - 0.02 - 0.2 * cover_m, y, z + 0.03
     thick = _HEAD_M[0] + cover_m, _HEAD_M[1] + cover_m, _HEAD_M[2] - 0.02 + cover_m
@@ -61,7 +61,7 @@ def head(centre: Point3, cover: Finish, cover_m: float) -> Mesh:
 
 
 def leg(hip: Point3, knee: Point3, foot: Point3, swing: Swing) -> Limb:
-    """A leg from the hip to the sole; its places are in the owner's frame."""
+    """A leg from the hip to the sole, with its points in the owner's frame."""
     toes = foot[0] + 0.14, foot[1], foot[2] + 0.03
     shoe = rod((foot[0] - 0.07, foot[1], foot[2] + 0.045), toes, (0.045, 0.035), SHOES)
     mesh = Mesh.joined(jointed((hip, knee, (foot[0], foot[1], foot[2] + 0.06)), (0.085, 0.06, 0.045), TROUSERS), shoe)
@@ -69,7 +69,7 @@ def leg(hip: Point3, knee: Point3, foot: Point3, swing: Swing) -> Limb:
 
 
 def walker(length_m: float, width_m: float, height_m: float) -> VehicleShape:
-    """Somebody who walks upright; between the corners of the box reach a bag and the elbows."""
+    """A pedestrian who walks upright. A bag and the elbows reach the corners of the box."""
     hip, shoulder = 0.52 * height_m, 0.81 * height_m
     reach = width_m / 2.0 - 0.045
     parts = [

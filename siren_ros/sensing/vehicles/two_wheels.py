@@ -30,7 +30,7 @@ _SECTORS: Final = 16
 
 
 def _wheel(x_m: float, radius_m: float, width_m: float, hole: float, *, steered: bool) -> Wheel:
-    """A wheel in the middle of the vehicle: a tyre about a hole of that share of its radius, with spokes across it."""
+    """A wheel in the middle of the vehicle: a tyre around a hole of that share of its radius, with spokes across it."""
     angle = -np.pi / 2 + np.arange(_SECTORS + 1) * (2 * np.pi / _SECTORS)
     circle = np.stack((np.cos(angle), np.zeros_like(angle), np.sin(angle)), axis=1)
     side = np.array((0.0, width_m / 2, 0.0))
@@ -50,18 +50,18 @@ def _wheel(x_m: float, radius_m: float, width_m: float, hole: float, *, steered:
 
 
 def _turned(angle_rad: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """A turn about the axle."""
+    """Rotation matrix about the axle."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     return np.array(((cos, 0.0, sin), (0.0, 1.0, 0.0), (-sin, 0.0, cos)))
 
 
 def _both(*points: Point3) -> tuple[tuple[Point3, ...], tuple[Point3, ...]]:
-    """The points on the left, and their mirror images."""
+    """The points of the left side, and their mirror images for the right side."""
     return points, tuple((x, -y, z) for x, y, z in points)
 
 
 def _mudguard(x_m: float, hub_m: float, radius_m: float, from_deg: float, to_deg: float, width_m: float) -> Mesh:
-    """A strip about a wheel, from one angle above the forward direction to another."""
+    """A curved strip around a wheel between two angles, measured upward from the forward direction."""
     angle = np.radians(np.linspace(from_deg, to_deg, 7))
     x, z = x_m + radius_m * np.cos(angle), hub_m + radius_m * np.sin(angle)
     pieces = [

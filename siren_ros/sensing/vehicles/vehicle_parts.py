@@ -31,7 +31,7 @@ WHITE_LIVERY: Final[Finish] = (Material.LIVERY, (240, 240, 240))
 
 
 def knots(*values: float) -> Knots:
-    """An outline from alternating distances behind the front bumper and values."""
+    """An outline as knots from numbers that alternate: distance behind the front bumper, value."""
     return tuple(zip(values[::2], values[1::2], strict=True))
 
 
@@ -64,7 +64,7 @@ def mirrors(x_m: float, inner_y_m: float, outer_y_m: float, z_m: float, finish: 
 
 
 def _corners(back_front_z_m: tuple[float, float, float], y_m: Sequence[float]) -> list[Point3]:
-    """Corners of a level rectangle, counter-clockwise from above, from its x range with its height and its y range."""
+    """Corners of a rectangle, counter-clockwise from above, from its x range with its height and from its y range."""
     (x0, x1, z), (y0, y1) = back_front_z_m, y_m
     return [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
 
@@ -92,7 +92,7 @@ def beacon(x_m: float, y_m: float, z_m: float, size_m: float, finish: Finish) ->
 
 
 def side_panels(x_m: tuple[float, float], z_m: tuple[float, float], half_width_m: float, finish: Finish) -> Mesh:
-    """The same flat panel on both sides of a vehicle, 6 mm proud of ``±half_width_m``."""
+    """The same flat panel on both sides of a vehicle, 6 mm outside ``±half_width_m``."""
     (x0, x1), (z0, z1) = x_m, z_m
     return Mesh.joined(
         box((x0, half_width_m - 0.02, z0), (x1, half_width_m + 0.006, z1), *finish),
@@ -131,7 +131,7 @@ def wheel_mesh(radius_m: float, width_m: float, side: int) -> Mesh:
 
 
 def vehicle_wheels(axles: tuple[Axle, ...], length_m: float, half_width_m: float) -> tuple[Wheel, ...]:
-    """Left and right wheels of all axles, the first one steered, their outer faces at ``±half_width_m``."""
+    """Wheels of all axles, left and right; the first axle steers. The outer faces are at ``±half_width_m``."""
     wheels = []
     for axle, side in itertools.product(axles, (1, -1)):
         x, y, radius = length_m / 2 - axle.s_m, half_width_m - axle.tyre_width_m / 2, axle.wheel_radius_m

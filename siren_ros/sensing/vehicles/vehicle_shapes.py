@@ -48,7 +48,7 @@ def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
 def fitted(
     actor_class: ActorClass, drawn: Drawn, size: VehicleParameters, limbs: tuple[Limb, ...] = ()
 ) -> VehicleShape:
-    """A drawn body stretched so that it fills the given size exactly and its axles lie where the parameters say.
+    """Stretch a drawn body so that it has exactly the given size and its axles are where the parameters say.
 
     Around the axles the body is moved and not stretched, and below the arches' height it keeps its height, so that
     the arches stay round. Wheels and limbs keep their drawn size.
@@ -89,7 +89,7 @@ def fitted(
 def _axle_map(
     wheels: tuple[Wheel, ...], rear_m: float, front_m: float, size: VehicleParameters
 ) -> tuple[Floats, Floats]:
-    """Knots of the map from drawn to fitted x: ends to ends, axles to axles, rigid within a wheel's reach of them."""
+    """Knots of the map from drawn x to fitted x: ends to ends, axles to axles, without stretch near the wheels."""
     hubs = sorted({wheel.hub_m[0] for wheel in wheels})
     rear_axle = size.length_m / 2 - size.front_overhang_m - size.wheelbase_m
     targets = (rear_axle, rear_axle + size.wheelbase_m)
@@ -100,5 +100,5 @@ def _axle_map(
 
 
 def _exact(values: Floats, low: float, high: float) -> Floats32:
-    """Single precision, never outside the bounds' own single-precision values."""
+    """Convert to single precision, limited to the bounds in single precision."""
     return np.clip(values.astype(np.float32), np.float32(low), np.float32(high))

@@ -1,1 +1,1 @@
-"""How an episode is told: messages, the lockstep's rules, bags, records read from them, and datasets."""
+"""Data of an episode: messages, rules of the lockstep, bags, records read from them, and datasets."""

@@ -1,4 +1,4 @@
-"""Decisions of the lockstep, without ROS: who has reported, when the next step may begin, who is late.
+"""Decides the lockstep, without ROS: who has reported, when the next step begins, who is late.
 
 Step k + 1 begins when every participant has reported step k. Nothing in the loop depends on trailing participants, so
 their reports of step k − 1 suffice. The state machine is pure: reports and the wall time go in, actions come out.
@@ -23,7 +23,7 @@ START_TIMEOUT_S: Final = 120.0
 
 
 class Stage(Enum):
-    """Phase of an episode."""
+    """Stage of an episode's run."""
 
     GATHERING = "gathering"
     STEPPING = "stepping"
@@ -33,7 +33,7 @@ class Stage(Enum):
 
 @dataclass(frozen=True)
 class LockstepConfig:
-    """Who takes part, for how many steps, and the time limits (wall time)."""
+    """Participants, number of steps, and time limits (wall time) of an episode."""
 
     participants: tuple[str, ...]
     steps: int
@@ -41,42 +41,42 @@ class LockstepConfig:
     start_timeout_s: float = START_TIMEOUT_S
     close_timeout_s: float = 60.0
     late_close_timeout_s: float = 2.0
-    """For participants that were late already when the episode was ended because of them."""
+    """Time limit to close for participants whose lateness ended the episode."""
     trailing: frozenset[str] = frozenset()
-    """Participants that may still work on a step while the next one goes on."""
+    """Participants that may still work on a step while the next one runs."""
     outside: tuple[str, ...] = ()
-    """Participants that other programs run."""
+    """Participants that run in other programs."""
     display_names: Mapping[str, str] = field(default_factory=dict)
-    """Names of participants in errors, where the participant's name does not say which program it is."""
+    """Names for errors, for participants whose own name does not tell which program they are."""
 
     def step_limit_s(self, step: int) -> float:
-        """Wall time for a step. In the first one, programs may compile loops, as they do while they start."""
+        """Wall time allowed for a step. At the first step programs may still compile code, as during their start."""
         return self.step_timeout_s if step else max(self.step_timeout_s, self.start_timeout_s)
 
 
 class LockstepState(NamedTuple):
-    """Progress of one episode. It changes with every report: a tuple is copied quickly."""
+    """Progress of one episode. It is a tuple, because it changes with every report and a tuple is copied quickly."""
 
     stage: Stage = Stage.GATHERING
     step: int = -1
-    """The step under way; −1 before the first."""
+    """The current step; −1 before the first."""
     waiting: frozenset[str] = frozenset()
     owing: frozenset[str] = frozenset()
-    """Trailing participants that have not reported the step before."""
+    """Trailing participants that have not yet reported the previous step."""
     since_s: float = 0.0
-    """Wall time at which the present wait began."""
+    """Wall time at which the current wait began."""
     end: EpisodeEnd = EpisodeEnd.COMPLETE
     reason: str = ""
     steps_closed: int = 0
-    """Number of steps that the episode has, known when it ends."""
+    """Number of steps of the episode, known at its end."""
     late: frozenset[str] = frozenset()
-    """Participants that had not reported when the episode ended; they may hang for ever."""
+    """Participants that had not reported when the episode ended; they may never answer."""
     busy_s: Mapping[str, float] = MappingProxyType({})
     """Wall time by participant, summed over the steps."""
 
     @property
     def late_step(self) -> int:
-        """The earliest step that somebody has not finished."""
+        """The earliest step that some participant has not finished."""
         return self.step - bool(self.owing)
 
     @property
@@ -91,14 +91,14 @@ class LockstepState(NamedTuple):
 
 @dataclass(frozen=True)
 class BeginStep:
-    """Publish the clock of this step."""
+    """Action: publish the clock of this step."""
 
     step: int
 
 
 @dataclass(frozen=True)
 class EndEpisode:
-    """Tell all participants to close."""
+    """Action: tell all participants to close."""
 
     steps: int
     end: EpisodeEnd
@@ -109,17 +109,18 @@ Action = BeginStep | EndEpisode | None
 
 
 def start_lockstep(config: LockstepConfig, now_s: float) -> LockstepState:
-    """The state before anybody has reported."""
+    """The state before any participant has reported."""
     return LockstepState(waiting=frozenset(config.participants), since_s=now_s)
 
 
 def on_report(
     state: LockstepState, report: StepReport, config: LockstepConfig, now_s: float
 ) -> tuple[LockstepState, Action]:
-    """Take in one StepDone.
+    """Process one StepDone; returns the new state and what to do.
 
-    A report that nobody owes, such as a second one of the same step, ends the episode: either it or the one that was
-    counted came from another program. COMPILING of one that is awaited lets its time begin anew.
+    A report that is not expected, such as a second one of the same step, ends the episode: one of the two came from
+    another program. A COMPILING report restarts the participant's time limit.
+
     """
     if state.stage is Stage.CLOSED:
         return state, None
@@ -144,7 +145,7 @@ def on_report(
 
 
 def _refusal(state: LockstepState, report: StepReport, config: LockstepConfig) -> str:
-    """Why a report before the end of the episode ends it; empty: it is the one that the lockstep waits for."""
+    """Reason why a report must end the episode; empty if the lockstep expects the report."""
     if report.participant not in config.participants:
         return f"reports on {STEP_DONE.name}, but takes no part in this episode (parameter `external`)"
     if report.error:
@@ -187,7 +188,7 @@ def on_time(
     now_s: float,
     absent: Callable[[], frozenset[str]] = frozenset,
 ) -> tuple[LockstepState, Action]:
-    """Notice a participant that does not answer; the error names it.
+    """Check the time limits; the error names a participant that does not answer.
 
     Args:
         state: The lockstep now.
@@ -214,9 +215,9 @@ def on_time(
 
 
 def first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
-    """Participants that wait for no other late one: neither for its messages nor, before step 0, for its publisher.
+    """Late participants that do not wait for another late one: for its messages or, before step 0, for its publisher.
 
-    Where each waits for another one, all of them.
+    If each waits for another, it gives all of them.
     """
     return frozenset(name for name in waiting if not upstream_of(name, lagged=gathering) & waiting) or waiting
 
@@ -224,7 +225,7 @@ def first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
 def on_interrupt(
     state: LockstepState, config: LockstepConfig, now_s: float, reason: str
 ) -> tuple[LockstepState, Action]:
-    """The user asked to stop."""
+    """Handle the user's request to stop."""
     if state.stage in {Stage.CLOSING, Stage.CLOSED}:
         return state, None
     return _close(state, EpisodeEnd.INTERRUPTED, reason, config, now_s)
@@ -233,7 +234,7 @@ def on_interrupt(
 def on_failure(
     state: LockstepState, config: LockstepConfig, now_s: float, reason: str, gone: frozenset[str] = frozenset()
 ) -> tuple[LockstepState, Action]:
-    """Something outside the reports failed, such as a participant's process that exited.
+    """Handle a failure outside the reports, such as a participant's process that exited.
 
     Args:
         state: The lockstep now.
@@ -257,15 +258,16 @@ def on_failure(
 
 
 def _end_with_fault(state: LockstepState) -> EpisodeEnd:
-    """How an episode ends that a participant does not close: one that was interrupted stays interrupted."""
+    """How an episode ends if a participant does not close: an interrupted episode stays interrupted."""
     return EpisodeEnd.FAILED if state.end is EpisodeEnd.COMPLETE else state.end
 
 
 def on_closed(state: LockstepState, closed: frozenset[str]) -> LockstepState:
-    """Participants of a failed episode that have closed, whether or not their reports arrived.
+    """Note participants of a failed episode that have closed, even without a report.
 
-    Where another program floods the topic of the reports, some are lost. A complete episode waits for each of them: it
-    may hold an error.
+    If another program floods the topic of reports, some reports are lost. A complete episode waits for all of them,
+    because a report may carry an error.
+
     """
     if state.stage is not Stage.CLOSING or state.end is not EpisodeEnd.FAILED or not state.waiting & closed:
         return state
@@ -276,7 +278,7 @@ def on_closed(state: LockstepState, closed: frozenset[str]) -> LockstepState:
 def on_departure(
     state: LockstepState, config: LockstepConfig, now_s: float, gone: frozenset[str], reason: str
 ) -> tuple[LockstepState, Action]:
-    """Another program that takes part has ended. Until the first step it may come again.
+    """Handle the end of another program that takes part. Before the first step it may come back.
 
     Args:
         state: The lockstep now.
@@ -309,25 +311,26 @@ def _close(
 
 
 MAX_STEPS_AHEAD: Final = 64
-"""At most two steps are in flight: another program sent a message beyond this limit, and it is not kept."""
+"""Messages for a step farther ahead than this are refused: at most two steps run at once, so another program sent
+it."""
 
 
 @dataclass(frozen=True)
 class Input:
-    """A topic a node needs before it acts on a step."""
+    """A topic that a node needs before it acts on a step."""
 
     topic: Topic
     lag_steps: int = 0
-    """1: the message of step k − 1 is an input of step k (and step 0 goes without)."""
+    """With 1, step k needs the message of step k − 1, and step 0 needs none."""
 
     def needed_at(self, step: int) -> bool:
-        """Whether this topic brings a message for a step."""
+        """Whether this topic has a message for a step."""
         source = step - self.lag_steps
         return source >= 0 and source % self.topic.period_steps == 0
 
 
 def once(topic: Topic, earlier: object) -> None:
-    """Refuse a second message on a topic that is published once.
+    """Refuse a second message on a topic with a single message.
 
     Args:
         topic: Where a message has come.
@@ -349,11 +352,11 @@ class TickJoin:
         self.next_step = 0
 
     def add(self, inputs: tuple[Input, ...]) -> None:
-        """Wait for further topics too; only before the first message."""
+        """Add topics to wait for; only before the first message."""
         self._inputs.update({item.topic.name: item for item in inputs})
 
     def offer(self, topic_name: str, message_step: int, message: Any) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Take in a message; yield every step that is now complete with its messages by topic name.
+        """Take a message; yield every step that is now complete, with its messages by topic name.
 
         Raises:
             EpisodeError: The message belongs to a step that was handed out already or cannot have begun, or came

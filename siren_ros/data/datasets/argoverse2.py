@@ -1,4 +1,4 @@
-"""Argoverse 2 motion forecasting: a scenario for each vehicle and each frame with a whole window, and the vector map.
+"""Exports Argoverse 2 motion forecasting: scenarios and the vector map.
 
 Format: https://github.com/argoverse/av2-api, ``src/av2/map``. The map's coordinates are those of the ``map`` frame:
 right-handed.
@@ -28,14 +28,14 @@ from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass
 
 _SEGMENT_POINTS: Final = 10
-"""Argoverse 2 gives boundaries and centre lines ten points; longer lanes get one more every five metres."""
+"""Number of points of boundaries and centre lines in Argoverse 2; longer lanes get one more every five metres."""
 _SPACING_M: Final = 5.0
 _SIMPLE_M: Final = 0.05
 STEPS: Final = 110
-"""11 s at 10 Hz: 5 s observed, 6 s to predict."""
+"""Frames of a scenario: 11 s at 10 Hz, of which 5 s are observed and 6 s are to predict."""
 OBSERVED: Final = 50
 FOCAL, SCORED, UNSCORED, FRAGMENT = 3, 2, 1, 0
-"""Argoverse 2's track categories: predicted, whole, with its present, without."""
+"""Track categories of Argoverse 2: to be predicted, complete, present at the current frame, other."""
 AV: Final = "AV"
 _TYPE_OF_CLASS: Final = {
     ActorClass.BUS: "bus",
@@ -83,7 +83,7 @@ def _segment(index: int, lane: GraphLane, graph: dict[int, GraphLane]) -> dict[s
 
 
 def resampled(points: Points, count: int) -> Points:
-    """The same line by some points at equal distances; shape ``(count, 2)``."""
+    """Resample a line at equal distances; shape ``(count, 2)``."""
     step = np.hypot(*np.diff(points, axis=0).T)
     arc = np.concatenate(([0.0], np.cumsum(step)))
     places = np.linspace(0.0, arc[-1], count)
@@ -91,7 +91,7 @@ def resampled(points: Points, count: int) -> Points:
 
 
 def drivable_areas(network: RoadNetwork, graph: dict[int, GraphLane]) -> list[Points]:
-    """Outlines of lanes and junctions as one area; holes stay open by being left out, as Argoverse 2 has none."""
+    """Outlines of lanes and junctions as one area. Holes are left out of it, since Argoverse 2 has none."""
     shapes = [shape.buffer(_SIMPLE_M) for shape in driven_shapes(network, graph) if not shape.is_empty]
     joined = unary_union(shapes).simplify(_SIMPLE_M)
     pieces = [piece for part in getattr(joined, "geoms", [joined]) for piece in _without_holes(part)]
@@ -99,7 +99,7 @@ def drivable_areas(network: RoadNetwork, graph: dict[int, GraphLane]) -> list[Po
 
 
 def _without_holes(polygon: Polygon) -> list[Polygon]:
-    """Pieces without holes that together are the polygon: it is cut through its holes."""
+    """Split a polygon into pieces without holes, by cuts through the holes."""
     if not polygon.interiors:
         return [polygon]
     x = Polygon(polygon.interiors[0]).centroid.x
@@ -115,7 +115,7 @@ def _without_holes(polygon: Polygon) -> list[Polygon]:
 
 
 def _crossing(index: int, outline: Points) -> dict[str, Any]:
-    """Its two long edges, which run in one direction."""
+    """A pedestrian crossing by its two long edges, which run in the same direction."""
     a, b, c, d = outline[:4]
     edges = ((a, b), (d, c)) if np.hypot(*(b - a)) >= np.hypot(*(c - b)) else ((b, c), (a, d))
     return {"id": index, "edge1": _points(np.array(edges[0])), "edge2": _points(np.array(edges[1]))}
@@ -126,7 +126,7 @@ def _points(points: Points) -> list[dict[str, float]]:
 
 
 class Argoverse2Exporter:
-    """Writes a folder for each scenario; the map of an episode is stored once and linked."""
+    """Writes one folder per scenario. The map of an episode is stored once and linked."""
 
     def __init__(self, population: str, stride: str) -> None:
         try:
@@ -138,7 +138,7 @@ class Argoverse2Exporter:
         self._population = population
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes scenarios and the map; all tracks of the episode are in memory."""
+        """Write scenarios and the map; all tracks of the episode are in memory."""
         record = source.record()
         tracks = tracks_of(record)
         emv = min(record.emv_ids, default=0)
@@ -156,7 +156,7 @@ class Argoverse2Exporter:
         return EpisodeReport({"scenarios": classes.total()}, dict(classes))
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Gives each scenario its folder below its split."""
+        """Give each scenario its folder below its split."""
         for split in ("train", "val", "test"):
             (folder / split).mkdir()
         for part in parts:
@@ -167,14 +167,17 @@ class Argoverse2Exporter:
 
 
 def scenario_id(episode_id: str, actor_id: int, frame: int) -> str:
-    """``S2-L2-seed0-town-v12-f000049``: without underscores, at which readers split names; the frame is the present."""
+    """Name of a scenario, such as ``S2-L2-seed0-town-v12-f000049``; the frame is the present.
+
+    It has no underscores, because readers split names there.
+    """
     return f"{episode_id.replace('_', '-')}-v{actor_id}-f{frame:06d}"
 
 
 def scenario_table(
     windows: Sequence[Track], focal_id: int, emv_id: int, first: int, name: str, city: str
 ) -> dict[str, Any]:
-    """Columns of a scenario's file: all vehicles that are there at one of its frames, their tracks cut to them."""
+    """Columns of a scenario's file: tracks of the vehicles present at one of its frames, cut to its frames."""
     counts = [len(track) for track in windows]
     ids = [AV if track.actor.actor_id == emv_id else str(track.actor.actor_id) for track in windows]
     kinds = [_TYPE_OF_CLASS.get(track.actor.actor_class, "vehicle") for track in windows]
@@ -218,7 +221,7 @@ def _category(track: Track, focal_id: int, first: int) -> int:
 
 
 def parquet_bytes(columns: dict[str, Any]) -> bytes:
-    """A Parquet file of a table's columns."""
+    """A table's columns as a Parquet file."""
     buffer = io.BytesIO()
     pq.write_table(pa.table(columns), buffer, compression="zstd")
     return buffer.getvalue()

@@ -28,14 +28,14 @@ from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
 
 _BORDERS, _SURFACES = 600_000, 800_000
 _SIGNS, _LIGHTS, _JUNCTIONS, _INCOMINGS = 1_000_000, 2_000_000, 3_000_000, 4_000_000
-"""First ids of each kind; all ids of a scenario differ."""
+"""First ids of each kind of element; all ids of a scenario must differ."""
 _COLOUR: Final = {"r": "red", "u": "redYellow", "y": "yellow", "g": "green", "s": "green", "o": "inactive"}
-"""Of SUMO's letters, capital or not; ``s`` is a green arrow."""
+"""CommonRoad's colour for each of SUMO's letters, in either case; ``s`` is a green arrow."""
 _DIRECTION: Final = {"s": "straight", "l": "left", "L": "left", "t": "left", "r": "right", "R": "right"}
 _KIND: Final = {LaneKind.INTERNAL: "intersection", LaneKind.SHOULDER: "shoulder"}
 _UNMARKED: Final = ("no_marking", "no_marking")
 _OPPOSITE_M: Final = 1.0
-"""Left boundaries of opposite lanes that are this near each other are one line."""
+"""Left boundaries of opposite lanes that are nearer than this count as one line."""
 VERSION: Final = "2020a"
 _TYPE_OF_CLASS: Final = {
     ActorClass.TRUCK: "truck",
@@ -49,7 +49,7 @@ _OBSTACLES: Final = 6_000_000
 _GOAL_LENGTH_M: Final = 10.0
 _GOAL_WIDTH_M: Final = 4.0
 _UNKNOWN_PLACE: Final = {"geoNameId": -999, "gpsLatitude": 999, "gpsLongitude": 999}
-"""What CommonRoad writes where a map has no place on earth."""
+"""Values that CommonRoad uses for a map without a place on earth."""
 
 
 def lanelet_id(lane: int) -> int:
@@ -58,7 +58,7 @@ def lanelet_id(lane: int) -> int:
 
 
 def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
-    """Adds lanelets, signs, lights and intersections, in the order of the schema.
+    """Add lanelets, signs, lights and intersections, in the order of the schema.
 
     ``arm_names`` is the head of the names of the lanelets that leave an arm of an intersection.
     """
@@ -100,7 +100,7 @@ def _add_lanelet(root: Element, number: int, bounds: Bounds, markings: tuple[str
 
 
 def _markings(lane: GraphLane) -> tuple[str, str]:
-    """Of the left and the right boundary."""
+    """Line markings of the left and the right boundary."""
     if lane.in_junction:
         return _UNMARKED
     left, right = (
@@ -136,7 +136,7 @@ def _describe(
 
 
 def _lights(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, dict[int, Connection]]:
-    """Lights by the lane at which they stand and by their ids, one for each direction."""
+    """Traffic lights by the lane at which they stand and by their ids; one light per direction."""
     by_direction: dict[tuple[int, str], Connection] = {}
     for connection in network.connections:
         if connection.signal_id is not None and connection.from_lane in graph:
@@ -161,7 +161,7 @@ def _cycles(record: EpisodeRecord) -> dict[str, list[str]]:
 def _add_light(
     root: Element, number: int, connection: Connection, graph: Mapping[int, GraphLane], cycles: Mapping[str, list[str]]
 ) -> None:
-    """A light whose cycle is what was recorded, from the start of the episode to its end."""
+    """Add a light whose cycle is the recorded one, from the start of the episode to its end."""
     states = cycles.get(str(connection.signal_id), [])
     colours = [_COLOUR.get(state[connection.signal_link].lower(), "inactive") for state in states] or ["inactive"]
     light_element = child(root, "trafficLight", id=number)
@@ -173,7 +173,7 @@ def _add_light(
 
 
 def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, int]:
-    """The lane of the other direction that shares the left boundary of each leftmost lane."""
+    """For each leftmost lane, the lane of the opposite direction that shares its left boundary."""
     outer: dict[tuple[str, str], list[int]] = {}
     for index, lane in graph.items():
         edge = network.edges[lane.lane.edge]
@@ -190,7 +190,7 @@ def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dic
 
 
 def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane], arm_names: str) -> None:
-    """The junctions with paths across them: lanes of each road into one, and first lanelets by direction."""
+    """Add junctions with their incoming lanes by road, and the first lanelets of each direction."""
     by_junction: dict[str, dict[int, list[Connection]]] = {}
     for connection in network.connections:
         if connection.via and connection.from_lane in graph and connection.via[0] in graph:
@@ -215,7 +215,7 @@ def _add_point(parent: Element, place: Points) -> None:
 
 
 class CommonRoadExporter(FilesExporter):
-    """One XML file for each episode."""
+    """Writes one XML file per episode."""
 
     by_split = True
 
@@ -223,7 +223,7 @@ class CommonRoadExporter(FilesExporter):
         self._arm_names = intersections
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes the scenario; all tracks of the episode are in memory."""
+        """Write the scenario; all tracks of the episode are in memory."""
         record = source.record().right_hand
         tracks = tracks_of(record)
         emv_id = min(record.emv_ids)
@@ -250,7 +250,7 @@ def obstacle_type(actor_class: ActorClass) -> str:
 
 
 def benchmark_id(description: EpisodeDescription) -> str:
-    """CommonRoad's name: ``ZAM_SirenS2town-1_1_T-1``; ZAM is its country of what is nowhere."""
+    """Benchmark id such as ``ZAM_SirenS2town-1_1_T-1``; ZAM is CommonRoad's country code for fictitious places."""
     letters = "".join(letter for letter in f"{description.template}{description.map_name}" if letter.isalnum())
     return f"ZAM_Siren{letters}-{description.seed + 1}_1_T-1"
 
@@ -295,7 +295,7 @@ def _add_state(state: Element, track: Track, row: int) -> None:
 
 
 def _add_problem(root: Element, emv: Track) -> None:
-    """From where the EMV starts to where it is at the end."""
+    """The planning problem: from the EMV's start to its last place."""
     problem = child(root, "planningProblem", id=_PROBLEM + emv.actor.actor_id)
     state = child(problem, "initialState")
     _add_state(state, emv, 0)

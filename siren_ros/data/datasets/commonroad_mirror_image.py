@@ -1,4 +1,4 @@
-"""The mirror image of a CommonRoad scenario about its x axis.
+"""Mirrors a CommonRoad scenario about its x axis.
 
 A scenario with left-hand traffic is written as the mirror image of one with right-hand traffic.
 """
@@ -10,9 +10,9 @@ from siren_ros.simulation.roads.mirror_image import OTHER_SIDE, negated
 
 _SIDES: Final = ("left", "right", "Left", "Right")
 _LANELET: Final = ("leftBound", "rightBound", "predecessor", "successor", "adjacentLeft", "adjacentRight")
-"""Tags below a lanelet in the order of the schema; the others come after them."""
+"""Tags of a lanelet that come first, in the order of the schema."""
 _ARMS: Final = ("incomingLanelet", "Right", "Straight", "Left")
-"""Ends of the tags below an arm of an intersection, in the order of the schema."""
+"""Endings of the tags of an intersection's arm, in the order of the schema."""
 
 
 def mirror_commonroad(root: Element) -> None:

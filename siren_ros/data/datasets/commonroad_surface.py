@@ -1,4 +1,4 @@
-"""The road's surface in lanelets: neighbours share a boundary, followers begin where lanes end, and no gaps remain.
+"""Builds lanelets that cover the road's surface without gaps: neighbours share a boundary, successors join.
 
 CommonRoad's tools take the union of all lanelets for the road and everything else for an obstacle. So a slit between
 two lanelets, or the middle of a junction that no path crosses, would stop a vehicle that drives over it.
@@ -20,13 +20,13 @@ from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.scenario.driver_parameters import PullOverConfig
 
 BORDER_M: Final = PullOverConfig().overhang_max_m
-"""Width of the strip beside a road that a body may reach over, where drivers make way."""
+"""Width of the strip beside a road over which a vehicle's body may reach when its driver makes way."""
 _ONE_LINE_M: Final = 0.5
-"""Boundaries of neighbours that are this near each other are one line; ends of followers, twice this near."""
+"""Boundaries of neighbours nearer than this are one line; for the ends of successors the limit is twice this."""
 _STRAIGHT_M: Final = 0.005
-"""A vertex that moves no boundary of a road by more than this is left out."""
+"""A vertex is left out if no boundary moves by more than this."""
 _CORNER_M: Final = 4.0
-"""Gaps between the paths across a junction up to twice this wide are paved, as in the 3-D scene."""
+"""Gaps between the paths across a junction are paved if they are narrower than twice this, as in the 3-D scene."""
 _MOUTH_M: Final = 3.0
 """Length of the lane ends that count as part of a junction."""
 _OVERLAP_M: Final = 0.2
@@ -36,23 +36,23 @@ _SMALLEST_M2: Final = 0.01
 
 @dataclass
 class Bounds:
-    """Both boundaries of a lanelet in driving direction, as many points each, shape ``(K, 2)``."""
+    """Both boundaries of a lanelet in driving direction, with equally many points, shape ``(K, 2)``."""
 
     left: Points
     right: Points
 
     @property
     def turned(self) -> "Bounds":
-        """The same in the other direction."""
+        """The boundaries of the opposite driving direction."""
         return Bounds(self.right[::-1], self.left[::-1])
 
     def polygon(self) -> Polygon:
-        """The area between them."""
+        """The area between the boundaries."""
         return Polygon(np.concatenate((self.left, self.right[::-1])))
 
 
 def lanelet_bounds(graph: Mapping[int, GraphLane], opposite: Mapping[int, int]) -> dict[int, Bounds]:
-    """The boundaries of each lane, which meet those of its neighbours, followers and forerunners.
+    """The boundaries of each lane, joined to those of its neighbours, successors and predecessors.
 
     ``opposite`` names the lane of the other direction that shares the left boundary of a lane.
     """
@@ -87,7 +87,7 @@ def _rightmost(graph: Mapping[int, GraphLane], index: int) -> int:
 
 
 def _shared(lanes: Sequence[Bounds]) -> list[Bounds]:
-    """Boundaries of the lanes of one road from the right to the left, with vertices at the same places."""
+    """Boundaries of the lanes of one road from right to left; all have vertices at the same positions."""
     lines = [line for lane in lanes for line in (lane.right, lane.left)]
     moved, common = _at_common_shares(lines)
     for left, right in zip(range(1, len(lines) - 1, 2), range(2, len(lines), 2), strict=True):
@@ -98,7 +98,7 @@ def _shared(lanes: Sequence[Bounds]) -> list[Bounds]:
 
 
 def _unfolded(lane: GraphLane) -> Bounds:
-    """Boundaries of a lane; in a bend tighter than half its width the inner one would run backwards."""
+    """Boundaries of a lane. In a bend tighter than half the lane's width the inner boundary must not run backwards."""
     bounds = Bounds(lane.left, lane.right)
     if bounds.polygon().is_valid:
         return bounds
@@ -112,13 +112,13 @@ def _unfolded(lane: GraphLane) -> Bounds:
 
 
 def _shares(line: Points) -> Floats:
-    """How far along a line its vertices are, from 0 to 1."""
+    """Position of each vertex along a line, from 0 to 1."""
     way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
     return way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(line))
 
 
 def _at_common_shares(lines: Sequence[Points]) -> tuple[list[Points], Floats]:
-    """The lines with vertices at the shares of all of them, and these shares."""
+    """Give all lines vertices at the same positions; returns the lines and these positions."""
     shares = [_shares(line) for line in lines]
     common = np.unique(np.concatenate(shares).round(9))
     moved = [
@@ -129,7 +129,7 @@ def _at_common_shares(lines: Sequence[Points]) -> tuple[list[Points], Floats]:
 
 
 def _needed(lines: Floats, share: Floats) -> list[int]:
-    """The vertices without which one of the lines beside each other would move (Douglas and Peucker's algorithm)."""
+    """Vertices needed to keep the shape of several parallel lines (Douglas and Peucker's algorithm)."""
     kept, open_spans = {0, len(share) - 1}, [(0, len(share) - 1)]
     while open_spans:
         first, last = open_spans.pop()
@@ -148,7 +148,7 @@ def _needed(lines: Floats, share: Floats) -> list[int]:
 def _join_ends(
     bounds_of_lane: Mapping[int, Bounds], index: int, lane: GraphLane, graph: Mapping[int, GraphLane]
 ) -> None:
-    """Moves the start of a lane to the end of the one before it, and the end of a path to the start of its road."""
+    """Move the start of a lane to the end of its predecessor, and the end of a path to the start of its road."""
     bounds = bounds_of_lane[index]
     before = sorted(lane.predecessors, key=lambda other: graph[other].in_junction)
     roads = [other for other in lane.successors if not graph[other].in_junction]
@@ -166,7 +166,7 @@ def _join_ends(
 def border_strips(
     graph: Mapping[int, GraphLane], bounds: Mapping[int, Bounds], opposite: Mapping[int, int]
 ) -> list[Bounds]:
-    """What lies beside the roads as far as a body may reach over their edges, in driving direction."""
+    """Strips beside the roads over which a vehicle's body may reach, in driving direction."""
     strips = []
     for index, lane in graph.items():
         if lane.in_junction:
@@ -180,7 +180,7 @@ def border_strips(
 
 
 def junction_surfaces(network: RoadNetwork, bounds: Mapping[int, Bounds]) -> list[Bounds]:
-    """The paved part of each junction: its paths and the ends of its lanes, with the gaps between these filled."""
+    """The paved part of each junction: its paths, the ends of its lanes, and the gaps between these."""
     areas = [lanelet.polygon().buffer(0.0) for lanelet in bounds.values()]
     tree = shapely.STRtree(areas)
     surfaces = []
@@ -198,7 +198,7 @@ def junction_surfaces(network: RoadNetwork, bounds: Mapping[int, Bounds]) -> lis
 
 
 def _without_holes(area: Polygon) -> list[Polygon]:
-    """The area, cut through the middle of its holes."""
+    """Split an area by cuts through the middle of its holes."""
     if not area.interiors:
         return [area]
     _, south, _, north = area.bounds
@@ -208,7 +208,7 @@ def _without_holes(area: Polygon) -> list[Polygon]:
 
 
 def _as_bounds(area: Polygon) -> Bounds:
-    """A polygon as two boundaries from its first corner to the one that is furthest from it."""
+    """A polygon as two boundaries, from its first corner to the corner farthest from it."""
     ring = shapely.get_coordinates(area.exterior)[:: -1 if area.exterior.is_ccw else 1]
     furthest = int(np.hypot(*(ring - ring[0]).T).argmax())
     (left, right), _ = _at_common_shares((ring[: furthest + 1], ring[furthest:][::-1]))

@@ -1,4 +1,4 @@
-"""Exports many bags at once as one dataset, with splits and a card that says what it was made of."""
+"""Exports many bags as one dataset, with splits and a card that describes its sources."""
 
 import json
 from collections import Counter
@@ -21,7 +21,7 @@ from siren_ros.simulation.scenario.splits import Split, split_of
 
 SPLITS: Final = ("train", "val", "test")
 AUTO: Final = "auto"
-"""Each episode in the split that ``siren_ros.simulation.scenario.splits`` fixes for it."""
+"""Value that assigns each episode to the split that ``siren_ros.simulation.scenario.splits`` fixes for it."""
 
 
 def card(
@@ -31,7 +31,7 @@ def card(
     parts: Sequence[EpisodePart],
     licence: str,
 ) -> dict[str, Any]:
-    """The card as JSON types. No time, no host, no path: the same bags give the same card."""
+    """The card as JSON types. It has no time, host or path, so that the same bags give the same card."""
     counts: Counter[str] = Counter()
     classes: Counter[str] = Counter()
     for part in parts:
@@ -60,7 +60,7 @@ def card_of(
     classes: Mapping[str, int],
     licence: str,
 ) -> dict[str, Any]:
-    """A card of episodes that each have an id, a split, a map and its licence; ``sources`` stands in the command."""
+    """The card of a dataset of episodes, each with id, split, map and licence; ``sources`` appears in the command."""
     words = [f"--{name} {value}" for name, value in options.items()]
     splits = dict.fromkeys([*(split.value for split in Split), *(episode["split"] for episode in episodes)])
     return {
@@ -99,14 +99,14 @@ _VIDEO_COLUMNS: Final[_Columns] = {
 
 
 def _episode_rows(episodes: Sequence[Mapping[str, Any]]) -> str:
-    """The episodes as a table: of bags, or of videos."""
+    """The episodes as a Markdown table, for datasets of bags or of videos."""
     columns = _BAG_COLUMNS if "bag_sha256" in episodes[0] else _VIDEO_COLUMNS
     head = [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
     return "\n".join([*head, *(f"| {' | '.join(show(item) for show in columns.values())} |" for item in episodes)])
 
 
 def readme(content: Mapping[str, Any]) -> str:
-    """The same for people."""
+    """The card as Markdown text for people."""
     counts = {"episodes": len(content["episodes"]), **content["counts"]}
     made_with = f"Made by SIREN {content['made_with']['siren_ros']} with `{content['made_with']['command']}`."
     blocks = [
@@ -140,7 +140,10 @@ def readme(content: Mapping[str, Any]) -> str:
 
 
 def write_card(folder: Path, content: Mapping[str, Any]) -> None:
-    """Writes card, README and metadata into a dataset's folder; a README of the format stays at its head."""
+    """Write card, README and metadata into a dataset's folder.
+
+    A README of the format stays at the start of the file.
+    """
     (folder / CARD_FILE).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     file = folder / README_FILE
     head = file.read_text(encoding="utf-8") + "\n" if file.exists() else ""
@@ -151,7 +154,7 @@ def write_card(folder: Path, content: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class ExportJob:
-    """What is asked for."""
+    """Settings of an export."""
 
     format: Format
     options: Mapping[str, str]
@@ -164,11 +167,11 @@ class ExportJob:
 
 @dataclass(frozen=True)
 class ExportResult(Brief):
-    """What became of it."""
+    """Result of an export."""
 
     card: Mapping[str, Any]
     notes: tuple[str, ...]
-    """What is lost, one line for each bag that is not whole."""
+    """Data that was lost: one line for each damaged bag."""
 
     def facts(self) -> dict[str, object]:
         """The dataset's name and counts."""
@@ -184,7 +187,7 @@ class ExportResult(Brief):
 def run_export(
     job: ExportJob, announce: Callable[[float], None] = lambda _: None, progress: Progress = lambda _: None
 ) -> ExportResult:
-    """Exports all bags; nothing has the final name before everything is there.
+    """Export all bags. The dataset gets its final name only when it is complete.
 
     ``announce`` is called with the simulated seconds of all bags before the first is exported. Raises InputError: the
     place is taken or cannot be written, an option is unknown, or a bag cannot be used.

@@ -1,4 +1,4 @@
-"""Files of a dataset: written in the background, staged until all are complete; elements of XML."""
+"""Writes the files of a dataset: in the background, staged until all are complete. It also builds XML elements."""
 
 import fcntl
 import json
@@ -18,15 +18,15 @@ from siren_ros.base.params import plain_json
 from siren_ros.errors import InputError, writing
 
 _QUEUE_PER_THREAD: Final = 4
-"""Files that may wait for a thread: bounds the memory, however long the episode."""
+"""Number of files that may wait per thread; it bounds the memory for episodes of any length."""
 _JOB: Final = "job.json"
 
 
 class FileWriter:
-    """Writes files below a folder. Use it as a context: leaving it waits for all files."""
+    """Writes files below a folder. As a context manager, it waits for all files at its end."""
 
     def __init__(self, folder: Path, threads: int = 1, progress: Callable[[float], None] = lambda _: None) -> None:
-        """A writer into a folder that exists. With one thread, files are written where ``write`` is called.
+        """Prepare to write into an existing folder. With one thread, ``write`` writes the file itself.
 
         ``progress`` is called with the simulated time in seconds that has been exported.
         """
@@ -39,7 +39,7 @@ class FileWriter:
         self._growing: dict[str, BufferedWriter] = {}
 
     def write(self, name: str, make: bytes | Callable[[], bytes]) -> None:
-        """Writes one file; ``make`` gives its content where that costs time, and is called in a thread.
+        """Write one file. ``make`` is its content, or a function that a thread calls to compute it.
 
         Raises InputError: this or an earlier file cannot be written.
         """
@@ -56,7 +56,7 @@ class FileWriter:
         self._pool.submit(_write, path, make).add_done_callback(self._done)
 
     def append(self, name: str, text: str) -> None:
-        """Adds text to the end of a file, at once; the file stays open for more."""
+        """Append text to a file at once; the file stays open."""
         path = self.folder / name
         with writing(path, "place"):
             if name not in self._growing:
@@ -81,7 +81,7 @@ class FileWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for file in self._growing.values():
-            with suppress(OSError):  # the write that the full disk refused has raised its error already
+            with suppress(OSError):  # the failed write has raised its error already
                 file.close()
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=kind is not None)
@@ -96,26 +96,29 @@ def _write(path: Path, make: bytes | Callable[[], bytes]) -> None:
 
 
 class Staging:
-    """``.NAME.partial`` beside the dataset's final place. What is finished in it is kept for the next try."""
+    """The folder ``.NAME.partial`` beside the dataset's final place.
+
+    A later attempt continues with its finished parts.
+    """
 
     def __init__(self, out: Path) -> None:
-        self.out = Path(os.path.abspath(out))  # noqa: PTH100 - without following a link that is there already
+        self.out = Path(os.path.abspath(out))  # noqa: PTH100 - an existing link is not resolved
         self.path = self.out.parent / f".{self.out.name}.partial"
 
     def check_free(self) -> None:
-        """Refuses a final place that is taken.
+        """Check that the final place is free.
 
         Raises InputError: something is there already that is not an empty folder.
         """
         with writing(self.out, "place"):
-            link = self.out.is_symlink()  # the move to the final name would not follow it
+            link = self.out.is_symlink()  # a rename to the final name does not follow a link
             taken = link or (self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())))
         if taken:
             raise InputError("out", str(self.out), "a folder that is new or empty")
 
     @contextmanager
     def opened(self, job: Mapping[str, Any]) -> Iterator[None]:
-        """Makes the folder, or takes up what an interrupted export of the same job left in it.
+        """Create the folder, or continue with the folder of an interrupted export of the same job.
 
         Raises InputError: another job's unfinished export is there, somebody else writes it now, or it cannot be made.
         """
@@ -148,7 +151,7 @@ class Staging:
         return self.path / "parts" / f"{index:06d}"
 
     def report_of(self, index: int) -> dict[str, Any] | None:
-        """What was noted of a finished part; None where it is not finished."""
+        """The stored report of a finished part; None if the part is not finished."""
         file = self.part(index).with_suffix(".json")
         with suppress(OSError, ValueError):
             report: dict[str, Any] = plain_json.read(file)
@@ -156,7 +159,7 @@ class Staging:
         return None
 
     def finish_part(self, index: int, report: Mapping[str, Any]) -> None:
-        """Notes that a part is finished."""
+        """Store the report of a part, which marks it as finished."""
         file = self.part(index).with_suffix(".json")
         growing = file.with_suffix(".growing")
         with writing(file, "place"):
@@ -169,25 +172,25 @@ class Staging:
         return self.path / "dataset"
 
     def new(self, folder: Path) -> Path:
-        """Empties the folder of a part or of the dataset; what an interrupted try left in it goes away."""
+        """Empty the folder of a part or of the dataset; files of an interrupted attempt are deleted."""
         with writing(folder, "place"):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
         return folder
 
     def publish(self, folder: Path) -> None:
-        """Gives a folder the final name; InputError where that has been taken meanwhile."""
+        """Rename a folder to the final name; InputError if the name has been taken meanwhile."""
         with writing(self.out, "place"):
             folder.rename(self.out)
         self.remove()
 
     def remove(self) -> None:
-        """Takes the hidden folder away."""
+        """Delete the hidden folder."""
         shutil.rmtree(self.path, ignore_errors=True)
 
 
 def link(source: Path, target: Path) -> None:
-    """Gives a file a second name, or copies it where the file system has no links; a target that is there stays."""
+    """Hard-link a file, or copy it where the file system has no links; an existing target stays."""
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.exists():
         return
@@ -198,7 +201,7 @@ def link(source: Path, target: Path) -> None:
 
 
 def link_tree(source: Path, target: Path) -> None:
-    """Links all files below a folder to the same places below another one."""
+    """Link all files below a folder to the same places below another folder."""
     for path in sorted(source.rglob("*")):
         if path.is_file():
             link(path, target / path.relative_to(source))
@@ -207,7 +210,7 @@ def link_tree(source: Path, target: Path) -> None:
 
 
 def write_image_sets(folder: Path, sets: Mapping[str, Sequence[int]]) -> None:
-    """Writes ``ImageSets/NAME.txt`` with the frame numbers of each set, as KITTI and OpenPCDet have them."""
+    """Write ``ImageSets/NAME.txt`` with the frame numbers of each set, as KITTI and OpenPCDet expect."""
     (folder / "ImageSets").mkdir(exist_ok=True)
     for name, numbers in sets.items():
         (folder / "ImageSets" / f"{name}.txt").write_text("".join(f"{number:06d}\n" for number in numbers))
@@ -219,7 +222,7 @@ def number_text(value: float, decimals: int) -> str:
 
 
 def child(parent: Element, path: str, text: object = None, **attributes: object) -> Element:
-    """Adds an element and those above it in its path; numbers are written with at most six decimals."""
+    """Add an element, and missing elements of its path; numbers are written with at most six decimals."""
     *above, tag = path.split("/")
     for name in above:
         parent = SubElement(parent, name)
@@ -230,7 +233,7 @@ def child(parent: Element, path: str, text: object = None, **attributes: object)
 
 
 def children(parent: Element, **texts: object) -> Element:
-    """Adds an element with a text for each tag, and returns the parent."""
+    """Add one element with text per tag, and return the parent."""
     for tag, text in texts.items():
         child(parent, tag, text)
     return parent
@@ -246,6 +249,6 @@ def value_text(value: Any) -> str:
 
 
 def document(root: Element) -> bytes:
-    """A whole file."""
+    """An XML document as bytes."""
     indent(root, " ")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"

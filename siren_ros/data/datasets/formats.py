@@ -1,4 +1,4 @@
-"""The table of dataset formats: one entry for each; its writer is loaded when it is asked for."""
+"""The table of dataset formats: one entry each. An exporter is loaded only when it is used."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,34 +24,34 @@ class Option:
     name: str
     default: str
     allowed: tuple[str, ...]
-    """Values; empty where any text is taken."""
+    """Allowed values; empty if any text is allowed."""
     help: str
     waives: Mapping[str, tuple[Need, ...]] = field(default_factory=dict)
-    """By value: what a bag then need not have."""
+    """Requirements on the bag that a value makes unnecessary."""
 
     @property
     def is_flag(self) -> bool:
-        """Whether the option may stand alone: ``--region``."""
+        """Whether the option may be given without a value, as ``--region``."""
         return self.allowed == FLAG
 
 
 @dataclass(frozen=True)
 class Format:
-    """One line of the table of formats."""
+    """One entry of the table of formats."""
 
     name: str
     summary: str
     needs: tuple[Need, ...]
     exporter: str
-    """Where its writer is: ``module:class``, loaded when it is asked for."""
+    """Class of the exporter as ``module:class``, loaded when it is used."""
     options: tuple[Option, ...] = ()
     extra: str = ""
-    """Extra of the package that brings what the writer imports; empty where nothing more is needed."""
+    """Extra of the package with the exporter's dependencies; empty if it has none."""
     command: str = "siren export"
-    """The command that writes it, which the dataset's card names."""
+    """The command that writes this format; the dataset's card shows it."""
 
     def needs_with(self, options: Mapping[str, str]) -> tuple[Need, ...]:
-        """What a bag must hold for a set of options."""
+        """What a bag must contain for these options."""
         waived = {
             need for option in self.options for need in option.waives.get(options.get(option.name, option.default), ())
         }
@@ -60,10 +60,10 @@ class Format:
 
 @dataclass(frozen=True)
 class EpisodeReport:
-    """What was written of one episode."""
+    """Statistics of one exported episode."""
 
     counts: Mapping[str, int]
-    """Number of things by their name: frames, boxes, scenarios."""
+    """Number of items by name: frames, boxes, scenarios."""
     classes: Mapping[str, int] = field(default_factory=dict)
     """Class balance: number of labels by class, in the format's names."""
 
@@ -73,22 +73,22 @@ class EpisodePart:
     """One finished episode of a dataset."""
 
     episode_id: str
-    """Unique in the dataset: ``S2_L2_seed0_town``."""
+    """Id that is unique in the dataset, such as ``S2_L2_seed0_town``."""
     index: int
     """Place in the order of the dataset."""
     split: str
-    """A ``Split``, or ``test`` where the user put all episodes there."""
+    """A ``Split``, or ``test`` where the user assigned all episodes to it."""
     folder: Path
     report: EpisodeReport
 
     @property
     def subset(self) -> str:
-        """Its name in the format's files: ``train``, ``val`` or ``test``."""
+        """Name of the split in the format's files: ``train``, ``val`` or ``test``."""
         return self.split.partition("-")[0]
 
 
 class Exporter(Protocol):
-    """Writes one format. Made with the format's options; one object serves one process."""
+    """Writes one format. It is made with the format's options; each process has its own."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Writes one episode into a folder of its own, in any layout that ``assemble`` knows.
@@ -97,11 +97,11 @@ class Exporter(Protocol):
         """
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Makes the dataset of all parts, which stay as they are: files are linked, not moved."""
+        """Assemble the dataset from all parts. The parts do not change: files are linked, not moved."""
 
 
 class FilesExporter:
-    """Base of formats whose dataset is the files of all episodes, in one folder or in a folder for each split.
+    """Base class of formats whose dataset is the files of all episodes, in one folder or in one folder per split.
 
     Episodes on the same map share its file.
     """
@@ -109,7 +109,7 @@ class FilesExporter:
     by_split = False
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Links the files."""
+        """Link the files."""
         for part in parts:
             for path in sorted(part.folder.iterdir()):
                 link(path, folder / (part.subset if self.by_split else "") / path.name)
@@ -220,7 +220,7 @@ FORMATS: Final = {
         ),
     )
 }
-"""By name, in the order in which they are listed."""
+"""Formats by name, in the order in which commands list them."""
 
 
 def format_named(name: str) -> Format:
@@ -231,7 +231,7 @@ def format_named(name: str) -> Format:
 
 
 def load_exporter(dataset_format: Format, options: Mapping[str, str]) -> Exporter:
-    """The writer of a format.
+    """Load the exporter of a format.
 
     Raises InputError: an option is unknown or has a value that is not allowed, or the extra is not installed.
     """

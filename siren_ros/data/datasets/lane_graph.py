@@ -1,4 +1,4 @@
-"""Lanes as trajectory datasets want them: boundaries, successors and neighbours, paths across junctions included."""
+"""Lanes in the form that trajectory datasets need: boundaries, successors, neighbours and paths across junctions."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -15,11 +15,11 @@ from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
 
 @dataclass(frozen=True)
 class GraphLane:
-    """One lane that vehicles use; the others are named by their indices in the road network."""
+    """One lane that vehicles use; indices of the road network name the other lanes."""
 
     lane: Lane
     left: Points
-    """Left boundary in driving direction, as many points as the centre line, shape ``(K, 2)``."""
+    """Left boundary in driving direction, with as many points as the centre line, shape ``(K, 2)``."""
     right: Points
     successors: tuple[int, ...]
     predecessors: tuple[int, ...]
@@ -36,13 +36,13 @@ class GraphLane:
 
     @property
     def outline(self) -> Points:
-        """Corners of its area: the left boundary, and the right one back; shape ``(2 K, 2)``."""
+        """Corners of the lane's area: the left boundary, then the right one backwards; shape ``(2 K, 2)``."""
         outline: Points = np.concatenate((self.left, self.right[::-1]))
         return outline
 
     @property
     def in_junction(self) -> bool:
-        """Whether it is a path across a junction."""
+        """Whether the lane is a path across a junction."""
         return self.lane.kind is LaneKind.INTERNAL
 
 
@@ -75,7 +75,7 @@ def lane_graph(network: RoadNetwork) -> dict[int, GraphLane]:
 
 
 def offset_line(points: Points, left_m: float) -> Points:
-    """A line moved to its left, vertex by vertex along the mean of the normals there; shape of ``points``."""
+    """A line shifted to its left: each vertex moves along the mean of the normals there; same shape as ``points``."""
     along = np.diff(points, axis=0)
     length = np.hypot(along[:, 0], along[:, 1])
     unit = along / np.where(length == 0.0, 1.0, length)[:, None]

@@ -1,4 +1,4 @@
-"""NGSIM files out of recorded episodes, as the published loaders of CSP, STDAN and BAT read them.
+"""Exports NGSIM files that the published loaders of CSP, STDAN and BAT read.
 
 ``traj`` has a row for each sample, ``tracks`` a cell for each data set and vehicle, shape ``(D, V)``. NGSIM's two roads
 are straight with one frame each: x lateral and positive to the right, y forward. To keep what the loaders assume, each
@@ -38,7 +38,7 @@ from siren_ros.simulation.world.traffic_state import Indices
 
 FOOT_M: Final = 0.3048
 LANE_WIDTH_M: Final = 3.5
-"""Of vehicles off the road."""
+"""Lane width for vehicles off the road."""
 _MOTORCYCLE, _CAR, _TRUCK = 1, 2, 3
 _TRUCKS: Final = frozenset({ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK})
 Numbers = npt.NDArray[np.int64]
@@ -48,9 +48,9 @@ CELLS: Final = COLUMNS * CELLS_ALONG
 _CELL_FT: Final = 15.0
 _REACH_FT: Final = 90.0
 OUTSIDE: Final = -1
-"""No cell of the grid."""
+"""Marks a vehicle outside the grid."""
 LATERAL_WINDOW_FRAMES: Final = 40
-"""A lane change within 4 s before or after the present makes a manoeuvre."""
+"""A lane change within this many frames (4 s) before or after the present counts as a manoeuvre."""
 HISTORY_FRAMES: Final = 30
 FUTURE_FRAMES: Final = 50
 _BRAKE: Final = 0.8
@@ -59,7 +59,7 @@ KEEP, LEFT, RIGHT = 1, 2, 3
 NORMAL, BRAKE, ACCELERATE = 1, 2, 3
 _HEADER_BYTES: Final = 116
 _HEADER: Final = b"MATLAB 5.0 MAT-file, written by SIREN"
-"""scipy writes the time there."""
+"""Header of the file; scipy would write the current time here."""
 _WINDOW: Final = HISTORY_FRAMES + 1 + FUTURE_FRAMES
 _SETS: Final = {"train": "TrainSet.mat", "val": "ValSet.mat", "test": "TestSet.mat"}
 _LATERAL: Final = {KEEP: "keep", LEFT: "left", RIGHT: "right"}
@@ -75,7 +75,7 @@ def vehicle_class(actor_class: ActorClass) -> int:
 
 @dataclass(frozen=True)
 class RoadPlaces:
-    """The road at M places; arrays of shape ``(M,)``."""
+    """The place on the road of M poses; arrays of shape ``(M,)``."""
 
     tangent_rad: Floats
     lane_number: Numbers
@@ -85,7 +85,7 @@ class RoadPlaces:
 
 
 def road_places(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, sumo_lane: Indices) -> RoadPlaces:
-    """The road at poses, shapes ``(M, 2)`` and ``(M,)``; SUMO's lane, or NO_LANE, decides where lanes overlap."""
+    """Find the road at poses, shapes ``(M, 2)`` and ``(M,)``; where lanes overlap, SUMO's lane decides (or NO_LANE)."""
     places = locate(network, xy_m, yaw_rad, sumo_lane)
     tangent, number = yaw_rad.copy(), np.zeros(len(yaw_rad), dtype=np.int64)
     numbers = lane_numbers(network)
@@ -97,8 +97,8 @@ def road_places(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, sumo_lane: 
 
 
 def lane_widths_m(network: RoadNetwork, lane: Indices) -> Floats:
-    """Widths of lanes, NGSIM's where there is none; shape ``(M,)``."""
-    # NO_LANE is −1 and takes the last width.
+    """Widths of lanes, shape ``(M,)``; NGSIM's lane width where there is no lane."""
+    # NO_LANE is −1, so it selects the last width.
     return np.array([*(known.width_m for known in network.lanes), LANE_WIDTH_M])[lane]
 
 
@@ -113,7 +113,7 @@ def lane_numbers(network: RoadNetwork) -> dict[int, int]:
 
 
 def lanes_to_the_right(network: RoadNetwork, lanes: Indices, numbers: Numbers) -> Numbers:
-    """How many lanes to the right of its first one a vehicle drives, over its track.
+    """How many lanes a vehicle has moved to the right since the first frame of its track.
 
     Only changes between lanes of one edge count: where a road ends, its lanes are numbered anew.
     """
@@ -126,30 +126,30 @@ def lanes_to_the_right(network: RoadNetwork, lanes: Indices, numbers: Numbers) -
 
 
 def across_and_ahead(x_m: Any, y_m: Any, tangent_rad: Any) -> tuple[Any, Any]:
-    """Offsets in the ``map`` frame as (to the right, ahead) of a direction."""
+    """Convert offsets in the ``map`` frame to (right, ahead) relative to a direction."""
     cos, sin = np.cos(tangent_rad), np.sin(tangent_rad)
     return x_m * sin - y_m * cos, x_m * cos + y_m * sin
 
 
 def from_across_and_ahead(right_m: Any, ahead_m: Any, tangent_rad: Any) -> tuple[Any, Any]:
-    """The opposite of ``across_and_ahead``: offsets in the ``map`` frame."""
+    """Inverse of ``across_and_ahead``: offsets in the ``map`` frame."""
     cos, sin = np.cos(tangent_rad), np.sin(tangent_rad)
     return right_m * sin + ahead_m * cos, ahead_m * sin - right_m * cos
 
 
 def grid_cells(lane_offset: Floats, ahead_ft: Floats) -> Rows:
-    """Cells of neighbours, 0 to 38, and ``OUTSIDE``; all arrays of shape ``(P,)``.
+    """Grid cells of neighbours, 0 to 38, or ``OUTSIDE``; all arrays of shape ``(P,)``.
 
     The lane's offset is −1 in the lane to the left, 0 in the target's lane and +1 in the lane to the right.
     """
-    # Halves away from zero, as the published loader rounds.
+    # Halves are rounded away from zero, as in the published loader.
     along = np.minimum(np.floor((ahead_ft + _REACH_FT) / _CELL_FT + 0.5), CELLS_ALONG - 1)
     outside = (np.abs(lane_offset) > 1.0) | (np.abs(ahead_ft) >= _REACH_FT) | ((lane_offset == 0.0) & (ahead_ft == 0.0))
     return np.where(outside, OUTSIDE, (lane_offset + 1.0) * CELLS_ALONG + along).astype(np.intp)
 
 
 def neighbour_cells(right_m: Floats, ahead_m: Floats, turned_rad: Floats, width_m: Floats) -> Rows:
-    """Cells of vehicles around a target, and ``OUTSIDE``; all arrays of shape ``(P,)``, seen along the target's lane.
+    """Grid cells of vehicles around a target, or ``OUTSIDE``, along the target's lane; all arrays of shape ``(P,)``.
 
     ``turned_rad`` is their heading against that lane's, ``width_m`` its width. Vehicles of another direction are no
     neighbours: NGSIM's roads have one.
@@ -159,7 +159,7 @@ def neighbour_cells(right_m: Floats, ahead_m: Floats, turned_rad: Floats, width_
 
 
 def lateral_class(lane_number: Numbers, present: int) -> int:
-    """Whether a vehicle keeps its lane, changes to the left or to the right around the present (an index).
+    """Lateral manoeuvre around the present (an index): keep the lane, change to the left or to the right.
 
     Lanes are counted to the right.
     """
@@ -172,7 +172,7 @@ def lateral_class(lane_number: Numbers, present: int) -> int:
 
 
 def longitudinal_class(ahead_ft: Floats, present: int) -> int:
-    """Whether a vehicle brakes, accelerates or neither: its mean speed in the next 5 s against the last 3 s.
+    """Longitudinal manoeuvre: brake, accelerate or neither, from the mean speeds of the next 5 s and the last 3 s.
 
     ``ahead_ft`` is the distance travelled along its track, and the present an index into it.
     """
@@ -188,7 +188,7 @@ def longitudinal_class(ahead_ft: Floats, present: int) -> int:
 
 
 def mat_bytes(content: dict[str, Any]) -> bytes:
-    """A MATLAB 5 file."""
+    """Variables as a MATLAB 5 file."""
     buffer = io.BytesIO()
     savemat(buffer, content, do_compression=True)
     data = bytearray(buffer.getvalue())
@@ -198,7 +198,7 @@ def mat_bytes(content: dict[str, Any]) -> bytes:
 
 @dataclass(frozen=True)
 class _RoadTrack:
-    """A track with its road."""
+    """A track with its lanes."""
 
     track: Track
     road: RoadPlaces
@@ -206,24 +206,24 @@ class _RoadTrack:
     travelled_ft: Floats
 
     def index(self, frame: int) -> int | None:
-        """Position of a frame, None where the vehicle is not there."""
+        """Index of a frame in the track; None where the vehicle is not present."""
         place = int(np.searchsorted(self.track.frame, frame))
         return place if place < len(self.track) and self.track.frame[place] == frame else None
 
     def pose(self, frame: int) -> tuple[float, float, float]:
-        """x, y and heading at a frame at which the vehicle is there."""
+        """x, y and heading at a frame of the track."""
         index = self.index(frame) or 0
         return float(self.track.x_m[index]), float(self.track.y_m[index]), float(self.track.yaw_rad[index])
 
 
 class NgsimExporter:
-    """Writes a set for each split, in both layouts."""
+    """Writes one data set per split, in both layouts."""
 
     def __init__(self, population: str) -> None:
         self._population = population
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
-        """Writes the samples of one episode; all of its tracks are in memory."""
+        """Write the samples of one episode; all of its tracks are in memory."""
         record = source.record()
         vehicles = (track for track in tracks_of(record) if track.actor.actor_class is not ActorClass.PEDESTRIAN)
         roads = [_on_road(record, track) for track in vehicles]
@@ -267,7 +267,7 @@ class NgsimExporter:
         return np.concatenate(([1.0], tracks[0][:, HISTORY_FRAMES], classes, cells)), tracks
 
     def _counts(self, other: _RoadTrack, present: int) -> bool:
-        """Whether a neighbour was there for the whole history, and in the population."""
+        """Whether a neighbour was present for the whole history and belongs to the population."""
         index = other.index(present)
         if index is None or index < HISTORY_FRAMES:
             return False
@@ -277,7 +277,7 @@ class NgsimExporter:
         return self._population != REGION or bool(inside.all())
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Joins the samples of each split; they are in memory then."""
+        """Join the samples of each split, which are then in memory."""
         for layout in ("csp", "stdan"):
             (folder / layout).mkdir()
         for split, name in _SETS.items():
@@ -304,7 +304,7 @@ def _joined(parts: Sequence[EpisodePart]) -> tuple[Floats, list[list[Floats]]]:
 
 
 def _cells(tracks: list[list[Floats]], height: int) -> np.ndarray[tuple[int, int], np.dtype[np.object_]]:
-    """MATLAB's cell array of tracks; vehicles that a data set does not have are empty."""
+    """MATLAB's cell array of tracks; cells of vehicles that a data set lacks are empty."""
     cells = np.empty((len(tracks), max((len(row) for row in tracks), default=0)), dtype=object)
     cells.fill(np.empty((0, 0)))
     for number, row in enumerate(tracks):
@@ -323,7 +323,7 @@ def _on_road(record: EpisodeRecord, track: Track) -> _RoadTrack:
 
 
 def _turned(road: _RoadTrack, target: _RoadTrack, now: int, tangent: float, first: int, last: int) -> Floats:
-    """Frame, x, y, speed, acceleration, lane, class of a vehicle around the target's present; shape ``(7, K)``."""
+    """Frame, x, y, speed, acceleration, lane, class of a vehicle relative to the target's present; shape ``(7, K)``."""
     start, end = np.searchsorted(road.track.frame, [first, last + 1])
     track = road.track.window(first, last + 1 - first)
     right, ahead = across_and_ahead(track.x_m - target.track.x_m[now], track.y_m - target.track.y_m[now], tangent)

@@ -1,4 +1,4 @@
-"""The episode's map as OpenDRIVE, made from the compiled net by SUMO's netconvert."""
+"""Exports the episode's map as OpenDRIVE: SUMO's netconvert converts the compiled net."""
 
 import tempfile
 from pathlib import Path
@@ -24,14 +24,14 @@ _OBJECT: Final = {
     "roll": "0",
     "height": "0",
 }
-"""What OpenDRIVE 1.5 asks of an object and netconvert leaves out: it stands still, upright, and on the road."""
+"""Attributes that OpenDRIVE 1.5 requires and netconvert leaves out: the object is static, upright and on the road."""
 
 
 class OpenDriveExporter(FilesExporter):
-    """One file for each map; episodes on the same map share it."""
+    """Writes one file per map; episodes on the same map share it."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
-        """Writes the map."""
+        """Write the map."""
         files.write(f"{source.map_label}.xodr", opendrive_of(source))
         return EpisodeReport({"lanes": len(source.network.lanes)})
 
@@ -43,16 +43,16 @@ def opendrive_of(source: EpisodeSource) -> bytes:
     Raises MapError: netconvert cannot write it.
     """
     left_hand, net = source.network.left_hand, source.net_xml.encode()
-    if left_hand:  # netconvert writes lanes as those of a map where traffic keeps right
+    if left_hand:  # netconvert writes lanes as if traffic kept right
         net = mirrored_net(net)
     x_m, y_m = right_hand_image(source.network).sumo_offset_m
     with tempfile.TemporaryDirectory() as folder:
         net_path, output = Path(folder) / "map.net.xml", Path(folder) / "map.xodr"
         net_path.write_bytes(net)
         options = ["--sumo-net-file", str(net_path), "--opendrive-output", str(output)]
-        # SUMO's coordinates are those of the map frame plus the net's offset.
+        # SUMO's coordinates are map coordinates plus the net's offset.
         moved = ["--offset.x", f"{-x_m:.6f}", "--offset.y", f"{-y_m:.6f}"]
-        # Bends stay polygons: the curves that netconvert would fit leave the lanes by up to 0.4 m.
+        # Bends stay polygons. netconvert could fit curves, but these leave the lanes by up to 0.4 m.
         plain = ["--opendrive-output.straight-threshold", "180"]
         run_netconvert([*options, *moved, *plain], Path(folder) / "again.net.xml", source.description.map_name)
         drive = output.read_bytes()

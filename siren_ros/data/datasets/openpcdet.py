@@ -1,4 +1,4 @@
-"""OpenPCDet's custom dataset.
+"""Exports OpenPCDet's custom dataset.
 
 Layout and labels: https://github.com/open-mmlab/OpenPCDet, ``docs/CUSTOM_DATASET_TUTORIAL.md``. ``points/NNNNNN.npy``
 has the shape ``(N, 4)``: x, y, z, intensity. ``labels/NNNNNN.txt`` has lines ``x y z dx dy dz heading Name`` in the
@@ -24,18 +24,18 @@ from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.carrier import GroundTruth
 
 NAME_OF_CLASS: Final = {**TYPE_OF_CLASS, ActorClass.BUS: "Bus"}
-"""KITTI's classes, and a class for buses."""
+"""KITTI's classes plus one for buses."""
 _FRAMES: Final = "frames.csv"
 
 
 class OpenPcdetExporter:
-    """Every step with a sweep and ground truth becomes a frame."""
+    """Writes a frame for every step with a sweep and ground truth."""
 
     def __init__(self, least_points: str) -> None:
         self._least_points = int(least_points)
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes the frames, numbered from 0 on."""
+        """Write the frames, numbered from 0."""
         number, classes = 0, Counter[str]()
         for frame in lidar_frames(source):
             if frame.points is None or frame.truth is None:
@@ -50,7 +50,7 @@ class OpenPcdetExporter:
         return EpisodeReport({"frames": number, "labels": classes.total()}, dict(classes))
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Numbers the frames of all episodes in one row."""
+        """Number the frames of all episodes consecutively."""
         first = 0
         sets: dict[str, list[int]] = {"train": [], "val": [], "test": []}
         table = ["frame,episode,step,timestamp\n"]
@@ -67,7 +67,7 @@ class OpenPcdetExporter:
 
 
 def label_lines(truth: GroundTruth, least_points: int) -> list[str]:
-    """Lines of all boxes with enough LiDAR points, in the order of actor ids."""
+    """Label lines of all boxes with enough LiDAR points, in the order of actor ids."""
     lines = []
     for row in np.flatnonzero(truth.lidar_points >= least_points).tolist():
         numbers = (
@@ -85,7 +85,7 @@ def label_lines(truth: GroundTruth, least_points: int) -> list[str]:
 
 
 def npy_bytes(points: bytes) -> bytes:
-    """A ``.npy`` file of float32 rows of four."""
+    """A ``.npy`` file of float32 rows with four values."""
     buffer = io.BytesIO()
     np.save(buffer, np.frombuffer(points, dtype="<f4").reshape(-1, 4))
     return buffer.getvalue()

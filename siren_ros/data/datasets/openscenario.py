@@ -1,4 +1,4 @@
-"""OpenSCENARIO 1.2 out of recorded episodes, for esmini and CARLA's ScenarioRunner.
+"""Exports recorded episodes as OpenSCENARIO 1.2, for esmini and CARLA's ScenarioRunner.
 
 A vehicle's reference point is the middle of its rear axle, on the ground.
 """
@@ -19,7 +19,7 @@ from siren_ros.data.record.tracks import FRAME_S, Track, tracks_of
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription
 
 REAR_AXLE: Final = 0.3
-"""How far the rear axle lies behind the middle, in vehicle lengths; the front axle as far ahead."""
+"""Distance of the rear axle behind the vehicle's centre, in vehicle lengths; the front axle is as far ahead."""
 _CATEGORY: Final = {
     ActorClass.VAN: "van",
     ActorClass.AMBULANCE: "van",
@@ -42,12 +42,12 @@ _DATE: Final = "1970-01-01T00:00:00"
 
 
 def entity_name(actor: ActorDescription) -> str:
-    """``Ego`` for the EMV, as ScenarioRunner and esmini call the vehicle that matters, else its id."""
+    """Entity name: ``Ego`` for the EMV, as ScenarioRunner and esmini call the main vehicle, otherwise the id."""
     return "Ego" if actor.is_emv and actor.actor_id == 1 else f"Vehicle{actor.actor_id}"
 
 
 def add_vehicle(entities: Element, actor: ActorDescription) -> None:
-    """Adds an entity with its vehicle; the middle of somebody who walks is the entity's origin."""
+    """Add an entity with its vehicle. A pedestrian's origin is its centre."""
     entity = child(entities, "ScenarioObject", name=entity_name(actor))
     kind = actor.actor_class
     if kind is ActorClass.PEDESTRIAN:
@@ -76,10 +76,10 @@ def add_vehicle(entities: Element, actor: ActorDescription) -> None:
 
 
 class OpenScenarioExporter(FilesExporter):
-    """One file for each episode, with its map."""
+    """Writes one file per episode, with its map."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes scenario and map; all tracks of the episode are in memory."""
+        """Write scenario and map; all tracks of the episode are in memory."""
         tracks = [track for track in tracks_of(source.record()) if len(track) > 1]
         road = f"{source.map_label}.xodr"
         template, level, seed = source.description.template, source.description.level.name, source.description.seed
@@ -119,7 +119,7 @@ def scenario(tracks: Sequence[Track], road: str, description: str) -> Element:
 
 
 def _add_group(act: Element, track: Track, *, removed: bool) -> None:
-    """One vehicle: it comes when it was first recorded, follows its trajectory, and goes when it was gone."""
+    """Add one vehicle's actions: it appears when first recorded, follows its trajectory, and disappears at its end."""
     name = entity_name(track.actor)
     group = child(act, "ManeuverGroup", maximumExecutionCount=1, name=f"{name}Group")
     child(child(group, "Actors", selectTriggeringEntities=False), "EntityRef", entityRef=name)
@@ -138,7 +138,7 @@ def _add_group(act: Element, track: Track, *, removed: bool) -> None:
 
 
 def _event(maneuver: Element, name: str) -> Element:
-    """Begins an event and gives its action to be filled; the trigger comes after it in the file."""
+    """Begin an event and return its action for the caller to fill; the trigger follows it in the file."""
     event = child(maneuver, "Event", name=name, priority="parallel", maximumExecutionCount=1)
     return child(event, "Action", name=f"{name}Action")
 

@@ -1,4 +1,4 @@
-"""What a dataset needs to be published: Croissant metadata with the hash of every file, a datasheet, a check of copies.
+"""Prepares a dataset for publication: Croissant metadata with the hash of every file, a datasheet, a check of copies.
 
 Croissant is MLCommons' format for metadata of datasets (https://docs.mlcommons.org/croissant/docs/croissant-spec.html,
 version 1.1). Data catalogues and loaders read it; the hashes in it are those that a check of a copy uses.
@@ -81,7 +81,7 @@ _CITE_AS: Final = (
     "Emergency-Vehicle Interactions, 2026"
 )
 _NOT_DATA: Final = frozenset({"search", "replies", CROISSANT_FILE})
-"""At the top of a folder: the journal of a search, a model's replies, and the metadata itself."""
+"""Names at the top of a folder that are not data: the journal of a search, a model's replies, the metadata itself."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class DatasetFile:
     """A file of a dataset."""
 
     path: str
-    """Below the dataset's folder, with slashes."""
+    """Path below the dataset's folder, with slashes."""
     size: int
     sha256: str
 
@@ -105,7 +105,7 @@ def files_of(folder: Path) -> Iterator[DatasetFile]:
 
 
 def croissant(folder: Path, content: Mapping[str, Any], version: str) -> dict[str, Any]:
-    """The metadata of a dataset whose files are all there.
+    """Croissant metadata of a dataset whose files are complete.
 
     Args:
         folder: The dataset's folder.
@@ -154,7 +154,7 @@ _EPISODE_TYPES: Final = {"seed": "sc:Integer", "planned_duration_s": "sc:Float"}
 
 
 def _episode_records(episodes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """The episodes of a card as a table."""
+    """The episodes of a card as a Croissant table."""
     if not episodes:
         return
     names = [name for name, value in episodes[0].items() if isinstance(value, str | int | float)]
@@ -178,7 +178,7 @@ def _episode_records(episodes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str
 
 
 def _table_records(path: str, schema: pa.Schema) -> dict[str, Any]:
-    """A Parquet file as a table; arrays with their shapes where the file states them."""
+    """A Parquet file as a Croissant table; arrays get their shapes where the file states them."""
     fields = []
     for column in schema:
         about = plain_json.load((column.metadata or {}).get(b"siren", b"{}"))
@@ -213,7 +213,10 @@ ORIGIN: Final = (
 
 
 def datasheet(content: Mapping[str, Any]) -> str:
-    """Questions and answers about a dataset (T. Gebru et al., Datasheets for Datasets, Commun. ACM 64 (2021) 86)."""
+    """A datasheet: questions and answers about a dataset (T. Gebru et al., Datasheets for Datasets, Commun.
+
+    ACM 64 (2021) 86).
+    """
     maps = sorted({(str(item["map"]), str(item["map_licence"])) for item in content.get("episodes", (content,))})
     answers = {
         "Why was it made?": "To measure perception, prediction and risk understanding around emergency vehicles, and "
@@ -235,7 +238,7 @@ def datasheet(content: Mapping[str, Any]) -> str:
 
 
 def write_croissant(folder: Path, content: Mapping[str, Any], version: str) -> None:
-    """Writes ``croissant.json``, after everything else is there; InputError where the folder cannot be used."""
+    """Write ``croissant.json`` after all other files; InputError if the folder cannot be used."""
     with writing(folder, "folder"):
         metadata = croissant(folder, content, version)
     write_text(folder / CROISSANT_FILE, json.dumps(metadata, indent=1, ensure_ascii=False) + "\n")
@@ -243,10 +246,10 @@ def write_croissant(folder: Path, content: Mapping[str, Any], version: str) -> N
 
 @dataclass(frozen=True)
 class CopyCheck:
-    """How a copy of a dataset differs from what its metadata says."""
+    """Differences between a copy of a dataset and its metadata."""
 
     files: int
-    """That the metadata names."""
+    """Number of files that the metadata names."""
     missing: tuple[str, ...]
     changed: tuple[str, ...]
     further: tuple[str, ...]
@@ -254,7 +257,7 @@ class CopyCheck:
 
     @property
     def is_whole(self) -> bool:
-        """Whether every file is there as it was; further files do not matter."""
+        """Whether every named file is present and unchanged; further files do not matter."""
         return not self.missing and not self.changed
 
 

@@ -1,4 +1,4 @@
-"""Rerun recordings out of recorded episodes, and how the viewer arranges them when a file is opened."""
+"""Exports recorded episodes as Rerun recordings, with the layout of the viewer."""
 
 import uuid
 from collections.abc import Mapping, Sequence
@@ -29,13 +29,13 @@ SPEED = "speed"
 TIMELINE: Final = "episode"
 _NAMESPACE: Final = uuid.UUID("5d0dd0a5-7f0b-4b7c-9d1b-0f5a5e3c2a11")
 _POINT_STEP: Final = 2
-"""Every second return of a sweep is shown."""
+"""The recording shows every second return of a sweep."""
 _EMV_COLOUR: Final = (230, 30, 30)
 _YIELDING_COLOUR: Final = (250, 170, 30)
 
 
 def blueprint(cameras: Sequence[str]) -> Any:
-    """The scene in 3-D, the cameras in a grid, events and speed below."""
+    """Layout of the viewer: the 3-D scene, a grid of cameras, events and speed below."""
     scene = rrb.Spatial3DView(origin=MAP_ROOT, name="Scene")
     pictures = [rrb.Spatial2DView(origin=f"{EGO}/{name}", name=name) for name in cameras]
     events, speed = rrb.TextLogView(origin=EVENTS, name="Events"), rrb.TimeSeriesView(origin=SPEED, name="Speed")
@@ -49,10 +49,10 @@ def blueprint(cameras: Sequence[str]) -> Any:
 
 
 class RerunExporter(FilesExporter):
-    """One ``.rrd`` file for each episode; one step is in memory."""
+    """Writes one ``.rrd`` file per episode; only one step is in memory."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes the recording."""
+        """Write the recording."""
         recording = rr.RecordingStream(
             "siren", recording_id=str(uuid.uuid5(_NAMESPACE, episode_id)), send_properties=False
         )
@@ -72,7 +72,7 @@ class RerunExporter(FilesExporter):
 
 
 class _Steps:
-    """Logs the steps of an episode."""
+    """Logs the steps of an episode to Rerun."""
 
     def __init__(self, recording: Any, source: EpisodeSource) -> None:
         self._recording = recording
@@ -129,7 +129,8 @@ class _Steps:
         self._path.append(place)
         recent = self._path[-2:]
         if len(recent) > 1:
-            # Pieces of a line, so that the path grows with time and the file does not grow with its square.
+            # The path is logged piece by piece: as a whole line at each step, the file would grow with the square of
+            # time.
             self._recording.log(
                 f"{MAP_ROOT}/path/{len(self._path):06d}", rr.LineStrips3D([recent], colors=_EMV_COLOUR, radii=0.15)
             )

@@ -1,4 +1,4 @@
-"""ScenarioNet databases: scenario descriptions with tracks, map features and dynamic map states, in Python and numpy.
+"""Exports ScenarioNet databases: tracks, map features and dynamic map states, as Python and numpy objects.
 
 Format: https://github.com/metadriverse/metadrive, ``metadrive/scenario/scenario_description.py``.
 """
@@ -26,7 +26,7 @@ VERSION: Final = "1.0"
 VEHICLE: Final = "VEHICLE"
 PEDESTRIAN: Final = "PEDESTRIAN"
 CYCLIST: Final = "CYCLIST"
-"""ScenarioNet's type of whoever rides on two wheels."""
+"""ScenarioNet's type for riders of two-wheelers."""
 _LIGHT: Final = {
     "r": "LANE_STATE_STOP",
     "u": "LANE_STATE_STOP",
@@ -35,16 +35,16 @@ _LIGHT: Final = {
     "s": "LANE_STATE_ARROW_GO",
     "o": "LANE_STATE_FLASHING_CAUTION",
 }
-"""Of SUMO's letters, capital or not."""
+"""ScenarioNet's state for each of SUMO's letters, in either case."""
 _FILE: Final = "sd_siren_1.0_{}.pkl"
-"""How MetaDrive tells a scenario's file: its name begins with ``sd_`` and ends with the scenario's id."""
+"""File name of a scenario. MetaDrive expects the prefix ``sd_`` and the scenario's id at the end."""
 _SUMMARY: Final = "dataset_summary.pkl"
 _MAPPING: Final = "dataset_mapping.pkl"
 _PROTOCOL: Final = 4
 
 
 def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str, emv_id: int) -> dict[str, Any]:
-    """The whole scenario; MetaDrive gives the vehicle ``emv_id`` to the agent."""
+    """The scenario description; MetaDrive's agent drives the vehicle ``emv_id``."""
     length = max(int(track.frame[-1]) for track in tracks) + 1
     request = record.description
     return {
@@ -71,7 +71,7 @@ def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str
 
 
 def _track(track: Track, length: int) -> dict[str, Any]:
-    """Arrays over the whole scenario, 0 where the vehicle is not there."""
+    """Arrays of a track over the whole scenario; 0 where the vehicle is not present."""
 
     def spread(values: npt.ArrayLike, dtype: type = np.float32) -> Any:
         column = np.asarray(values)
@@ -103,7 +103,7 @@ def _track(track: Track, length: int) -> dict[str, Any]:
 
 
 def _lights(record: EpisodeRecord, length: int) -> dict[str, Any]:
-    """One light for each lane that a signal controls, over time."""
+    """States of the lights over time, one light per lane that a signal controls."""
     letters: dict[int, list[str]] = {}
     for traffic in record.traffic:
         frame, odd = divmod(traffic.step, LOG_PERIOD_STEPS)
@@ -114,7 +114,7 @@ def _lights(record: EpisodeRecord, length: int) -> dict[str, Any]:
             state = states.get(str(connection.signal_id), "")
             if connection.signal_link < len(state) and connection.signal_link >= 0:
                 seen = letters.setdefault(connection.from_lane, [""] * length)
-                # The friendliest movement out of a lane is what it shows.
+                # A lane shows the most permissive state among its movements.
                 seen[frame] = max(seen[frame], state[connection.signal_link].lower(), key="ouryg".find)
     lights = {}
     for lane, seen in letters.items():
@@ -130,7 +130,7 @@ def _lights(record: EpisodeRecord, length: int) -> dict[str, Any]:
 
 
 def map_features(network: RoadNetwork) -> dict[str, Any]:
-    """Lanes with their areas, the lines between and beside them, and crossings."""
+    """Map features: lanes with their areas, the lines between and beside them, crossings."""
     graph = lane_graph(network)
     features: dict[str, Any] = {}
     for index, lane in graph.items():
@@ -163,7 +163,7 @@ def _with_height(points: Points) -> npt.NDArray[np.float32]:
 
 
 def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
-    """What a dataset's summary says of a scenario: plain numbers and text."""
+    """Entry of a scenario in the dataset's summary: plain numbers and text."""
     tracks = scenario["tracks"]
     objects = {}
     for name, track in tracks.items():
@@ -193,10 +193,10 @@ def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class ScenarioNetExporter:
-    """One pickled description for each episode, and a database for each split."""
+    """Writes one pickled description per episode, and one database per split."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes the description; all tracks of the episode are in memory."""
+        """Write the description; all tracks of the episode are in memory."""
         record = source.record()
         tracks = [track for track in tracks_of(record) if len(track) > 1]
         scenario = description(record, tracks, episode_id, min(record.emv_ids))
@@ -206,7 +206,7 @@ class ScenarioNetExporter:
         return EpisodeReport({"scenarios": 1, "tracks": len(tracks)}, dict(classes))
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Writes the summary and the mapping of each split."""
+        """Write the summary and the mapping of each split."""
         for split in sorted({part.subset for part in parts}):
             summary: dict[str, Any] = {}
             for part in [part for part in parts if part.subset == split]:

@@ -1,4 +1,4 @@
-"""``trajectory.csv`` in the paper's layout (supplement, "Data Formats and Coordinate Conventions").
+"""Exports ``trajectory.csv`` in the paper's layout (supplement, "Data Formats and Coordinate Conventions").
 
 One row per actor per logged frame at 10 Hz, in CARLA's world frame: left-handed, x forward, y right,
 z up, yaw in degrees increasing clockwise, so ``y = −y_map``, ``vy = −vy_map`` and ``yaw = −yaw_map``.
@@ -32,7 +32,7 @@ FILE_NAME: Final = "trajectory.csv"
 
 
 def type_id_of(actor_class: ActorClass) -> str:
-    """A name in the form of CARLA's blueprint ids: ``vehicle.siren.ambulance``, ``walker.siren.pedestrian``.
+    """Type id in the form of CARLA's blueprint ids: ``vehicle.siren.ambulance``, ``walker.siren.pedestrian``.
 
     CARLA's ids name car models; these actors are none of them.
     """
@@ -49,7 +49,7 @@ def trajectory_csv(record: EpisodeRecord) -> str:
 def lines_of_step(states: ActorStates, actors: Mapping[int, ActorDescription]) -> str:
     """The rows of one step. Raises BagError: an actor is not described."""
     time_s = f"{states.step * STEP_S:.2f}"
-    # Rounded first, and then within (−180, 180], as CARLA gives it.
+    # The angle is rounded first and then wrapped to (−180, 180], as in CARLA.
     yaw_deg = np.round(-np.degrees(states.yaw_rad), _DECIMALS)
     yaw_deg = 180.0 - np.mod(180.0 - yaw_deg, 360.0)
     columns = (states.x_m, -states.y_m, states.z_m, yaw_deg, states.vx_mps, -states.vy_mps, states.speed_mps)
@@ -65,18 +65,18 @@ def lines_of_step(states: ActorStates, actors: Mapping[int, ActorDescription]) -
 
 
 def _texts(column: Floats) -> list[str]:
-    # Adding zero turns −0.0, which rounding leaves behind, into 0.0.
+    # Rounding can give −0.0; adding zero turns it into 0.0.
     return [f"{value:.{_DECIMALS}f}" for value in (np.round(column, _DECIMALS) + 0.0).tolist()]
 
 
 class CsvExporter:
-    """``trajectory.csv``; with several episodes one in a folder of each."""
+    """Writes ``trajectory.csv``; several episodes get one folder each."""
 
     def __init__(self, region: str) -> None:
         self._region = region == "yes"
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
-        """Writes row by row; one step is in memory."""
+        """Write row by row; only one step is in memory."""
         files.append(FILE_NAME, HEAD)
         actors: dict[int, ActorDescription] = {}
         members: Ids = np.empty(0, dtype=np.uint32)
@@ -101,6 +101,6 @@ class CsvExporter:
         return EpisodeReport({"rows": rows, "vehicles": len(seen)}, classes)
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """One file, or a folder for each episode."""
+        """Assemble one file, or one folder per episode."""
         for part in parts:
             link(part.folder / FILE_NAME, (folder if len(parts) == 1 else folder / part.episode_id) / FILE_NAME)

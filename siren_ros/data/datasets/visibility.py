@@ -1,4 +1,4 @@
-"""How much of each labelled vehicle the LiDAR sees, what lies in its box, and where boxes stand in a picture."""
+"""Measures how much of each labelled vehicle the LiDAR sees, counts points in boxes, and projects boxes to pictures."""
 
 from typing import Final
 
@@ -11,9 +11,9 @@ from siren_ros.simulation.world.carrier import GroundTruth
 from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 _CLEARANCE_M: Final = 0.2
-"""A return this much nearer than a box's nearest corner is on something in front of it."""
+"""A return that is nearer than a box's nearest corner by more than this is on another object in front of it."""
 _NEAR_M: Final = 0.1
-"""What is nearer to the camera is cut off before it is projected."""
+"""Geometry nearer to the camera than this is clipped before projection."""
 _SIGNS: Final = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
 )
@@ -43,7 +43,7 @@ def upright_corners(centre_m: Floats, size_m: Floats, yaw_rad: Floats) -> Floats
 
 
 def lidar_visibility(points: npt.NDArray[np.void], truth: GroundTruth, rows: Rows) -> Floats:
-    """The share of a box's directions that the LiDAR sees it in: own returns / (own returns + returns before it).
+    """Share of each box that the LiDAR sees: own returns / (own returns + returns in front of it).
 
     Directions are those between the azimuths and elevations of the box's corners. 0 where nothing of it was hit. The
     sweep is in the frame of the truth, with the field ``instance``; the answer has the shape of ``rows``, some labels.
@@ -71,7 +71,7 @@ def lidar_visibility(points: npt.NDArray[np.void], truth: GroundTruth, rows: Row
 
 
 def points_in_boxes(points: npt.NDArray[np.void], truth: GroundTruth) -> Ids:
-    """How many points lie in each box, whatever they are returns of, shape ``(N,)``: nuScenes' ``num_lidar_pts``.
+    """Count the points in each box, on any object, shape ``(N,)``: nuScenes' ``num_lidar_pts``.
 
     That is not ``lidar_points``, which counts the returns of the vehicle. Half of the returns of the ground under a
     vehicle lie in its box, because the box stands on the ground and ranges are noisy; mirrors stick out of it.
@@ -89,14 +89,14 @@ def points_in_boxes(points: npt.NDArray[np.void], truth: GroundTruth) -> Ids:
 
 
 def image_boxes(corners: Floats, camera_from_frame: Matrix, camera: CameraIntrinsics) -> tuple[Floats, Floats]:
-    """Where boxes with corners as of ``box_corners`` stand in a picture; the matrix leads to the optical frame.
+    """Project boxes, given by corners as of ``box_corners``, to a picture; the matrix leads to the optical frame.
 
     Returns left, top, right, bottom within the picture in pixels, shape ``(N, 4)``, all 0 for a box outside; and the
     share of the box's whole rectangle that lies outside, shape ``(N,)``, 1 for a box outside.
     """
     seen = corners @ camera_from_frame[:3, :3].T + camera_from_frame[:3, 3]
     starts, ends = seen[:, BOX_EDGES[:, 0]], seen[:, BOX_EDGES[:, 1]]
-    # Edges that cross the near plane are cut there, so that what is behind the camera does not flip over.
+    # Edges are clipped at the near plane, because points behind the camera would be projected to the wrong side.
     depth_change = ends[..., 2] - starts[..., 2]
     share = (_NEAR_M - starts[..., 2]) / np.where(depth_change == 0.0, 1.0, depth_change)
     cut = starts + np.clip(share, 0.0, 1.0)[..., None] * (ends - starts)

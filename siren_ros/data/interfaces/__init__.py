@@ -1,1 +1,1 @@
-"""Topics and the paired conversions between our structures and ROS messages, written without ROS."""
+"""Topics, and paired conversions between our structures and ROS messages. This folder does not need ROS."""

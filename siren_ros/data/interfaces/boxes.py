@@ -54,7 +54,7 @@ class SpaceBoxes:
     class_names: tuple[str, ...]
     """Lower-case names of ``ActorClass`` for labels."""
     score: Floats
-    """Confidence, 0 to 1."""
+    """Confidence of each box, 0 to 1."""
     centre_m: Floats
     """Centre of the volume, shape ``(N, 3)``."""
     size_m: Floats
@@ -81,11 +81,11 @@ def boxes_of(truth: GroundTruth, frame_id: str) -> SpaceBoxes:
 _ARRAY: Final = Layout(f"{STAMPED} I")
 _BOX: Final = Layout(f"{STAMPED} I s d 7d 36d 7d 3d s")
 _CERTAIN: Final = (0.0,) * 36
-"""A pose without a covariance."""
+"""Covariance of a pose without uncertainty."""
 
 
 def to_boxes(boxes: SpaceBoxes) -> bytes:
-    """``vision_msgs/Detection3DArray`` as CDR; it has no place for velocities."""
+    """Boxes as ``vision_msgs/Detection3DArray`` in CDR. The type has no field for velocities."""
     writer = CdrWriter()
     head = stamped(boxes.step, boxes.frame_id)
     ids = boxes.ids or ("",) * len(boxes.score)
@@ -135,7 +135,7 @@ def from_camera_truth(message: Any) -> CameraTruth:
 
 
 def to_image_boxes(truth: CameraTruth, frame_id: str) -> Any:
-    """``vision_msgs/Detection2DArray`` of the visible vehicles: the actor's id, the visible fraction as score."""
+    """Visible vehicles as ``vision_msgs/Detection2DArray``: the id is the actor's, the score its visible fraction."""
     stamped = header(truth.step, frame_id)
     nowhere = make_message(
         "geometry_msgs/msg/PoseWithCovariance",

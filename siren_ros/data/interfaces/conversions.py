@@ -48,7 +48,7 @@ def _from_events(messages: Any) -> tuple[Event, ...]:
 
 
 def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
-    """``siren_msgs/Events`` of one step, with the hash of the world's state at it."""
+    """``siren_msgs/Events`` of one step, with the hash of the world's state at that step."""
     return make_message(
         "siren_msgs/msg/Events", **at_step(step), state_hash=state_hash, events=[to_event(event) for event in events]
     )

@@ -1,4 +1,4 @@
-"""The lockstep's reports and an episode's description, end and outcome, with paired conversions.
+"""Paired conversions of the lockstep's reports and of an episode's description, end and outcome.
 
 Only the wall time in StepDone is not simulated data.
 """
@@ -26,30 +26,30 @@ from siren_ros.simulation.scenario.paper import EmergencyLevel
 
 
 class Phase(IntEnum):
-    """Which part of the protocol a report belongs to."""
+    """Part of the lockstep's protocol that a report belongs to."""
 
     READY = 0
     STEP = 1
     FINAL = 2
     COMPILING = 3
-    """Not done yet, because it compiles: time limits begin anew."""
+    """The participant is not done, because it compiles code; time limits start again."""
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """One participant's StepDone."""
+    """Content of ``StepDone``: one participant has finished a step."""
 
     step: int
     participant: str
     phase: Phase
     error: str = ""
     busy_s: float = 0.0
-    """Wall time the participant spent on the step, for the closing summary only."""
+    """Wall time that the participant spent on the step; only the closing summary uses it."""
 
 
 @dataclass(frozen=True)
 class EpisodeClosing:
-    """The master's message that the episode is over."""
+    """The message with which the master ends the episode."""
 
     steps: int
     end: EpisodeEnd

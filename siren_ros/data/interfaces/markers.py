@@ -1,4 +1,4 @@
-"""``visualization_msgs/MarkerArray``: vehicles for RViz and Foxglove while an episode runs."""
+"""Makes ``visualization_msgs/MarkerArray``: vehicles for RViz and Foxglove while an episode runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,9 +31,9 @@ MODE_COLOURS: Final[dict[Mode, Colour]] = {
     Mode.REJOIN: (0.55, 0.75, 0.45, 1.0),
     Mode.STOPPED: (0.83, 0.0, 0.0, 1.0),
 }
-"""Colours of civilians that respond to the siren or have been in contact; all others show their paint."""
+"""Colours of civilians that yield or have been in contact; all other vehicles have their paint."""
 LIFETIME_NS: Final = 400_000_000
-"""Two periods of the topic, so that markers of actors that left go out by themselves."""
+"""Lifetime of a marker: two periods of the topic. Markers of actors that have left disappear by themselves."""
 _TEXT_HEIGHT_M: Final = 1.4
 _TEXT_ABOVE_ROOF_M: Final = 1.2
 
@@ -94,7 +94,7 @@ def _colour_of(actor: ActorDescription, mode: Mode) -> Colour:
 
 
 _MARKER: Final = Layout(f"{STAMPED} s i i i 7d 3d 4f i I ? I I s i I s s I I s s s I ?")
-"""Behind the lifetime: no points, no colours, no texture, and behind the text no mesh."""
+"""Fields of a marker. The zero counts at its end mean: no points, no colours, no texture, no mesh."""
 
 
 def to_markers(step: int, markers: Sequence[Marker]) -> bytes:

@@ -1,4 +1,4 @@
-"""Measurements as messages: images and camera models, point clouds, sound, inertial and satellite measurements.
+"""Converts measurements: images and camera models, point clouds, sound, inertial and satellite measurements.
 
 Point clouds are read and written as structured numpy arrays, without copying points one by one.
 """
@@ -20,7 +20,7 @@ _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
     "mono16": (np.dtype("<u2"), 1),
     "32FC1": (np.dtype("<f4"), 1),
 }
-"""Encodings of ``sensor_msgs/image_encodings.hpp`` that the project writes: element type and channels."""
+"""Encodings of ``sensor_msgs/image_encodings.hpp`` that the project writes: element type and number of channels."""
 
 
 def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
@@ -34,7 +34,7 @@ def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
 
 
 def from_compressed_image(message: Any) -> bytes:
-    """Inverse of ``to_compressed_image``: the JPEG file's bytes."""
+    """Inverse of ``to_compressed_image``: the bytes of the JPEG file."""
     return np.asarray(message.data, dtype=np.uint8).tobytes()
 
 
@@ -58,7 +58,7 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
 
 
 def from_image(message: Any) -> npt.NDArray[np.generic]:
-    """Inverse of ``to_image``: the array, over the message's own memory.
+    """Inverse of ``to_image``: the array, which shares the message's memory.
 
     Raises InputError for an encoding that the project does not write, or sizes that do not fit the data.
     """
@@ -76,7 +76,7 @@ def from_image(message: Any) -> npt.NDArray[np.generic]:
 
 
 def to_camera_info(step: int, frame_id: str, camera: CameraIntrinsics) -> Any:
-    """``sensor_msgs/CameraInfo`` of an ideal camera (``plumb_bob`` with zero coefficients)."""
+    """``sensor_msgs/CameraInfo`` of a camera without distortion (``plumb_bob`` with zero coefficients)."""
     matrix = camera.matrix
     return make_message(
         "sensor_msgs/msg/CameraInfo",
@@ -103,7 +103,7 @@ def from_camera_info(message: Any) -> CameraIntrinsics:
 
 
 _FORMAT_OF_DATATYPE: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""numpy's names of ``sensor_msgs/PointField``'s datatype constants."""
+"""numpy's type names for the datatype constants of ``sensor_msgs/PointField``."""
 _DATATYPE_OF_FORMAT: Final = {name: datatype for datatype, name in _FORMAT_OF_DATATYPE.items()}
 
 
@@ -188,14 +188,14 @@ def from_audio(message: Any) -> AudioChunk:
 
 
 _UNKNOWN: Final = -1.0
-"""First element of a covariance whose quantity is not measured (``sensor_msgs/Imu``)."""
+"""Value of a covariance's first element that marks a quantity as not measured (``sensor_msgs/Imu``)."""
 _STATUS_FIX: Final = 0
 _SERVICE_GPS: Final = 1
 _COVARIANCE_DIAGONAL_KNOWN: Final = 2
 
 
 def to_imu(sample: ImuSample) -> Any:
-    """``sensor_msgs/Imu`` without an orientation, which this sensor does not estimate."""
+    """``sensor_msgs/Imu`` without orientation, which this sensor does not estimate."""
     return make_message(
         "sensor_msgs/msg/Imu",
         header=header(sample.step, sample.frame_id),
@@ -222,7 +222,7 @@ def from_imu(message: Any) -> ImuSample:
 
 
 def to_nav_sat_fix(fix: GnssFix) -> Any:
-    """``sensor_msgs/NavSatFix``, covariance in east, north, up."""
+    """``sensor_msgs/NavSatFix`` with the covariance in east, north, up."""
     return make_message(
         "sensor_msgs/msg/NavSatFix",
         header=header(fix.step, fix.frame_id),

@@ -1,4 +1,4 @@
-"""Message objects of the types that this installation defines, without rclpy: what all conversions build on.
+"""Creates, encodes and decodes messages without rclpy; all conversions use it.
 
 Messages are encoded and decoded as CDR with errors that name the topic, and their stamps are read without decoding.
 Any program may have sent a message, so its texts and numbers are checked, with one error for all that does not fit.
@@ -28,11 +28,11 @@ from siren_ros.errors import EpisodeError, InputError
 
 OWN_PACKAGE: Final = "siren_msgs"
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
-"""Packages whose types rosbags' Jazzy store does not hold."""
+"""Packages whose types are missing from rosbags' Jazzy store."""
 
 
 def message_folder(package: str) -> Path:
-    """Folder of a package's ``.msg`` files: an installed package's, or those of this library; else InputError."""
+    """Folder of a package's ``.msg`` files, from an installed package or from this library; otherwise InputError."""
     prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
     folders = [prefix / "share" / package / "msg" for prefix in (*prefixes, Path(sys.prefix))]
     for folder in (*folders, params_dir().parent / "interfaces" / package / "msg"):
@@ -47,13 +47,13 @@ def load_typestore(message_folders: dict[str, Path]) -> Typestore:
     for package, folder in sorted(message_folders.items()):
         for path in sorted(folder.glob("*.msg")):
             store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}"))
-    store.get_msgdef = cache(store.get_msgdef)  # type: ignore[method-assign]  # asked for at every nested message
+    store.get_msgdef = cache(store.get_msgdef)  # rosbags asks for it at every nested message
     return store
 
 
 @cache
 def typestore() -> Typestore:
-    """All message types of the node graph, as this installation defines them."""
+    """All message types of the node graph."""
     return load_typestore({package: message_folder(package) for package in DEFINED_PACKAGES})
 
 
@@ -63,12 +63,12 @@ def _message_class(type_name: str) -> type[Any]:
 
 
 def make_message(type_name: str, **content: Any) -> Any:
-    """A message of a type such as ``siren_msgs/msg/Event`` with all its fields set."""
+    """Create a message of a type such as ``siren_msgs/msg/Event``; all its fields must be given."""
     return _message_class(type_name)(**content)
 
 
 def sequence(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """A primitive sequence field from a one-dimensional array."""
+    """Convert a one-dimensional array to a primitive sequence field."""
     return np.ascontiguousarray(values)
 
 
@@ -79,7 +79,7 @@ def stamp(time_ns: int) -> Any:
 
 
 def time_ns_of(message: Any) -> int:
-    """Simulated time of a ``builtin_interfaces/Time``; InputError where its nanoseconds make a second or more."""
+    """Simulated time of a ``builtin_interfaces/Time``; InputError if its nanoseconds reach a second."""
     sec, nanosec = int(message.sec), int(message.nanosec)
     if nanosec >= NS_PER_S:
         raise InputError("stamp", f"{sec} s and {nanosec} ns", "fewer nanoseconds than a second has")
@@ -87,7 +87,7 @@ def time_ns_of(message: Any) -> int:
 
 
 def check_stamp(message: Any, step: int) -> None:
-    """Refuse another program's ``builtin_interfaces/Time`` that is not the time of a step: EpisodeError names both."""
+    """Check that the ``builtin_interfaces/Time`` of another program is the time of a step; otherwise EpisodeError."""
     time_ns = time_ns_of(message)
     if time_ns != time_ns_of_step(step):
         raise EpisodeError(f"the stamp {exact_s(time_ns)} s is not the time of step {step}")
@@ -99,7 +99,7 @@ def header(step: int, frame_id: str) -> Any:
 
 
 def step_of(message: Any) -> int:
-    """The step of a message with a header; InputError where its stamp is none."""
+    """Step of a message with a header; InputError if its stamp is not the time of a step."""
     return step_of_time_ns(time_ns_of(message.header.stamp))
 
 
@@ -109,7 +109,7 @@ def at_step(step: int) -> dict[str, Any]:
 
 
 def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, Any]:
-    """Fields of a message as read-only arrays of the given element types, copied out of the message's memory."""
+    """Copy fields of a message into read-only arrays of the given element types."""
     arrays = {name: np.array(getattr(message, name), dtype=dtype) for name, dtype in dtypes.items()}
     for array in arrays.values():
         array.setflags(write=False)
@@ -117,7 +117,7 @@ def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, An
 
 
 def as_sequences(source: object, names: Iterable[str]) -> dict[str, Any]:
-    """Array attributes of a dataclass as primitive sequence fields."""
+    """Convert array attributes of a dataclass to primitive sequence fields."""
     return {name: sequence(getattr(source, name)) for name in names}
 
 
@@ -125,7 +125,7 @@ Content = TypeVar("Content")
 
 
 def plain_fields(value: Any, *others: str) -> dict[str, Any]:
-    """Numbers, texts and codes of a dataclass as message fields of the same names; ``others`` are left out."""
+    """Numbers, texts and codes of a dataclass as message fields of the same names, except ``others``."""
     chosen: dict[str, tuple[Any, Any]] = {
         item.name: (item.type, getattr(value, item.name)) for item in fields(value) if item.name not in others
     }
@@ -133,12 +133,12 @@ def plain_fields(value: Any, *others: str) -> dict[str, Any]:
 
 
 def plain_message(value: Any) -> Any:
-    """The ``siren_msgs`` message of the name of a dataclass that has nothing but plain fields."""
+    """Convert a dataclass that has only plain fields to the ``siren_msgs`` message of the same name."""
     return make_message(f"{OWN_PACKAGE}/msg/{type(value).__name__}", **plain_fields(value))
 
 
 def from_plain_fields(kind: type[Content], message: Any, **others: Any) -> Content:
-    """A dataclass from the message fields of the same names; ``others`` are given."""
+    """Make a dataclass from message fields of the same names; ``others`` gives the remaining values."""
     items: Any = fields(kind)  # type: ignore[arg-type] # a dataclass
     values = {item.name: item.type(getattr(message, item.name)) for item in items if item.name not in others}
     return kind(**values, **others)
@@ -148,7 +148,7 @@ Read = TypeVar("Read")
 
 
 def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
-    """Decorate a reading function: errors of a message's content (an unknown code, bad JSON) become an InputError."""
+    """Decorate a reading function: errors in a message's content (an unknown code, bad JSON) become InputError."""
 
     @wraps(read)
     def checked(message: Any) -> Read:
@@ -162,7 +162,7 @@ def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
 
 
 def json_object(text: str) -> dict[str, Any]:
-    """The JSON object in a text field; ValueError or TypeError where the text is no JSON, or no object."""
+    """Parse the JSON object in a text field; ValueError or TypeError if it is not JSON or not an object."""
     value = plain_json.load(text)
     if not isinstance(value, dict):
         raise TypeError(f"no JSON object but {type(value).__name__}")
@@ -170,25 +170,25 @@ def json_object(text: str) -> dict[str, Any]:
 
 
 def json_text(value: object) -> str:
-    """The JSON of a value, the same bytes for the same value."""
+    """JSON of a value; equal values give equal bytes."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 _ENCAPSULATION_BYTES: Final = 4
 _WORD_BYTES: Final = 4
 _SEQUENCE_OF_STAMPED: Final = frozenset({"tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"})
-"""Types that begin with a sequence whose elements begin with a header; the others begin with their stamp."""
+"""Types that begin with a sequence of elements with headers; all other types begin with their own stamp."""
 _BYTES_AFTER_DATA: Final = {
     "sensor_msgs/msg/PointCloud2": 1,
     "sensor_msgs/msg/Image": 0,
     "sensor_msgs/msg/CompressedImage": 0,
 }
-"""Types whose megabytes lie in ``data``, a sequence of bytes: how many bytes follow it."""
+"""Types whose field ``data`` holds megabytes, with the number of bytes that follow this field."""
 _LENGTH: Final = struct.Struct("<I")
 
 
 def encode_cdr(store: Typestore, topic: Topic, message: Any) -> bytes:
-    """CDR of a message, padded to whole words.
+    """Encode a message as CDR, padded to a multiple of four bytes.
 
     DDS pads a payload between processes but not within a process. A payload of whole words is the same bytes
     everywhere. Points and pictures are copied once. What ``cdr`` has written already stays as it is.
@@ -209,17 +209,17 @@ def _filled(*parts: bytes | memoryview) -> bytes:
 
 
 def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:
-    """The message in a CDR; its arrays are views of the bytes. For other bytes EpisodeError names the topic."""
+    """Decode a CDR; arrays of the message share its bytes. Invalid bytes raise EpisodeError with the topic."""
     try:
         return store.deserialize_cdr(cdr, topic.type_name)
-    except Exception as error:  # rosbags' reader raises a dozen kinds, asserts among them, on foreign bytes
+    except Exception as error:  # rosbags' reader raises many kinds of errors on foreign bytes, among them asserts
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         text = f"{topic.name}: a message of {len(cdr)} bytes that is no {topic.type_name} ({what})"
         raise EpisodeError(text) from error
 
 
 def step_of_cdr(topic: Topic, cdr: bytes) -> int:
-    """The step that a message of a periodic topic belongs to; EpisodeError where it is too short, or its stamp no step.
+    """Step of an encoded message of a periodic topic; EpisodeError if it is too short or its stamp is not a step's.
 
     All message types of the node graph begin with a stamp, a header, or a sequence of headers.
     """

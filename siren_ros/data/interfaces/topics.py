@@ -1,4 +1,4 @@
-"""Every topic of the node graph: name, type, publisher, subscribers, rate. One table; all nodes read it."""
+"""The table of all topics of the node graph: name, type, publisher, subscribers, rate. All nodes read it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,32 +9,32 @@ from siren_ros.simulation.world.commands import AV_SOURCE
 
 EMV_CARRIER: Final = "emv"
 AV_CARRIER: Final = "av"
-"""Carriers of sensors; their topics begin with these names."""
+"""Names of the carriers of sensors; their topics begin with these names."""
 EVERY_STEP: Final = 1
 ONCE: Final = 0
 
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic: who publishes it and how often."""
+    """One topic of the node graph."""
 
     name: str
     type_name: str
     publisher: str
-    """Node that publishes it; an empty string where every participant does."""
+    """Node that publishes the topic; an empty string means every participant."""
     subscribers: tuple[str, ...] = ()
-    """Nodes of the lockstep that must be connected before the first step."""
+    """Nodes of the lockstep whose subscriptions must be connected before the first step."""
     period_steps: int = EVERY_STEP
-    """Published at every step that is a multiple of this; ONCE for latched topics."""
+    """The topic has a message at every step that is a multiple of this; ONCE for latched topics."""
 
     @property
     def latched(self) -> bool:
-        """Whether late subscribers get the last message (transient local)."""
+        """Whether late subscribers get the last message (QoS: transient local)."""
         return self.period_steps == ONCE
 
     @property
     def recorded(self) -> bool:
-        """Whether the episode's bag holds it."""
+        """Whether the episode's bag contains the topic."""
         return "recorder" in self.subscribers
 
     def subscriber_count(self, participants: Sequence[str]) -> int:
@@ -46,11 +46,11 @@ class Topic:
         return replace(self, name=self.name.format(sensor=sensor), period_steps=period_steps)
 
     def if_recorded(self, recorded: bool) -> "Topic":
-        """This topic, recorded or not."""
+        """This topic with the given choice whether it is recorded."""
         return replace(self, subscribers=("recorder",) if recorded else ())
 
     def of_carrier(self, carrier: str) -> "Topic":
-        """This topic for another carrier than the first emergency vehicle: ``/av/odom`` for ``/emv/odom``.
+        """This topic for another carrier than the first emergency vehicle: ``/av/odom`` in place of ``/emv/odom``.
 
         Of the nodes, only the recorder waits for messages of other carriers.
         """
@@ -151,24 +151,24 @@ CAMERA_INFO: Final = Topic("/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraI
 AV_CONTROL: Final = Topic("/av/control_cmd", "siren_msgs/msg/AvControl", AV_SOURCE, ("vehicle_dynamics", "recorder"))
 """The answer of the AV's controller to a step; it drives the AV from this step to the next."""
 AV_ROUTE: Final = Topic("/av/route", "nav_msgs/msg/Path", "sumo_bridge", ("recorder",), ONCE)
-"""The path along its route: lane centres and the necessary lane changes."""
+"""The AV's path along its route: lane centres, with the necessary lane changes."""
 
 PREDICTIONS: Final = Topic("/predictions", "siren_msgs/msg/PredictedPaths", "", ("recorder",), 2)
-"""Where vehicles will be, by a predictor under test, at every frame."""
+"""Predicted positions of vehicles at every frame, from a predictor under test."""
 
 DETECTIONS: Final = Topic(
     "/emv/detections", "vision_msgs/msg/Detection3DArray", "detector", ("recorder",), LABEL_PERIOD_STEPS
 )
 """Boxes of vehicles in the frame of the first LiDAR, with class and confidence."""
 DETECTION_LATENCY: Final = Topic("/emv/detections/latency", "std_msgs/msg/Float64", "detector", (), LABEL_PERIOD_STEPS)
-"""Wall time that they took, in seconds. Not recorded: bags of the same episode have the same bytes."""
+"""Wall time of the detection in seconds. It is not recorded, so that bags of the same episode have the same bytes."""
 
 OBSERVED: Final = {
     topic.name: replace(topic, name=topic.name.replace("/siren/", "/siren/observed/"), subscribers=())
     for topic in (TRAFFIC, ACTORS, EVENTS)
 }
-"""By the name of a topic its copy for programs that only watch. A listener of the topic itself would make DDS bring it
-to the lockstep's nodes as well, which slows them (``siren_ros/running/ros/transport/direct.py``)."""
+"""Copies of topics for programs that only watch, by the name of the original. A subscriber of the original would make
+DDS deliver it to the lockstep's nodes as well, which slows them (``siren_ros/running/ros/transport/direct.py``)."""
 
 DECISIVE_TOPICS: Final = frozenset(
     topic.name
@@ -190,18 +190,18 @@ DECISIVE_TOPICS: Final = frozenset(
         PREDICTIONS,
     )
 )
-"""What an episode does, and what is said of it, comes from these: each counts only while it has the publishers that
-the episode knows. A forged measurement is noticed when the true one arrives, so other programs may have publishers on
-``/tf`` and on the sensors' topics."""
+"""Topics that decide the course of an episode and its record. An episode continues only while each of them has exactly
+its known publishers. Other programs may publish on ``/tf`` and on the sensors' topics, because a forged measurement is
+noticed when the true one arrives."""
 STEERED_FROM_OUTSIDE: Final = frozenset({AV_CONTROL.name, PREDICTIONS.name})
-"""Decisive topics that another program publishes: who that is shows when it is ready."""
+"""Decisive topics that another program publishes; the program is known when it reports ready."""
 
 LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name, "vehicle_dynamics")})
-"""Topic and subscriber where a step needs the message of the step before."""
+"""Pairs of topic and subscriber in which a step needs the message of the previous step."""
 
 
 def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
-    """Participants that must act on a step before this one can; with ``lagged`` also those of the step before."""
+    """Participants that must act on a step before this one can; ``lagged`` adds those of the previous step."""
     inputs = (
         CLOCK,
         TRAFFIC,
@@ -224,15 +224,15 @@ def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
 
 
 CORE_TOPICS: Final = (CLOCK, EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, OUTCOME)
-"""What every episode's record holds, whatever its sensors."""
+"""Topics that the record of every episode contains, with any sensors."""
 CARRIER_TOPICS: Final = (TF_STATIC, SENSING, TF, ODOMETRY, GROUND_TRUTH, BOXES, MARKERS)
-"""What ``sensor_sim`` publishes with any suite, also an empty one."""
+"""Topics that ``sensor_sim`` publishes with every suite, even an empty one."""
 AV_TOPICS: Final = (AV_ROUTE, AV_CONTROL)
-"""What the record of an episode with an AV under test holds besides, whatever the AV's sensors."""
+"""Further topics of an episode with an AV under test, with any sensors."""
 AV_CARRIER_TOPICS: Final = tuple(topic.of_carrier(AV_CARRIER) for topic in (ODOMETRY, GROUND_TRUTH, BOXES))
-"""What ``sensor_sim`` publishes besides where there is an AV under test."""
+"""Further topics that ``sensor_sim`` publishes for an AV under test."""
 FIXED_TOPICS: Final = {
     topic.name: topic
     for topic in (*CORE_TOPICS, *CARRIER_TOPICS, *AV_TOPICS, *AV_CARRIER_TOPICS, PREDICTIONS, DETECTIONS)
 }
-"""By name: the recorded topics whose rates no sensor suite changes."""
+"""Recorded topics by name whose rates do not depend on a sensor suite."""

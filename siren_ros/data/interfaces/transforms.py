@@ -1,4 +1,4 @@
-"""Frames and odometry: ``tf2_msgs/TFMessage`` and ``nav_msgs/Odometry``."""
+"""Converts frames and odometry: ``tf2_msgs/TFMessage`` and ``nav_msgs/Odometry``."""
 
 import math
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ from siren_ros.simulation.world.carrier import BASE_FRAME, ODOM_FRAME, Odometry
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-"""x, y, z, w."""
+"""A quaternion as x, y, z, w."""
 
 
 @dataclass(frozen=True)
 class Transform:
-    """``point_in_parent = rotation · point_in_child + translation``."""
+    """A transform between frames: ``point_in_parent = rotation · point_in_child + translation``."""
 
     parent: str
     child: str
@@ -41,7 +41,7 @@ def yaw_of_quaternion(quaternion: Quaternion) -> float:
 
 def quaternion_of_matrix(rotation: Floats) -> Quaternion:
     """Unit quaternion with w ≥ 0 of a rotation matrix of shape ``(3, 3)``."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - a quarter of the time that a node needs to load
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - this import takes a quarter of a node's loading time
 
     x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
     return float(x), float(y), float(z), float(w)
@@ -91,7 +91,7 @@ _TRANSFORM: Final = Layout(f"{STAMPED} s 3d 4d")
 
 
 def to_tf(step: int, transforms: Sequence[Transform]) -> bytes:
-    """``tf2_msgs/TFMessage`` of transforms that hold at one step, as CDR."""
+    """Transforms that hold at one step, as ``tf2_msgs/TFMessage`` in CDR."""
     writer = CdrWriter()
     writer.put(COUNT, len(transforms))
     for item in transforms:
@@ -114,7 +114,7 @@ def from_tf(message: Any) -> tuple[Transform, ...]:
 
 
 def matrix_of_transform(transform: Transform) -> Matrix:
-    """Points in the parent from points in the child, shape ``(4, 4)``."""
+    """Matrix that converts points in the child to points in the parent, shape ``(4, 4)``."""
     matrix = np.eye(4)
     matrix[:3, :3] = matrix_of_quaternion(transform.rotation_xyzw)
     matrix[:3, 3] = transform.translation_m
@@ -122,7 +122,7 @@ def matrix_of_transform(transform: Transform) -> Matrix:
 
 
 def matrix_between(transforms: Sequence[Transform], parent: str, child: str) -> Matrix:
-    """Points in ``parent`` from points in ``child``, through the frames between them, shape ``(4, 4)``.
+    """Matrix that converts points in ``child`` to points in ``parent`` through the frames between them, ``(4, 4)``.
 
     Raises InputError where the transforms do not lead from one to the other.
     """
@@ -137,10 +137,10 @@ def matrix_between(transforms: Sequence[Transform], parent: str, child: str) -> 
 
 
 _CONSTRAINED_VARIANCE: Final = 1e-6
-"""Of z, roll and pitch, (1 mm)² and (1 mrad)²: the world is flat, and filters want a matrix that can be inverted."""
+"""Variance of z, roll and pitch, (1 mm)² and (1 mrad)². The world is flat, but filters need an invertible matrix."""
 _CONSTRAINED: Final[list[float]] = (np.eye(6) * _CONSTRAINED_VARIANCE).ravel().tolist()
 _PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])
-"""x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""
+"""Indices of x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""
 _PLANAR_PLACES: Final[list[int]] = np.arange(36).reshape(6, 6)[_PLANAR].ravel().tolist()
 
 
@@ -163,7 +163,7 @@ def to_odometry(step: int, odometry: Odometry, parent: str = ODOM_FRAME, child: 
 
 
 def _to_covariance(planar: Floats) -> list[float]:
-    """The 36 elements, row by row, of a covariance of three planar quantities."""
+    """Expand a covariance of x, y and yaw to the message's 36 elements, row by row."""
     full = _CONSTRAINED.copy()
     for place, value in zip(_PLANAR_PLACES, planar.ravel().tolist(), strict=True):
         full[place] = value
@@ -171,7 +171,7 @@ def _to_covariance(planar: Floats) -> list[float]:
 
 
 def from_odometry(message: Any) -> tuple[int, Odometry]:
-    """Inverse of ``to_odometry``: simulated time in nanoseconds and the estimate."""
+    """Inverse of ``to_odometry``: simulated time in nanoseconds, and the odometry."""
     x, y, _ = from_vector(message.pose.pose.position)
     odometry = Odometry(
         x_m=x,

@@ -17,22 +17,22 @@ from siren_ros.errors import EpisodeError, SirenError
 
 
 class Sent(NamedTuple):
-    """Stands for a message that this process has sent: who receives it here needs no conversion."""
+    """Replaces a message that this process itself has sent; a receiver in this process needs no conversion."""
 
     step: int
     content: Any
-    """What it was made from, in the library's types."""
+    """The content of the message, in the library's types."""
 
 
 KEPT: Final = 8
-"""Messages of a topic that are known, the last ones. Before one is received, so many others may be sent: each node of a
-process reports a step on the same topic."""
+"""Number of sent messages per topic that are remembered. All nodes of a process report a step on the same topic, so
+several messages may be sent before one is received."""
 _known: Final[dict[str, deque[tuple[bytes, Sent]]]] = {}
-"""By topic: what this process has sent, with its bytes."""
+"""Sent messages by topic, with their bytes."""
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
-"""The last message of each topic that was decoded, with its bytes."""
+"""The message decoded last on each topic, with its bytes."""
 _read: Final[dict[Callable[[Any], Any], deque[tuple[Any, Any]]]] = {}
-"""The last two results of each conversion with their messages: two topics of commands have one type."""
+"""The last two results of each conversion with their messages; two, because both topics of commands have one type."""
 Content = TypeVar("Content")
 
 
@@ -42,12 +42,12 @@ def get_ready(topic: Topic) -> None:
 
 
 def encode(topic: Topic, message: Any) -> bytes:
-    """CDR of a message, padded to whole words, so that the bytes are the same everywhere."""
+    """Encode a message as CDR, padded to a multiple of four bytes, so that its bytes are the same everywhere."""
     return encode_cdr(typestore(), topic, message)
 
 
 def encode_content(topic: Topic, step: int, content: Content, write: Callable[[Content], Any]) -> bytes:
-    """CDR of the message that ``write`` makes; nodes of this process that receive it get the content itself.
+    """Encode the message that ``write`` makes; receivers in this process get the content itself.
 
     Nobody may change the content afterwards, nor its arrays.
     """
@@ -59,7 +59,7 @@ def encode_content(topic: Topic, step: int, content: Content, write: Callable[[C
 
 
 def decode(topic: Topic, cdr: bytes) -> Any:
-    """The message in a CDR; its arrays are views of the bytes, which nobody writes.
+    """Decode a CDR; arrays of the message share its bytes, so do not write to them.
 
     If several nodes of one process subscribe to a topic, the message is decoded once. One that this process has sent
     is not decoded at all: it is ``Sent``, for ``content`` alone.
@@ -79,7 +79,7 @@ def decode(topic: Topic, cdr: bytes) -> Any:
 
 
 def content(read: Callable[[Any], Content], message: Any) -> Content:
-    """A message converted to the library's types; a second call with the same message returns the first result.
+    """Convert a message to the library's types; a repeated call with the same message returns the first result.
 
     Args:
         read: A conversion of ``siren_ros.data.interfaces``; its arrays are read-only.
@@ -99,7 +99,7 @@ def content(read: Callable[[Any], Content], message: Any) -> Content:
 
 
 def step_of_message(topic: Topic, message: Any) -> int:
-    """The step a message belongs to, from its ``step`` field or its stamp; of frames, the first one's.
+    """Step of a message, from its field ``step`` or its stamp; for a message of frames, the stamp of the first one.
 
     Raises:
         EpisodeError: The stamp is not the time of a step; another program may have made the message.

@@ -1,1 +1,1 @@
-"""The record in use: bags opened and surveyed, steps sampled, vehicles located, the interaction region."""
+"""Reads records: opens and surveys bags, samples steps, locates vehicles, finds the interaction region."""

@@ -1,4 +1,4 @@
-"""Looks through bags before work on them begins: which ones are whole episodes and hold what the work needs."""
+"""Checks bags before work on them begins: whether each is a whole episode and contains what the work needs."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from siren_ros.simulation.scenario.splits import EpisodeIdentity
 
 
 class Need(StrEnum):
-    """One thing that a bag must hold."""
+    """Something that a bag must contain."""
 
     TRACKS = "tracks"
     MAP = "map"
@@ -43,12 +43,12 @@ _NEEDS: Final[dict[Need, tuple[Callable[[EpisodeSource], bool], str, str]]] = {
     Need.FRONT_CAMERA: (lambda source: source.front_camera is not None, "a front camera", "front"),
     Need.CAMERA: (lambda source: bool(source.cameras), "a camera", "full"),
 }
-"""Whether a bag has it, what messages call it, and the smallest shipped suite that records it; a later suite has what
-the earlier ones have."""
+"""For each need: how to check a bag, its name in messages, and the smallest shipped suite that records it. Later suites
+record everything that earlier ones do."""
 
 
 def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) -> None:
-    """Refuses a bag that lacks what a format needs.
+    """Check that a bag contains what a format needs.
 
     Raises BagError: what is missing, and the command that records this episode with it.
     """
@@ -61,11 +61,11 @@ def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) 
 
 
 _FURTHER: Final = ("site", "values", "look", "av", "av_sensors", "predictor", "detector")
-"""Fields of a request that the command names where they differ from their defaults."""
+"""Fields of a request that the command includes if they differ from their defaults."""
 
 
 def recording_command(description: EpisodeDescription, sensors: str) -> str:
-    """The command that records an episode again, with a suite of sensors."""
+    """Command that records an episode again with a suite of sensors."""
     values = {
         "template": description.template,
         "level": description.level.name,
@@ -85,39 +85,39 @@ def recording_command(description: EpisodeDescription, sensors: str) -> str:
 
 @dataclass(frozen=True)
 class BagSurvey:
-    """What is known of a bag before its export; JSON types, so that processes can exchange it."""
+    """What is known about a bag before its export; JSON types, so that processes can exchange it."""
 
     bag: str
-    """Path as it was given."""
+    """Path of the bag, as given."""
     readable: str
-    """Path that is read: the bag's own, or that of what could be recovered of it."""
+    """Path that is read: the bag itself, or a recovered copy."""
     sha256: str
-    """Of the bag's storage file as it was given."""
+    """Hash of the bag's storage file, as given."""
     note: str
-    """What is lost; empty where the bag is whole."""
+    """What is lost; empty if the bag is complete."""
     episode: dict[str, Any]
-    """What the card says of the episode."""
+    """The card's entry for the episode."""
 
     @property
     def identity(self) -> EpisodeIdentity:
-        """What decides the episode's split."""
+        """Values that decide the episode's split."""
         map_name, template, values = (str(self.episode[key]) for key in ("map", "template", "values"))
         return EpisodeIdentity(map_name, template, int(self.episode["seed"]), values)
 
     @property
     def name(self) -> str:
-        """``S2_L2_seed0_town``."""
+        """Name of the episode, such as ``S2_L2_seed0_town``."""
         return episode_name(*(self.episode[key] for key in ("template", "level", "seed", "map")))
 
 
 def episode_name(template: str, level: str, seed: int, map_name: str) -> str:
-    """What datasets call an episode; letters, digits, ``-`` and ``_``."""
+    """Name of an episode in datasets; it has letters, digits, ``-`` and ``_``."""
     text = f"{template}_{level}_seed{seed}_{map_name}"
     return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text)
 
 
 def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]]:
-    """Episodes in the order of every dataset of these bags, each with its id there.
+    """Sort episodes into the order that every dataset of these bags has, and give each its id there.
 
     Raises InputError: two of them are the same bag.
     """
@@ -133,7 +133,7 @@ def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]
 
 
 def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path) -> BagSurvey:
-    """Looks at a bag; a bag that was cut off is recovered into ``scratch`` first.
+    """Survey a bag; a bag that was cut off is first recovered into ``scratch``.
 
     Raises BagError: no episode, nothing that could be recovered, or not what the format needs.
     """
@@ -157,7 +157,7 @@ def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path
 
 
 def _episode(source: EpisodeSource) -> dict[str, Any]:
-    """What the card of a dataset says of an episode."""
+    """The card's entry for an episode."""
     description, outcome = source.description, source.outcome
     return {
         "template": description.template,
@@ -189,7 +189,7 @@ def bag_sha256(bag: Path) -> str:
 
 
 def recovered(bag: Path, scratch: Path) -> tuple[Path, str]:
-    """What can be read of a damaged bag, as a bag of its own, and what was lost.
+    """Recover the readable part of a damaged bag into a new bag; returns its path and what was lost.
 
     Raises BagError: nothing can be saved.
     """

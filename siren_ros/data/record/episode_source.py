@@ -1,4 +1,4 @@
-"""An episode's bag, opened: what it holds, its sensors and how they stand, its record, its frames of sensor data."""
+"""An opened bag of an episode: its sensors with their poses, its record, and its frames of sensor data."""
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -41,15 +41,15 @@ FRONT_CAMERA: Final = EXPORTED_CAMERA
 
 @dataclass(frozen=True)
 class MountedSensor:
-    """A LiDAR or a camera of the EMV, or of the AV under test."""
+    """A LiDAR or camera of the EMV or of the AV under test."""
 
     name: str
-    """That of the suite; behind ``av/`` on the AV."""
+    """Name of the sensor in its suite; for the AV's sensors it follows ``av/``."""
     topic: str
     base_from_sensor: Matrix
-    """Points in ``base_link`` from points in the sensor's frame (a camera's optical frame), shape ``(4, 4)``."""
+    """Transform from the sensor's frame (a camera's optical frame) to ``base_link``, shape ``(4, 4)``."""
     base_frame: str = field(default=BASE_FRAME, kw_only=True)
-    """Its carrier's ``base_link``, as ``/tf`` names it."""
+    """Name of the carrier's ``base_link`` on ``/tf``."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class MountedCamera(MountedSensor):
 
     model: CameraIntrinsics
     truth_topic: str
-    """Topic of its labels; empty where none were recorded."""
+    """Topic of the camera's labels; empty if none were recorded."""
 
     def from_lidar(self, lidar: MountedSensor) -> Matrix:
-        """Points in the optical frame from points in a LiDAR's frame, shape ``(4, 4)``."""
+        """Transform from a LiDAR's frame to the optical frame, shape ``(4, 4)``."""
         matrix: Matrix = np.linalg.inv(self.base_from_sensor) @ lidar.base_from_sensor
         return matrix
 
@@ -70,7 +70,7 @@ class EpisodeSource:
     """An open bag of one episode."""
 
     def __init__(self, bag: OpenBag) -> None:
-        """Reads the description. Raises BagError: the bag has none."""
+        """Read the episode's description. Raises BagError if the bag has none."""
         self.bag = bag
         self.path = bag.path
         message = self._first(topics.EPISODE.name)
@@ -85,7 +85,7 @@ class EpisodeSource:
 
     @cached_property
     def outcome(self) -> EpisodeOutcome | None:
-        """How the episode ended, as in its record; None where the bag was cut off before."""
+        """The recorded outcome; None if the bag was cut off before it."""
         message, end = self._first(topics.OUTCOME.name), self._first(topics.EPISODE_END.name)
         steps = [step_of_time_ns(states.time_ns) for states in self.bag.messages({topics.ACTORS.name})]
         with damage_refused(self.path):
@@ -98,13 +98,13 @@ class EpisodeSource:
 
     @property
     def map_label(self) -> str:
-        """What datasets call the map: its name with the beginning of its hash, so that maps of one name stay apart."""
+        """Name of the map in datasets: its name with the start of its hash, which separates maps of the same name."""
         name = "".join(letter if letter.isalnum() else "-" for letter in self.description.map_name)
         return f"{name}-{self.description.map_sha256[:8]}"
 
     @cached_property
     def net_xml(self) -> str:
-        """The compiled SUMO net; BagError where the bag holds no map."""
+        """The compiled SUMO net; BagError if the bag has no map."""
         message = self._first(topics.MAP.name)
         if message is None:
             raise BagError(str(self.path), f"a bag with the episode's map on {topics.MAP.name}")
@@ -112,7 +112,7 @@ class EpisodeSource:
 
     @cached_property
     def network(self) -> RoadNetwork:
-        """The map as a road network; BagError where the bag holds none."""
+        """The map as a road network; BagError if the bag has no map."""
         return parse_road_network(self.net_xml.encode())
 
     @cached_property
@@ -124,11 +124,11 @@ class EpisodeSource:
 
     @property
     def station(self) -> Matrix | None:
-        """Where a roadside suite stands, in the ``map`` frame, shape ``(4, 4)``; None for sensors on a vehicle."""
+        """Pose of a roadside suite in the ``map`` frame, shape ``(4, 4)``; None for sensors on a vehicle."""
         return self._mounts.get(STATION_FRAME)
 
     def _sensors(self, topic: Topic, carrier: Carrier) -> dict[str, str]:
-        """Names of a carrier's sensors that publish on a kind of topic, with the topics."""
+        """A carrier's sensors with this kind of topic: topic by sensor name."""
         head, tail = topic.of_carrier(carrier.name).name.split("{sensor}")
         names = {
             name[len(head) : len(name) - len(tail)]: name
@@ -139,11 +139,11 @@ class EpisodeSource:
 
     @cached_property
     def lidar(self) -> MountedSensor | None:
-        """The EMV's first LiDAR; None without one."""
+        """The EMV's first LiDAR; None if it has none."""
         return self.lidar_on(EMV)
 
     def lidar_on(self, carrier: Carrier) -> MountedSensor | None:
-        """A carrier's first LiDAR; None without one."""
+        """A carrier's first LiDAR; None if it has none."""
         for name, topic in self._sensors(topics.LIDAR, carrier).items():
             message = next(self.bag.messages({topic}), None)
             if message is not None:
@@ -174,11 +174,11 @@ class EpisodeSource:
 
     @property
     def front_camera(self) -> MountedCamera | None:
-        """The camera that looks ahead; None without one."""
+        """The camera that looks ahead; None if there is none."""
         return next((camera for camera in self.cameras if camera.name == FRONT_CAMERA), None)
 
     def messages_by_step(self, topics: Collection[str]) -> Iterator[tuple[int, dict[str, BagMessage]]]:
-        """The messages of some topics, those of one step together, in the order of time; only one step is in memory.
+        """Messages of some topics in the order of time, grouped by step; only one step is in memory.
 
         Raises BagError: the bag is damaged at the place that has been reached.
         """
@@ -190,33 +190,33 @@ class EpisodeSource:
         return self.bag.record()
 
     def tracks(self) -> EpisodeRecord:
-        """As ``record``, but without the controllers' commands and the events, which take time to read."""
+        """Like ``record``, but without the controllers' commands and the events, which take time to read."""
         return self.bag.record(unread=(topics.EMV_COMMANDS.name, topics.YIELD_COMMANDS.name, topics.EVENTS.name))
 
 
 @contextmanager
 def open_source(path: Path) -> Iterator[EpisodeSource]:
-    """Opens an episode's bag; raises BagError as ``open_bag``, and for a bag that is no episode."""
+    """Open an episode's bag; raises BagError as ``open_bag``, also for a bag that is not an episode."""
     with open_bag(path) as bag:
         yield EpisodeSource(bag)
 
 
 @dataclass(frozen=True)
 class LidarFrame(Brief):
-    """What was recorded at one step; None or missing where nothing was."""
+    """Sensor data of one step; None or missing where nothing was recorded."""
 
     step: int
     points: npt.NDArray[np.void] | None
     truth: GroundTruth | None
     jpegs: dict[str, bytes]
-    """Pictures by the camera's name."""
+    """JPEG pictures by the camera's name."""
     image_truths: dict[str, CameraTruth]
     map_from_base: Matrix | None
-    """Pose of what carries the LiDAR: a vehicle, or a station at the roadside."""
+    """Pose of the LiDAR's carrier: a vehicle, or a station at the roadside."""
 
 
 def lidar_of(source: EpisodeSource) -> MountedSensor:
-    """The LiDAR of a bag that has one; BagError otherwise."""
+    """The LiDAR of a bag; BagError if it has none."""
     if source.lidar is None:
         raise BagError(str(source.path), "an episode recorded with a LiDAR")
     return source.lidar
@@ -225,7 +225,7 @@ def lidar_of(source: EpisodeSource) -> MountedSensor:
 def lidar_frames(
     source: EpisodeSource, *, cameras: Sequence[MountedCamera] = (), pose: bool = False
 ) -> Iterator[LidarFrame]:
-    """The steps of an episode that hold a sweep, labels or pictures, one after the other.
+    """Iterate over the steps of an episode that have a sweep, labels or pictures.
 
     With ``cameras`` also their pictures and labels, with ``pose`` that of the vehicle or of the station. Raises
     BagError: the bag is damaged at the place that has been reached.

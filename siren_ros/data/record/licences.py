@@ -1,4 +1,4 @@
-"""The licence of what SIREN makes, and the licences of the maps that its datasets show."""
+"""The licence of SIREN's own output, and the licences of the maps in its datasets."""
 
 import re
 from collections.abc import Callable
@@ -8,8 +8,8 @@ from typing import Final
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, TOWN_NAME
 
 LICENCE: Final = "Apache-2.0"
-"""Of the code, the parameter files, the weights and, unless their maker states another one, of the datasets. The one
-place where it is decided; a test holds ``LICENSE``, the packages' metadata and ``CITATION.cff`` against it."""
+"""Licence of the code, the parameter files, the weights and the datasets, unless a dataset's maker states another. A
+test compares ``LICENSE``, the packages' metadata and ``CITATION.cff`` with it."""
 LICENCE_URL: Final = "https://www.apache.org/licenses/LICENSE-2.0"
 UNKNOWN: Final = "that of its source, which SIREN does not know"
 
@@ -21,7 +21,7 @@ _BY_SOURCE: Final[tuple[tuple[Callable[[str, str], bool], str], ...]] = (
 
 
 def licence_of_map(name: str, file: str) -> str:
-    """The licence of a map, as far as its name tells.
+    """The licence of a map, as far as its name shows.
 
     Args:
         name: The map's name in the episode.

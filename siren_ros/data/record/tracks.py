@@ -1,4 +1,4 @@
-"""Tracks of an episode at 10 Hz, the rate at which the paper logs, and the windows of frames that lie in them."""
+"""Tracks of an episode at 10 Hz, the paper's logging rate, and windows of frames in them."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,19 +14,19 @@ from siren_ros.simulation.scenario.interaction_region import region_members
 from siren_ros.simulation.world.actors import ActorDescription
 
 LOG_PERIOD_STEPS: Final = 2
-"""10 Hz (paper: "actor states are logged at 10 Hz")."""
+"""Steps between logged frames, which are 10 Hz apart (paper: "actor states are logged at 10 Hz")."""
 FRAME_S: Final = LOG_PERIOD_STEPS * STEP_S
-"""A *frame* is one logged step."""
+"""Duration of a *frame*, one logged step."""
 REGION: Final = "region"
-"""Vehicles in the interaction region around the EMV for the whole window."""
+"""Population of the vehicles that are in the interaction region around the EMV for the whole window."""
 POPULATIONS: Final = (REGION, "all")
-"""As in the evaluation of predictors."""
+"""Populations, as in the evaluation of predictors."""
 _MOTION: Final = ("x_m", "y_m", "z_m", "yaw_rad", "vx_mps", "vy_mps", "accel_mps2")
 
 
 @dataclass(frozen=True)
 class Track:
-    """One vehicle over the frames at which it is there; arrays of shape ``(K,)`` in the ``map`` frame."""
+    """Track of one vehicle over the frames at which it is present; arrays of shape ``(K,)`` in the ``map`` frame."""
 
     actor: ActorDescription
     frame: Rows
@@ -39,7 +39,7 @@ class Track:
     vy_mps: Floats
     accel_mps2: Floats
     in_region: Flags
-    """Whether it is in the interaction region around the EMV."""
+    """Whether the vehicle is in the interaction region around the EMV."""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -55,7 +55,7 @@ class Track:
         return np.hypot(self.vx_mps, self.vy_mps)
 
     def window(self, first: int, count: int) -> "Track":
-        """The part within some frames."""
+        """The part of the track in some frames."""
         start, end = np.searchsorted(self.frame, [first, first + count])
         arrays: dict[str, Any] = {
             name: values[start:end] for name, values in vars(self).items() if isinstance(values, np.ndarray)
@@ -64,9 +64,10 @@ class Track:
 
 
 def rows_in_region(record: EpisodeRecord, *, walkers: bool = False) -> Flags:
-    """Which of ``record.rows`` are in the interaction region at that step, shape ``(M,)``.
+    """Which of ``record.rows`` are in the interaction region at their step, shape ``(M,)``.
 
-    They are of vehicles, or also of people on foot (``walkers``).
+    It counts vehicles, and pedestrians too with ``walkers``.
+
     """
     members, inside = np.empty(0, dtype=np.uint32), [np.empty(0, dtype=np.int64)]
     for state in sorted(record.states, key=lambda state: state.step):
@@ -101,7 +102,7 @@ def tracks_of(record: EpisodeRecord) -> tuple[Track, ...]:
 
 
 def whole_windows(track: Track, count: int, population: str) -> Rows:
-    """First frames of all windows of ``count`` frames at each of which the vehicle is there, and in the population."""
+    """First frames of windows of ``count`` frames with the vehicle present and in the population throughout."""
     frames = track.frame[track.in_region] if population == REGION else track.frame
     if len(frames) < count:
         return np.empty(0, dtype=np.intp)

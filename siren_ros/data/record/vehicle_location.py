@@ -1,4 +1,4 @@
-"""Where recorded vehicles are: in which lane and how far along it, and ahead of or beside one another."""
+"""Locates recorded vehicles: their lane, the position along it, and their position relative to one another."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from siren_ros.simulation.world.actors import rows_of_ids
 from siren_ros.simulation.world.traffic_state import Indices
 
 DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
-"""Lanes that vehicles use."""
+"""Kinds of lanes that vehicles use."""
 _END_MARGIN_M: Final = 0.05
-"""Lanes of consecutive edges meet with rounding gaps of SUMO's two decimals."""
+"""Tolerance for the gap between lanes of consecutive edges, which comes from SUMO's two decimals."""
 _HINT_BONUS_M: Final = 100.0
-"""Puts SUMO's lane first where a pose lies in several lanes (paths across a junction overlap)."""
+"""Bonus that makes SUMO's lane win where a pose is in several lanes (paths across a junction overlap)."""
 _INTERNAL_PENALTY_M: Final = 10.0
 ALIGNED_RAD: Final = np.pi / 3.0
-"""Two vehicles drive in the same direction where their headings differ by less."""
+"""Two vehicles drive in the same direction if their headings differ by less than this."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class LanePlaces:
     arc_m: Floats
     """Arc length of the footprint's centre on the lane's centre line."""
     offset_m: Floats
-    """Of the centre from the lane's centre line, left positive."""
+    """Distance of the centre from the lane's centre line, positive to the left."""
 
 
 def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -> LanePlaces:
-    """The lane of each pose: its area holds the footprint's centre, its direction is within 90° of the heading.
+    """Find the lane of each pose: it contains the footprint's centre, and its direction is within 90° of the heading.
 
     Footprint centres have the shape ``(M, 2)``, headings ``(M,)``. ``hint`` is the preferred lane where a pose lies in
     several ones, NO_LANE for none, shape ``(M,)``.
@@ -64,7 +64,7 @@ def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -
 
 
 def _around(network: RoadNetwork, xy_m: Floats) -> Iterator[tuple[Lane, Floats, Floats]]:
-    """Lanes near some of the points, in their order, each with the corners of its box."""
+    """Lanes near some of the points, in their order, each with two corners of its bounding box."""
     lanes, low, high = _boxes(network)
     near = (low <= np.fmax.reduce(xy_m)).all(axis=1) & (high >= np.fmin.reduce(xy_m)).all(axis=1)
     for k in np.flatnonzero(near).tolist():
@@ -73,7 +73,7 @@ def _around(network: RoadNetwork, xy_m: Floats) -> Iterator[tuple[Lane, Floats, 
 
 @lru_cache(maxsize=MAPS_KEPT)
 def _boxes(network: RoadNetwork) -> tuple[tuple[Lane, ...], Floats, Floats]:
-    """Lanes that vehicles use, and the corners of a box around each, shape ``(L, 2)``."""
+    """Lanes that vehicles use, and two corners of each lane's bounding box, shape ``(L, 2)``."""
     lanes = tuple(lane for lane in network.lanes if lane.kind in DRIVEN_KINDS)
     low = np.array([lane.centre.points.min(axis=0) - lane.width_m for lane in lanes]).reshape(-1, 2)
     high = np.array([lane.centre.points.max(axis=0) + lane.width_m for lane in lanes]).reshape(-1, 2)
@@ -81,7 +81,7 @@ def _boxes(network: RoadNetwork) -> tuple[tuple[Lane, ...], Floats, Floats]:
 
 
 def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:
-    """SUMO's lane of each row's actor at the row's step, NO_LANE where it is unknown; shape ``(M,)``."""
+    """SUMO's lane of each row's actor at the row's step, shape ``(M,)``; NO_LANE where it is unknown."""
     hint = np.full(len(rows), NO_LANE, dtype=np.int32)
     order = np.argsort(rows.step, kind="stable")
     edges = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic])
@@ -100,10 +100,10 @@ def places_of(record: EpisodeRecord, rows: StateRows) -> LanePlaces:
 
 
 class Drive:
-    """One actor's rows of a record, in the order of time, with its lanes."""
+    """One actor's rows of a record in the order of time, with its lanes."""
 
     def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int) -> None:
-        """Selects the rows; ``places`` are the lanes of ``record.rows``."""
+        """Select the actor's rows; ``places`` are the lanes of ``record.rows``."""
         span = record.rows_of(actor_id)
         self.actor = record.actors[actor_id]
         self.network = record.network
@@ -114,7 +114,7 @@ class Drive:
 
 
 def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
-    """The lane and all lanes that can follow it without a lane change, paths across junctions included.
+    """The lane and all lanes that follow it without a lane change, including paths across junctions.
 
     The lane may be a path across a junction; the reach begins at its end.
     """
@@ -136,7 +136,7 @@ def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[in
 
 
 def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
-    """The lanes of each movement out of a lane, or of the rest of a path across a junction."""
+    """The lanes that follow a lane, or the rest of a path across a junction, for each movement."""
     if network.lanes[lane].kind is LaneKind.INTERNAL:
         on_path = [connection for connection in network.connections if lane in connection.via]
         return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]
@@ -144,13 +144,13 @@ def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
 
 
 def common_rows(first: StateRows, second: StateRows) -> tuple[StateRows, StateRows]:
-    """The rows of two tracks at the steps that both have, in the order of time."""
+    """The rows of two tracks at their common steps, in the order of time."""
     _, in_first, in_second = np.intersect1d(first.step, second.step, assume_unique=True, return_indices=True)
     return first.select(in_first), second.select(in_second)
 
 
 def ahead_and_left_m(observer: StateRows, other: StateRows) -> tuple[Floats, Floats]:
-    """The other's centre in the observer's axes; rows of the same steps, arrays of shape ``(M,)``."""
+    """Position of the other's centre in the observer's axes; rows of the same steps, arrays of shape ``(M,)``."""
     delta = other.xy_m - observer.xy_m
     cos, sin = np.cos(observer.yaw_rad), np.sin(observer.yaw_rad)
     ahead_m: Floats = delta[:, 0] * cos + delta[:, 1] * sin

@@ -1,1 +1,1 @@
-"""Episode bags: written, read, repaired, played; the record of an episode in memory."""
+"""Writes, reads, repairs and plays bags of episodes, and holds the record of an episode in memory."""

@@ -26,11 +26,11 @@ METADATA_FILE: Final = "metadata.yaml"
 VERSION: Final = 9
 MAX_METADATA_BYTES: Final = 1_000_000
 _FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
-"""How rosbag2 writes an unlimited duration."""
+"""rosbag2's notation for an unlimited duration."""
 PARTIAL_SUFFIX: Final = ".partial"
 RESERVE_FILE: Final = ".reserve"
 RESERVE_BYTES: Final = 1_000_000
-"""Reserved disk space, for the end of a bag on a full disk."""
+"""Disk space reserved so that a bag can be completed on a full disk."""
 _COPY_BYTES: Final = 1 << 20
 
 
@@ -41,19 +41,19 @@ class BagTopic:
     name: str
     type_name: str
     type_hash: str
-    """REP 2016 hash, ``RIHS01_…``."""
+    """Hash of the type by REP 2016, ``RIHS01_…``."""
     latched: bool
     message_count: int
 
     @classmethod
     def of_channel(cls, channel: Channel, type_name: str, message_count: int) -> "BagTopic":
-        """A topic as its MCAP channel says it."""
+        """A topic with the data of its MCAP channel."""
         type_hash = channel.metadata.get("topic_type_hash", "")
         return cls(channel.topic, type_name, type_hash, is_latched(channel), message_count)
 
 
 def is_latched(channel: Channel) -> bool:
-    """Whether a channel's publishers were transient local."""
+    """Whether the publishers of a channel were transient local."""
     return "transient_local" in channel.metadata.get("offered_qos_profiles", "")
 
 
@@ -120,7 +120,7 @@ def metadata_text(
 
 
 def read_message_counts(bag: Path) -> dict[str, int]:
-    """Messages per topic of a closed bag, from its ``metadata.yaml``.
+    """Number of messages per topic of a closed bag, from its ``metadata.yaml``.
 
     Raises BagError: there is no readable metadata.
     """
@@ -152,7 +152,7 @@ def read_metadata(bag: Path) -> dict[str, Any]:
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """Writes equal values again instead of YAML anchors, so that any reader can read them."""
+    """Repeats equal values instead of YAML anchors, so that every reader can read the file."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 # PyYAML's signature
         return True
@@ -168,7 +168,7 @@ def working_path(bag: Path) -> Path:
 
 
 def free_partial_path(bag: Path) -> Path:
-    """The first of ``NAME.partial``, ``NAME.partial-2``, … that does not exist."""
+    """The first name among ``NAME.partial``, ``NAME.partial-2``, … that does not exist."""
     candidate = bag.with_name(bag.name + PARTIAL_SUFFIX)
     number = 2
     while os.path.lexists(candidate):
@@ -178,7 +178,7 @@ def free_partial_path(bag: Path) -> Path:
 
 
 def is_episode_bag(folder: Path) -> bool:
-    """Whether a folder is a bag of an episode, and holds nothing else."""
+    """Whether a folder is a bag of an episode and contains nothing else."""
     if folder.is_symlink():
         return False
     try:
@@ -192,7 +192,7 @@ def is_episode_bag(folder: Path) -> bool:
 
 
 def check_new_bag(bag: Path, *, overwrite: bool = False) -> None:
-    """Refuses the path of a bag that could not be moved to its place at the end of the episode.
+    """Check that a bag can be moved to this path at the end of the episode.
 
     With ``overwrite`` the bag of an earlier episode may be there, which then gives way.
 
@@ -224,7 +224,7 @@ def _what_is_at(bag: Path, overwrite: bool) -> str:
 
 
 def lock(file: FileIO) -> bool:
-    """Takes the writer's lock on a storage file; False where another process has it.
+    """Take the writer's lock on a storage file; False if another process has it.
 
     The kernel releases the lock when the process ends, in any way.
     """
@@ -239,7 +239,7 @@ class WorkingFolder:
     """The folder ``.NAME.partial`` next to a bag's final place, with the storage file in it."""
 
     def __init__(self, bag: Path, file_name: str, *, overwrite: bool = False) -> None:
-        """Creates the folder. The folder of a killed writer in its place is moved to a partial name.
+        """Create the folder. An existing folder of a killed writer is renamed to a partial name.
 
         Raises BagError: the bag exists, unless ``overwrite`` lets it replace an episode; another episode writes it now,
         or the place cannot be written.
@@ -253,7 +253,7 @@ class WorkingFolder:
             bag.parent.mkdir(parents=True, exist_ok=True)
             self._set_aside_orphan()
             self.path.mkdir()
-            # Also readable: `restore` copies from it.
+            # Reading is allowed too, because `restore` copies from this file.
             self.file = self._file_path.open("w+b", buffering=0)
             lock(self.file)
             self._reserve()
@@ -278,7 +278,7 @@ class WorkingFolder:
             raise
 
     def free_reserve(self) -> None:
-        """Frees the reserved space."""
+        """Free the reserved space."""
         with suppress(OSError):
             (self.path / RESERVE_FILE).unlink()
 
@@ -291,12 +291,12 @@ class WorkingFolder:
         return (at_path.st_dev, at_path.st_ino) == (opened.st_dev, opened.st_ino)
 
     def check(self) -> None:
-        """Raises OSError where the folder has been removed."""
+        """Raise OSError if the folder has been removed."""
         if not self.is_there():
             raise FileNotFoundError(errno.ENOENT, "its folder has disappeared while it was written", str(self.path))
 
     def restore(self) -> None:
-        """Writes the storage file again from its open handle, where the folder has been removed."""
+        """Write the storage file again from its open handle, if the folder has been removed."""
         if self.is_there():
             return
         self.path.mkdir(parents=True, exist_ok=True)
@@ -305,7 +305,7 @@ class WorkingFolder:
             shutil.copyfileobj(self.file, copy, _COPY_BYTES)
 
     def close(self, metadata: str) -> None:
-        """Closes the storage file and writes the metadata."""
+        """Close the storage file and write the metadata."""
         if not self.file.closed:
             os.fsync(self.file.fileno())
             self.file.close()
@@ -313,7 +313,7 @@ class WorkingFolder:
         (self.path / METADATA_FILE).write_text(metadata, encoding="utf-8")
 
     def move_to(self, target: Path) -> Path:
-        """Moves the folder; OSError where the target exists, unless it gives way, or cannot be made."""
+        """Move the folder; OSError if the target cannot be made, or exists and may not be replaced."""
         if self._overwrite and is_episode_bag(target):
             shutil.rmtree(target)
         if os.path.lexists(target):
@@ -322,7 +322,7 @@ class WorkingFolder:
         return target
 
     def remove(self) -> None:
-        """Removes the folder, and its parent if that is empty."""
+        """Remove the folder, and its parent if that is empty."""
         self.file.close()
         self.free_reserve()
         with suppress(OSError):

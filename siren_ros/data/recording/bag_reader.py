@@ -1,4 +1,4 @@
-"""Reads bags with the message definitions in them: messages in the order of time, the record, the playhead.
+"""Reads bags with the message definitions that they contain: messages in the order of time, and the record.
 
 A bag's files are checked before they are read, because a bag may come from an untrusted source. Refused are files
 outside the folder, compressed files and databases, metadata with aliases, and chunks that claim or unpack to more
@@ -30,9 +30,9 @@ from siren_ros.data.recording.record_builder import RECORD_TOPICS, RecordBuilder
 from siren_ros.errors import BagError, SirenError
 
 MAX_SUMMARY_BYTES: Final = 100_000_000
-"""An index of a million messages has 30 MB."""
+"""Largest summary that is read; the index of a million messages has 30 MB."""
 _FOOTER: Final = struct.Struct("<BQQQI8s")
-"""Code, length, start of the summary, start of the offsets, checksum; then the magic bytes at the end of the file."""
+"""Footer record: code, length, start of the summary, start of the offsets, checksum, magic bytes of the file's end."""
 _FOOTER_FIELDS_BYTES: Final = 20
 _AFTER_CRC_BYTES: Final = 12
 _STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/msg/Time"})
@@ -40,11 +40,11 @@ _STAMP: Final = struct.Struct("<iI")
 _ENCAPSULATION_BYTES: Final = 4
 _LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
 _typestores: Final[dict[frozenset[tuple[str, str, str]], Typestore]] = {}
-"""By the definitions of a bag. A store parses them and compiles a reader for each type, which takes as long as reading
-a short bag; bags of one version share their definitions."""
+"""Type stores by the definitions of a bag. To make one takes as long as to read a short bag, and bags of one version
+have the same definitions."""
 _NO_END: Final = "the file has no end; `siren recover` completes a bag that was cut off"
 MAX_BURST_NS: Final = 4 * STEP_NS
-"""Most simulated time that is published at once; a subscriber keeps 8 messages of a topic."""
+"""Largest simulated time that is published at once, because a subscriber keeps 8 messages of a topic."""
 NS_PER_S: Final = 1_000_000_000
 
 
@@ -54,7 +54,7 @@ def storage_files(bag: Path) -> list[Path]:
 
 
 def check_bag_files(bag: Path, content: bool = False) -> None:
-    """Raises BagError for a bag whose files are damaged, misplaced or too large: what is wrong, and where.
+    """Check a bag's files; BagError says what is damaged, misplaced or too large, and where.
 
     With ``content`` it also unpacks each chunk, compares its checksum and those of attachments, and reads the summary.
     """
@@ -92,7 +92,7 @@ def _check_storage(file: Path, content: bool) -> None:
 
 
 def read_summary(stream: BinaryIO, size: int) -> Summary:
-    """The summary of a file of ``size`` bytes: definitions, statistics and the index of chunks.
+    """Read the summary of a file of ``size`` bytes: definitions, statistics and the index of chunks.
 
     Raises DamageError: the file has no end, or its summary is damaged.
     """
@@ -108,7 +108,7 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
 
 
 def _check_end(stream: BinaryIO, size: int) -> None:
-    """A reader begins at the footer. The footer must lead to an undamaged summary inside the file."""
+    """Check the footer, where readers begin: it must lead to an undamaged summary inside the file."""
     stream.seek(max(0, size - _FOOTER.size))
     end = stream.read()
     if len(end) < _FOOTER.size:
@@ -125,18 +125,18 @@ def _check_end(stream: BinaryIO, size: int) -> None:
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Turns any error of a parser on damaged or foreign content into a BagError that names the bag."""
+    """Turn any error of a parser on damaged or foreign content into a BagError that names the bag."""
     try:
         yield
     except SirenError:
         raise
-    except Exception as error:  # rosbags and zstd raise a dozen kinds, asserts among them, on damaged content
+    except Exception as error:  # rosbags and zstd raise many kinds of errors on damaged content, among them asserts
         raise BagError(str(path), f"an undamaged episode ({type(error).__name__}: {error})") from error
 
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message of a bag; its CDR is decoded on demand."""
+    """One message of a bag; its CDR is decoded when needed."""
 
     topic: str
     type_name: str
@@ -151,7 +151,7 @@ class BagMessage:
 
 
 class OpenBag:
-    """A bag that is open for reading."""
+    """A bag opened for reading."""
 
     def __init__(self, path: Path, reader: Reader) -> None:
         self.path = path
@@ -168,7 +168,7 @@ class OpenBag:
         return self.reader.start_time, self.reader.end_time - 1
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order of simulated time; all topics, or those given.
+        """Messages in the order of simulated time, of all topics or of the given ones.
 
         Raises BagError: the bag is damaged after the last message that was returned.
         """
@@ -180,7 +180,7 @@ class OpenBag:
                 yield BagMessage(connection.topic, connection.msgtype, time_ns, cdr, self)
 
     def stamp_ns(self, message: BagMessage) -> int | None:
-        """The stamp at the start of a message, without decoding the rest; None where the type has none."""
+        """Read the stamp at the start of a message without decoding the rest; None if the type has none."""
         enough = len(message.cdr) >= _ENCAPSULATION_BYTES + _STAMP.size
         if message.type_name not in self._stamped or not enough or message.cdr[:2] != _LITTLE_ENDIAN_CDR:
             return None
@@ -188,7 +188,7 @@ class OpenBag:
         return int(sec) * 1_000_000_000 + int(nanosec)
 
     def record(self, *, counted: bool = False, unread: Collection[str] = ()) -> EpisodeRecord:
-        """The record of the episode in the bag; all states are in memory.
+        """Read the record of the episode; all states are then in memory.
 
         With ``counted`` also the counts of the messages of all topics, which reads all of them. What the topics in
         ``unread`` tell is missing from the record. Raises BagError: the
@@ -211,7 +211,7 @@ class OpenBag:
 
 
 def _typestore_of(path: Path, reader: Reader) -> Typestore:
-    """Readers of the types in a bag; those of an earlier one with the same definitions."""
+    """Type store for a bag; bags with the same definitions share one."""
     definitions = frozenset((item.msgtype, item.msgdef.data, item.digest) for item in reader.connections)
     if definitions not in _typestores:
         with AnyReader([path]) as parser:
@@ -234,7 +234,7 @@ def _starts_with_stamp(store: Typestore, type_name: str) -> bool:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[OpenBag]:
-    """Opens a bag for reading. Raises BagError: the folder is missing, is not a rosbag2 bag, or is damaged."""
+    """Open a bag for reading. Raises BagError if the folder is missing, not a rosbag2 bag, or damaged."""
     try:
         there = path.is_dir()
     except OSError:  # a name that is too long
@@ -258,7 +258,7 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
 
 
 def read_episode(path: Path) -> EpisodeRecord:
-    """The record of an episode, with the counts of its messages.
+    """Read the record of an episode, with the number of its messages.
 
     Raises BagError as ``open_bag`` and ``OpenBag.record``.
     """
@@ -267,7 +267,7 @@ def read_episode(path: Path) -> EpisodeRecord:
 
 
 def bags_among(paths: Iterable[Path]) -> tuple[Path, ...]:
-    """The bags among some folders: themselves, or those at any depth below them, sorted by path.
+    """Find the bags among some folders: the folders themselves, or those at any depth below, sorted by path.
 
     Hidden folders are left out: there bags are under way. A folder without any bag stays as it is, so that reading it
     says what is wrong.
@@ -282,7 +282,7 @@ def bags_among(paths: Iterable[Path]) -> tuple[Path, ...]:
 
 @dataclass(frozen=True)
 class Playhead:
-    """A position in simulated time. It moves with the wall clock unless it is paused."""
+    """A position in simulated time that moves with the wall clock while it is not paused."""
 
     position_ns: int
     """Simulated time at ``since_s``."""
@@ -293,14 +293,14 @@ class Playhead:
     paused: bool = False
 
     def advance(self, now_s: float) -> "Playhead":
-        """The playhead at a later wall time. It advances by at most ``MAX_BURST_NS``, also after a long delay."""
+        """Move the playhead to a later wall time. It advances by at most ``MAX_BURST_NS``, even after a long delay."""
         if self.paused:
             return replace(self, since_s=now_s)
         moved_ns = round((now_s - self.since_s) * self.rate * NS_PER_S)
         return replace(self, position_ns=self.position_ns + min(moved_ns, MAX_BURST_NS), since_s=now_s)
 
     def held_at(self, time_ns: int) -> "Playhead":
-        """The playhead, at most at the time of a message that cannot be published yet."""
+        """The playhead, held at the time of a message that cannot be published yet."""
         return replace(self, position_ns=min(self.position_ns, time_ns))
 
     def pause(self, now_s: float, paused: bool) -> "Playhead":
@@ -309,7 +309,7 @@ class Playhead:
 
 
 def messages_from(bag: OpenBag, start_ns: int) -> Iterator[BagMessage]:
-    """The messages for a subscriber that joins at a time: latched ones from before, then all from there on.
+    """Messages for a subscriber that joins at a time: earlier latched ones, then all from that time on.
 
     Raises BagError: the bag is damaged after the last message that was returned.
     """

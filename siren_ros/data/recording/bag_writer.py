@@ -1,4 +1,4 @@
-"""Writes an episode's bag on a thread in the background: rosbag2 version 9, MCAP with zstd chunks.
+"""Writes an episode's bag in a background thread: rosbag2 version 9, MCAP with zstd chunks.
 
 A partial bag has a name of its own.
 """
@@ -29,8 +29,8 @@ from siren_ros.errors import EpisodeError
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"
 REPEAT_CHUNKS: Final = 64
-"""Every 64th chunk, and every chunk after one with new definitions, repeats all definitions: a damaged chunk of a
-cut-off bag then costs no other chunk."""
+"""Every 64th chunk, and every chunk after new definitions, repeats all definitions. In a cut-off bag, a damaged chunk
+then makes no other chunk unreadable."""
 _CAUSES: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk's quota is used up",
@@ -39,7 +39,7 @@ _CAUSES: Final = {
 
 
 class BackgroundWorker:
-    """Calls ``work(item)`` for every item, one after the other, in a thread of its own.
+    """Calls ``work(item)`` for each item, in order, in a thread of its own.
 
     ``put`` waits while the queue is full, so that memory stays bounded. The first exception that
     ``work`` raises is raised again by the next ``put`` or by ``close``; items after it are dropped.
@@ -62,12 +62,12 @@ class BackgroundWorker:
                 self._error = error
 
     def put(self, item: Any) -> None:
-        """Hands an item over; raises what an earlier item raised."""
+        """Hand over an item; raises an error of an earlier item."""
         self._raise()
         self._queue.put((item,))
 
     def close(self) -> None:
-        """Waits until everything is done and ends the thread; raises what an item raised."""
+        """Wait until all items are done and end the thread; raises an error of an item."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
@@ -80,22 +80,22 @@ class BackgroundWorker:
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Chunk size and memory of a bag's writer, and whether an earlier bag gives way."""
+    """Settings of a bag's writer: chunk size, memory, and whether it may replace an earlier bag."""
 
     chunk_bytes: int = 64_000
-    """Largest uncompressed size of a chunk with several messages; a larger message is a chunk of its own. Damage costs
-    the messages of its chunk."""
+    """Largest uncompressed size of a chunk with several messages; a larger message gets a chunk of its own. Damage of a
+    chunk loses all of its messages."""
     chunk_ns: int = 1_000_000_000
-    """Simulated time after which a chunk is closed, even a small one."""
+    """A chunk is closed after this simulated time, however small it is."""
     queued_chunks: int = 8
-    """Chunks that may wait for the writing thread; bounds the memory."""
+    """Number of chunks that may wait for the writing thread; it bounds the memory."""
     overwrite: bool = False
-    """Whether the finished bag replaces that of an earlier episode in its place."""
+    """Whether the finished bag may replace the bag of an earlier episode."""
 
 
 @dataclass(frozen=True)
 class BagSummary(Brief):
-    """A closed bag."""
+    """Statistics of a closed bag."""
 
     path: Path
     size_bytes: int
@@ -112,7 +112,7 @@ class _OpenChannel:
 
 @dataclass
 class _PendingChunk:
-    """What the next chunk will hold."""
+    """Content of the chunk that is being filled."""
 
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
@@ -120,13 +120,13 @@ class _PendingChunk:
     size_bytes: int = 0
     first_ns: int = 0
     defines: bool = False
-    """Whether it has definitions that no chunk before it has."""
+    """Whether the chunk has definitions that no earlier chunk has."""
     latched: bool = False
-    """Whether its messages are latched ones; these have chunks of their own."""
+    """Whether the chunk holds latched messages, which have chunks of their own."""
 
 
 class EpisodeBagWriter:
-    """Writes one bag. ``finish`` moves it to its final name, ``abandon`` to the name of a partial bag.
+    """Writes one bag. ``finish`` moves it to its final name, ``abandon`` to a partial name.
 
     Until then the bag is the folder ``.NAME.partial`` next to its final place, locked against other
     writers. A second thread compresses and writes; an error there is raised by the next call.
@@ -135,7 +135,7 @@ class EpisodeBagWriter:
     def __init__(
         self, path: Path, store: Typestore, latched: Collection[str] = (), options: BagOptions | None = None
     ) -> None:
-        """Opens the bag; ``latched`` names its transient local topics.
+        """Open the bag; ``latched`` names its transient local topics.
 
         Raises BagError: the folder exists, another episode writes it now, or the place cannot be written.
         """
@@ -156,7 +156,7 @@ class EpisodeBagWriter:
         self._closed = False
 
     def write(self, topic: str, type_name: str, cdr: bytes | memoryview, time_ns: int) -> None:
-        """Adds a serialised message with its encapsulation header; a topic's first message opens its channel.
+        """Add a serialised message with its encapsulation header; the first message of a topic opens its channel.
 
         Log time and publish time are the simulated time. A memoryview is copied. Raises EpisodeError: an earlier
         message could not be written: the disk is full, or the folder is gone.
@@ -228,7 +228,7 @@ class EpisodeBagWriter:
         return EpisodeError(f"the bag {self._path} cannot be written: {cause}")
 
     def finish(self) -> BagSummary:
-        """Completes the bag and moves it to its final name.
+        """Complete the bag and move it to its final name.
 
         Raises EpisodeError: it cannot be written or moved; the partial bag stays where ``abandon`` puts it.
         """
@@ -245,7 +245,7 @@ class EpisodeBagWriter:
         return self._summary(self._path)
 
     def abandon(self, reason: str) -> BagSummary:
-        """Keeps the messages so far as a readable bag under the name of a partial one; the metadata keeps the reason.
+        """Keep the messages so far as a readable bag with a partial name; its metadata contains the reason.
 
         Never raises: where the disk refuses even the end of the file, the chunks written so far stay.
         """
@@ -271,7 +271,7 @@ class EpisodeBagWriter:
         return self._summary(self._folder.path)
 
     def discard(self) -> None:
-        """Removes the bag; for an episode that did not begin."""
+        """Delete the bag of an episode that did not begin."""
         if self._closed:
             return
         self._closed = True
@@ -283,7 +283,7 @@ class EpisodeBagWriter:
         return metadata_text(self._file_name, self._topics(), *self._stream.span_ns, {END_KEY: end, **custom})
 
     def _topics(self) -> list[BagTopic]:
-        """The topics in the file: fewer than were handed over where the disk refused something."""
+        """The topics in the file. Topics whose messages the disk refused are missing."""
         written = self._stream.counts
         return [
             BagTopic.of_channel(channel.record, channel.schema.name, written[channel.record.id])

@@ -39,11 +39,11 @@ class TopicRecord(Brief):
     type_name: str
     count: int
     size_bytes: int
-    """Serialised, before compression."""
+    """Size of the messages, serialised and uncompressed."""
     times_ns: Steps
     """Log time of every message, in order."""
     stamp_mismatches: int
-    """Number of messages whose stamp is not their log time; 0 for types that do not begin with a stamp."""
+    """Number of messages whose stamp differs from their log time; 0 for types that do not begin with a stamp."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class StateRows(Columns):
 
     @property
     def speed_mps(self) -> Floats:
-        """Speed over ground of each row."""
+        """Speed over ground, for each row."""
         return np.hypot(self.vx_mps, self.vy_mps)
 
     @property
@@ -89,7 +89,7 @@ class StateRows(Columns):
 
     @property
     def driven_m(self) -> Floats:
-        """Way driven up to each row of one actor's track."""
+        """Distance driven up to each row of one actor's track."""
         return np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(self.x_m), np.diff(self.y_m)))))
 
 
@@ -103,22 +103,22 @@ class EpisodeRecord(Brief):
     states: tuple[ActorStates, ...]
     traffic: tuple[TrafficState, ...]
     commands: Mapping[str, tuple[VehicleCommands, ...]]
-    """By the name of the controlling node."""
+    """Commands by the name of the controlling node."""
     events: tuple[Event, ...]
     outcome: EpisodeOutcome | None
     complete: bool
-    """Whether the episode ended as planned and every step that was closed has its actor states."""
+    """Whether the episode ended as planned and all of its steps have actor states."""
     topics: Mapping[str, TopicRecord]
     """By topic name; empty for a live episode, whose messages are not counted."""
     state_hashes: Mapping[int, int] = field(default_factory=dict)
     """Hash of the state by step, as the simulation computed it (``siren_ros.simulation.world.traffic_state``)."""
     lost_steps: int = 0
-    """Steps without actor states, before the last step or the end that the bag says was reached."""
+    """Number of steps without actor states, before the last step or before the recorded end."""
     map_xml: bytes = b""
-    """The compiled SUMO net; empty in a record that was made by hand."""
+    """The compiled SUMO net; empty in a record made by hand."""
 
     def facts(self) -> dict[str, object]:
-        """What episode it is, and what became of it."""
+        """What the episode is, and its result, as plain values."""
         described, outcome = self.description, self.outcome
         return {
             **{name: getattr(described, name) for name in ("template", "level", "seed")},
@@ -135,7 +135,7 @@ class EpisodeRecord(Brief):
 
     @cached_property
     def right_hand(self) -> "EpisodeRecord":
-        """The record itself where traffic keeps right, else its mirror image: what is judged by sides sees this."""
+        """The record for judgements that depend on sides: itself if traffic keeps right, otherwise its mirror image."""
         return self.mirrored() if self.network.left_hand else self
 
     def mirrored(self) -> "EpisodeRecord":
@@ -165,20 +165,20 @@ class EpisodeRecord(Brief):
         return self.description.emv_ids or tuple(sorted(key for key, actor in self.actors.items() if actor.is_emv))
 
     def by_emv(self) -> Iterator["EpisodeRecord"]:
-        """The record once for each EMV, with that one as the first, of which measures are."""
+        """Yield the record once per EMV, each time with that one as the first; measures refer to the first."""
         for emv_id in self.emv_ids:
             ids = (emv_id, *(other for other in self.emv_ids if other != emv_id))
             yield self if ids == self.emv_ids else replace(self, description=replace(self.description, emv_ids=ids))
 
     @cached_property
     def walker_ids(self) -> Ids:
-        """People on foot."""
+        """Ids of the pedestrians."""
         walks = (key for key, actor in self.actors.items() if actor.actor_class is ActorClass.PEDESTRIAN)
         return np.array(sorted(walks), np.uint32)
 
     @cached_property
     def people_ids(self) -> Ids:
-        """People on foot and on two wheels."""
+        """Ids of pedestrians and of riders on two wheels."""
         people = (key for key, actor in self.actors.items() if actor.actor_class in PEOPLE_CLASSES)
         return np.array(sorted(people), np.uint32)
 
@@ -201,7 +201,7 @@ class EpisodeRecord(Brief):
         return np.arange(first, last)
 
     def track(self, actor_id: int) -> StateRows:
-        """One actor's states in the order of time; empty where it never came onto the map.
+        """States of one actor in the order of time; empty if it never entered the map.
 
         Raises:
             InputError: The episode has no such actor.

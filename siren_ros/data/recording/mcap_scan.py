@@ -22,7 +22,7 @@ from mcap.records import Attachment, Channel, Schema
 from siren_ros.data.recording.mcap_stream import COPIES_NAME, MAGIC, ChannelMessage, ChunkContent
 
 MAX_CHUNK_BYTES: Final = 256_000_000
-"""Largest uncompressed chunk that is read; the recorder's have 1 MB and at most one message more."""
+"""Largest uncompressed chunk that is read. The recorder writes chunks of 1 MB, plus one message at most."""
 _BLOCK_BYTES: Final = 1 << 17
 """Largest uncompressed zstd block (RFC 8878, section 3.1.1.2.4)."""
 _REPEATED_BYTE: Final = 1
@@ -40,35 +40,35 @@ Record = TypeVar("Record", Schema, Channel, Attachment)
 
 
 class DamageError(ValueError):
-    """The file breaks its format; the message names the place."""
+    """Raised where the file breaks its format; the message names the place."""
 
 
 @dataclass(frozen=True)
 class RecordPlace:
-    """Where one whole record is in the file."""
+    """Place of one complete record in the file."""
 
     opcode: int
     offset: int
-    """Of the record's first byte."""
+    """Offset of the record's first byte."""
     length: int
-    """Of the record's content, without opcode and length."""
+    """Length of the record's content, without opcode and length."""
 
 
 @dataclass(frozen=True)
 class PackedChunk:
-    """One whole chunk record."""
+    """One complete chunk record."""
 
     offset: int
-    """Of the record in the file."""
+    """Offset of the record in the file."""
     compression: str
     packed: bytes
     plain_bytes: int
-    """As the record claims; at most ``MAX_CHUNK_BYTES``."""
+    """Uncompressed size that the record states; at most ``MAX_CHUNK_BYTES``."""
     crc: int
 
 
 def read_places(file: BinaryIO, named: bool = True) -> Iterator[RecordPlace]:
-    """The places of a file's records, from its start to the end of its data.
+    """Find the records of a file, from its start to the end of its data.
 
     A file that is ``named`` has to begin with the format's name. Raises DamageError: the file is cut off, or a
     record's head is damaged. All places before have been returned.
@@ -94,13 +94,13 @@ def read_places(file: BinaryIO, named: bool = True) -> Iterator[RecordPlace]:
 
 
 def read_chunk(file: BinaryIO, place: RecordPlace) -> PackedChunk:
-    """The chunk at a place. Raises DamageError: the chunk's head or its zstd frame is damaged."""
+    """Read the chunk at a place. Raises DamageError if the chunk's head or its zstd frame is damaged."""
     file.seek(place.offset + _RECORD.size)
     return _chunk(file.read(place.length), place.offset)
 
 
 def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
-    """The chunks of a file, from its start to the end of its data.
+    """Read the chunks of a file, from its start to the end of its data.
 
     Raises DamageError: the file is cut off or damaged. All chunks before that place have been returned.
     """
@@ -110,7 +110,7 @@ def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
 
 
 def read_attachment(file: BinaryIO, place: RecordPlace) -> Attachment:
-    """The attachment at a place. Raises DamageError: the record is damaged, or larger than the largest chunk."""
+    """Read the attachment at a place. Raises DamageError if it is damaged, or larger than the largest chunk."""
     if place.length > MAX_CHUNK_BYTES:
         raise DamageError(f"an attachment of {place.length} bytes; {MAX_CHUNK_BYTES} are allowed")
     file.seek(place.offset + _RECORD.size)
@@ -122,7 +122,7 @@ def read_attachment(file: BinaryIO, place: RecordPlace) -> Attachment:
 
 
 def read_copies(file: BinaryIO, places: Iterable[RecordPlace]) -> list[ChunkContent]:
-    """The second copies of latched messages in a file's attachments, as far as they are undamaged.
+    """Read the second copies of latched messages in a file's attachments, as far as they are undamaged.
 
     ``McapStream.attach_copies`` writes them; attachments of other kinds are left out.
     """
@@ -205,7 +205,7 @@ def unpack(chunk: PackedChunk) -> bytes:
 
 
 def parse_content(plain: bytes) -> ChunkContent:
-    """Schemas, channels and messages of a chunk.
+    """Parse a chunk into schemas, channels and messages.
 
     Raises DamageError: the records contradict the chunk's size, or are of another kind.
     """

@@ -1,4 +1,4 @@
-"""Writes MCAP files chunk by chunk, with the compression level that the recorder needs.
+"""Writes MCAP files chunk by chunk, with the compression that the recorder needs.
 
 The record types are those of the ``mcap`` package. The writers of ``mcap`` and of rosbags compress with a fixed
 level in the caller's thread. This one takes whole chunks, so that another thread can serialise, compress and write
@@ -27,9 +27,9 @@ _COPIES_TYPE: Final = "application/mcap"
 _COMPRESSION: Final = "zstd"
 _MESSAGE_HEADER: Final = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS_BYTES: Final = 22
-"""Channel, sequence and two times; the format counts them as part of the message."""
+"""Size of channel, sequence and two times, which the format counts as part of a message."""
 _SMALL_BYTES: Final = 256_000
-"""Uncompressed size up to which a chunk is compressed with ``_SMALL_LEVEL``; a larger one is a sweep or an image."""
+"""Chunks up to this uncompressed size use ``_SMALL_LEVEL``; larger ones are sweeps or images."""
 _LARGE: Final = zstandard.ZstdCompressionParameters(
     window_log=21,
     chain_log=18,
@@ -39,11 +39,11 @@ _LARGE: Final = zstandard.ZstdCompressionParameters(
     target_length=0,
     strategy=zstandard.STRATEGY_DFAST,
 )
-"""Two hash tables that find matches of four bytes: a coordinate of a point that an earlier point has too. On LiDAR
-sweeps they pack 250 MB/s on one core to 24 %; level −2 packs 520 MB/s to 32 %, level 3 300 MB/s to 27 %, level 9
-70 MB/s to 24 %."""
+"""Compression of large chunks: two hash tables that find matches of four bytes, which is a coordinate that an earlier
+point has too. LiDAR sweeps compress at 250 MB/s on one core to 24 %; level −2 reaches 520 MB/s and 32 %, level 3 300
+MB/s and 27 %, level 9 70 MB/s and 24 %."""
 _SMALL_LEVEL: Final = 3
-"""zstd's default. It makes up for what small chunks cost: together they have the size of chunks of 1 MB at level −2."""
+"""Compression of small chunks, zstd's default. Together they are then as small as chunks of 1 MB at level −2."""
 
 
 class ChannelMessage(NamedTuple):
@@ -57,7 +57,7 @@ class ChannelMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class ChunkContent:
-    """The records of one chunk: schemas and channels, new to the file or repeated, then messages."""
+    """Records of one chunk: schemas and channels, new to the file or repeated, then messages."""
 
     schemas: tuple[Schema, ...]
     channels: tuple[Channel, ...]
@@ -72,11 +72,11 @@ class McapStream:
     """
 
     def __init__(self, stream: RawIOBase | BytesIO) -> None:
-        """Writes the head of the file to an empty stream."""
+        """Write the head of the file to an empty stream."""
         self._stream = stream
         self._position = 0
         self._whole = 0
-        # One thread and no dictionary: the compressed bytes depend on the content alone.
+        # One thread and no dictionary, so that the compressed bytes depend on the content alone.
         self._large = zstandard.ZstdCompressor(compression_params=_LARGE)
         self._small = zstandard.ZstdCompressor(level=_SMALL_LEVEL, threads=0)
         self._schemas: dict[int, Schema] = {}
@@ -100,7 +100,7 @@ class McapStream:
         return first_ns, max((chunk.message_end_time for chunk in filled), default=0)
 
     def rewind(self) -> None:
-        """Cuts the file after its last whole chunk; a reader would stop at a record that the disk took only in part."""
+        """Cut the file after its last complete chunk, because readers stop at an incomplete record."""
         self._attachments.clear()
         self._stream.truncate(self._whole)
         self._stream.seek(self._whole)
@@ -113,7 +113,7 @@ class McapStream:
         self._position += len(data)
 
     def write_chunk(self, content: ChunkContent, packed: bytes | None = None) -> None:
-        """Writes one chunk and the index of its messages; OSError where the disk refuses it.
+        """Write one chunk and the index of its messages; OSError if the disk refuses it.
 
         An empty chunk is not written. ``packed`` is the content as it was compressed before; None to compress it here.
         """
@@ -140,7 +140,7 @@ class McapStream:
         self, plain: bytes, packed: bytes, index: dict[int, list[tuple[int, int]]], span_ns: tuple[int, int]
     ) -> None:
         name = _COMPRESSION.encode()
-        # The head of a Chunk record by hand, so that the packed bytes are not copied into it.
+        # The head of the chunk record is packed here, so that the compressed bytes are not copied into it.
         fields = struct.pack("<QQQII", *span_ns, len(plain), zlib.crc32(plain), len(name)) + name
         fields += struct.pack("<Q", len(packed))
         head = struct.pack("<BQ", Opcode.CHUNK, len(fields) + len(packed)) + fields
@@ -167,7 +167,7 @@ class McapStream:
         )
 
     def attach_copies(self, messages: Sequence[ChannelMessage]) -> None:
-        """Writes messages a second time, after all chunks: as an MCAP file in an attachment; none for no messages.
+        """Write messages of latched topics a second time after all chunks, as an MCAP file in an attachment.
 
         They are of latched topics, which are published once: without them the bag is no episode. Readers of messages do
         not see attachments, so every count and every player stays as it is. Raises OSError: the disk refuses it.
@@ -187,7 +187,7 @@ class McapStream:
         self._attachments.append(index)
 
     def finish(self) -> None:
-        """Writes the summary and the end of the file; the stream stays open."""
+        """Write the summary and the end of the file; the stream stays open."""
         self._write(_bytes_of([mcap.DataEnd(0)]))
         summary_start = self._position
         groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
@@ -229,7 +229,7 @@ def definitions_bytes(schemas: Sequence[Schema], channels: Sequence[Channel]) ->
 
 
 def message_bytes(data: bytes) -> int:
-    """Size of a message in a chunk, uncompressed, with its head."""
+    """Uncompressed size of a message in a chunk, with its head."""
     return _MESSAGE_HEADER.size + len(data)
 
 

@@ -24,7 +24,7 @@ from siren_ros.simulation.world.commands import AV_SOURCE, COMMAND_DTYPES, Vehic
 from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, TrafficState
 
 LAST_STEP: Final = 2**31
-"""Three years of simulated time."""
+"""Largest step number that is accepted: three years of simulated time."""
 LONGEST_S: Final = 1e8
 _OF_OTHER_LENGTH: Final = frozenset({"removed", "route_offset", "route_edges"})
 _TRAFFIC_COLUMNS: Final = tuple(name for name in TRAFFIC_STATE_DTYPES if name not in _OF_OTHER_LENGTH)
@@ -34,11 +34,11 @@ RECORD_TOPICS: Final = (
 )
 """The topics of a record; messages on other topics are only counted."""
 Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
-"""Applies a conversion to a message; may return the result of an earlier call for the same message."""
+"""Applies a conversion to a message; it may return an earlier result for the same message."""
 
 
 def check_columns(columns: ActorStates | TrafficState | VehicleCommands, names: Collection[str]) -> None:
-    """Raises BagError unless the columns of these names have one length and the step is in range."""
+    """Check columns of a message; BagError unless these have the same length and the step is in range."""
     what = f"{type(columns).__name__} of step {columns.step}"
     if not 0 <= columns.step < LAST_STEP:
         raise BagError(what, f"steps from 0 to {LAST_STEP - 1}")
@@ -47,7 +47,7 @@ def check_columns(columns: ActorStates | TrafficState | VehicleCommands, names: 
 
 
 def check_traffic(traffic: TrafficState) -> None:
-    """As ``check_columns``; the routes must also lie within their list."""
+    """Check a traffic state like ``check_columns``; its routes must also lie within their list."""
     check_columns(traffic, _TRAFFIC_COLUMNS)
     ends = traffic.route_offset
     bounded = len(ends) == 0 or (ends[0] >= 0 and ends[-1] <= len(traffic.route_edges))
@@ -56,7 +56,7 @@ def check_traffic(traffic: TrafficState) -> None:
 
 
 def check_description(description: EpisodeDescription) -> None:
-    """Raises BagError unless the duration is finite, not negative and at most ``LONGEST_S``."""
+    """Check a description; BagError unless its duration is finite, not negative and at most ``LONGEST_S``."""
     if not (math.isfinite(description.duration_s) and 0.0 <= description.duration_s <= LONGEST_S):
         raise BagError(f"duration_s {description.duration_s}", f"a number from 0 to {LONGEST_S:g}")
 
@@ -64,7 +64,7 @@ def check_description(description: EpisodeDescription) -> None:
 def outcome_of_what_is_held(
     outcome: EpisodeOutcome | None, closing: EpisodeClosing | None, steps: Sequence[int]
 ) -> EpisodeOutcome | None:
-    """The recorded outcome; for a bag without all steps that were closed, a failure that says so.
+    """The recorded outcome, or a failure that says which steps a bag lacks.
 
     ``steps`` are the numbers of the steps whose actor states the bag holds, in its order.
     """
@@ -81,7 +81,7 @@ def outcome_of_what_is_held(
 
 
 def read_anew(read: Callable[[Any], Any], message: Any) -> Any:
-    """Converts a message, without a memory of earlier conversions."""
+    """Convert a message without a cache."""
     return read(message)
 
 
@@ -94,7 +94,7 @@ Item = TypeVar("Item", bound=_Stepped)
 
 
 def _of_steps(items: Sequence[Item], steps: range | None) -> tuple[Item, ...]:
-    """The items of some steps, from a sequence in the order of steps; all of any sequence without steps."""
+    """Select the items of some steps from a sequence in the order of steps; without steps, select all."""
     if steps is None:
         return tuple(items)
     first, end = (bisect_left(items, step, key=lambda item: item.step) for step in (steps.start, steps.stop))
@@ -117,7 +117,7 @@ class RecordBuilder:
     """Collects an episode's messages; ``build`` gives the record of what has been added so far."""
 
     def __init__(self, read: Reading = read_anew) -> None:
-        """An empty collection; ``read`` applies a conversion to a message, or returns its earlier result for it."""
+        """Begin empty; ``read`` applies a conversion to a message, or returns its earlier result."""
         self._read = read
         self._description: EpisodeDescription | None = None
         self._network: RoadNetwork | None = None
@@ -146,12 +146,15 @@ class RecordBuilder:
         }
 
     def add(self, topic: str, message: Any) -> None:
-        """Takes a decoded message, of rclpy or of rosbags; ignores topics beyond ``RECORD_TOPICS`` and the roster."""
+        """Add a decoded message, of rclpy or rosbags.
+
+        Topics other than ``RECORD_TOPICS`` and the roster are ignored.
+        """
         if topic in self._takers:
             self._takers[topic](message)
 
     def count(self, topic: str, type_name: str, time_ns: int, size_bytes: int, stamp_ns: int | None) -> None:
-        """Counts a message of any topic by its log time; ``stamp_ns`` is its stamp, None for a type without one."""
+        """Count a message of any topic by its log time; ``stamp_ns`` is its stamp, None if the type has none."""
         counter = self._counters.setdefault(topic, _TopicCounter(type_name))
         counter.times_ns.append(time_ns)
         counter.size_bytes += size_bytes
@@ -203,7 +206,7 @@ class RecordBuilder:
         self._outcome = episode_conversions.from_episode_outcome(message)
 
     def build(self, name: str = "episode", steps: range | None = None) -> EpisodeRecord:
-        """The record of all messages so far; BagError with this name where the description or the map is missing.
+        """Build the record of all messages so far; BagError with this name if the description or the map is missing.
 
         With ``steps``, states, traffic and events are those of these steps alone, which came in order, and the outcome
         is as it was told.

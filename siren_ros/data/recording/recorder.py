@@ -1,4 +1,4 @@
-"""Records one episode: takes messages in any order, writes those of each step in a fixed one, ends with the outcome."""
+"""Records one episode: takes messages in any order, writes each step's messages in a fixed order, then the outcome."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +21,7 @@ from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 MAX_EARLY_MESSAGES: Final = 1000
-"""Most messages that are kept before the episode's topics are known; each latched topic sends one."""
+"""Limit of messages kept before the episode's topics are known; each latched topic sends one."""
 _DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
 
 
@@ -30,13 +30,13 @@ CollectedMessage: TypeAlias = tuple[Topic, int, bytes]
 
 
 class StepCollector:
-    """Orders the messages of an episode: latched topics first, then step by step, topics in a fixed order.
+    """Sorts the messages of an episode: latched topics first, then step by step, topics in a fixed order.
 
     The collector does not wait for the outcome; the recorder writes it after all other messages.
     """
 
     def __init__(self, topics: Sequence[Topic]) -> None:
-        """Takes the recorded topics of an episode, in the order in which a step's messages are stored."""
+        """Take the recorded topics of an episode, in the order in which a step's messages are stored."""
         self._topics = {topic.name: topic for topic in topics if topic.name != OUTCOME.name}
         self._latched = [topic for topic in self._topics.values() if topic.latched]
         self._periodic = [topic for topic in self._topics.values() if not topic.latched]
@@ -49,7 +49,7 @@ class StepCollector:
 
     @property
     def next_step(self) -> int:
-        """The first step that has not been given out."""
+        """The first step that has not been returned yet."""
         return self._next_step
 
     def _due(self, step: int) -> list[Topic]:
@@ -59,7 +59,7 @@ class StepCollector:
         return self._due_at[place]
 
     def add(self, topic_name: str, step: int, cdr: bytes) -> None:
-        """Takes a message.
+        """Add a message.
 
         Raises EpisodeError: the topic is not expected; the step has a message on it already, is over, cannot have
         begun, or is none of the topic's.
@@ -82,7 +82,7 @@ class StepCollector:
         held[topic_name] = cdr
 
     def ready(self) -> Iterator[CollectedMessage]:
-        """Gives out all messages of the complete steps, in order; each message once."""
+        """Yield the messages of all complete steps, in order, each once."""
         if not self._latched_done:
             if len(self._held_latched) < len(self._latched):
                 return
@@ -92,7 +92,7 @@ class StepCollector:
             yield from self._take_step(self._next_step)
 
     def drain(self) -> Iterator[CollectedMessage]:
-        """Gives out all remaining messages in order, also of incomplete steps; for an episode that failed."""
+        """Yield all remaining messages in order, also of incomplete steps, for a failed episode."""
         if not self._latched_done:
             self._latched_done = True
             yield from self._take_latched()
@@ -112,7 +112,7 @@ class StepCollector:
                 yield topic, step, held[topic.name]
 
     def missing(self, last_step: int) -> list[str]:
-        """All missing messages of the steps up to and including ``last_step``, each with its publisher and step."""
+        """List the missing messages up to and including ``last_step``, each with its publisher and step."""
         latched = [] if self._latched_done else self._latched
         lacking = [(topic, "before step 0") for topic in latched if topic.name not in self._held_latched]
         for step in range(self._next_step, last_step + 1):
@@ -134,7 +134,7 @@ class EpisodeRecorder:
         read: Reading = read_anew,
         options: BagOptions | None = None,
     ) -> None:
-        """Opens the bag under its temporary name; without a path, ``expect`` sets it and opens the bag.
+        """Open the bag under its temporary name; without a path, ``expect`` sets it and opens the bag.
 
         Args:
             path: Final folder of the bag.
@@ -170,7 +170,7 @@ class EpisodeRecorder:
         return 0 if self._collector is None else self._collector.next_step
 
     def expect(self, topics: tuple[Topic, ...], path: Path) -> None:
-        """Sets the topics of the episode, in the order in which a step's messages are stored.
+        """Set the topics of the episode, in the order in which a step's messages are stored.
 
         The path is the bag's where the constructor got none. Raises BagError as the constructor.
         """
@@ -182,7 +182,7 @@ class EpisodeRecorder:
         self._early.clear()
 
     def take(self, topic: Topic, cdr: bytes) -> None:
-        """Takes a serialised message and writes all steps that are now complete.
+        """Take a serialised message and write all steps that are now complete.
 
         Raises EpisodeError: the episode does not expect the message, or the bag cannot be written.
         """
@@ -199,14 +199,14 @@ class EpisodeRecorder:
             self.on_step_recorded(step)
 
     def _write(self, topic: Topic, step: int, cdr: bytes) -> None:
-        if topic.name in STEERED_FROM_OUTSIDE:  # another program's serialiser leaves what it found in the padding
+        if topic.name in STEERED_FROM_OUTSIDE:  # padding bytes from another program's serialiser are arbitrary
             cdr = encode_cdr(self._store, topic, decode_cdr(self._store, topic, cdr))
         if topic.name in _DECODED:
             self._builder.add(topic.name, self._decode(topic, cdr))
         self._bag.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
 
     def discard(self) -> None:
-        """Removes the bag; for an episode that did not begin."""
+        """Delete the bag of an episode that did not begin."""
         if self._writer is not None:
             self._writer.discard()
 
@@ -217,7 +217,7 @@ class EpisodeRecorder:
         return ", ".join(self._collector.missing(step))
 
     def _complete(self, closing: EpisodeClosing) -> EpisodeClosing:
-        """How the episode closed, held against the steps that are recorded: reports alone do not make it complete."""
+        """Compare the reported end of the episode with the recorded steps: it is complete only if all were recorded."""
         if closing.end is not EpisodeEnd.COMPLETE or self._collector is None or self.steps_recorded >= closing.steps:
             return closing
         lacking = self.missing(self.steps_recorded)
@@ -225,7 +225,7 @@ class EpisodeRecorder:
         return replace(closing, end=EpisodeEnd.FAILED, reason=reason)
 
     def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary | None, Any]:
-        """Judges the episode and closes its bag.
+        """Judge the episode and close its bag.
 
         Returns the outcome; the closed bag, None where no step was finished and the bag was removed; and the outcome
         as a message. Raises EpisodeError: the bag cannot be completed, or steps that were closed are not in it. The
@@ -238,7 +238,8 @@ class EpisodeRecorder:
             return outcome, None, to_episode_outcome(outcome)
         if closing.end is not EpisodeEnd.COMPLETE and self._collector is not None:
             for collected in self._collector.drain():
-                with suppress(SirenError):  # malformed, or the bag cannot be written: `abandon` saves what there is
+                # The message is malformed or the bag cannot be written; `abandon` saves the rest.
+                with suppress(SirenError):
                     self._write(*collected)
         outcome = self._judge(self._builder, closing)
         message = to_episode_outcome(outcome)

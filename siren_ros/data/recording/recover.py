@@ -1,4 +1,4 @@
-"""Completes a bag whose writer was killed or whose storage file is damaged: all whole chunks, with a new summary."""
+"""Repairs a bag whose writer was killed or whose file is damaged: it keeps all complete chunks and writes a summary."""
 
 import math
 from collections import Counter
@@ -39,20 +39,20 @@ class Recovery:
     messages: int
     steps: int
     healthy: bool
-    """The bag was complete already, and nothing was written."""
+    """Whether the bag was complete already; nothing was written then."""
     lost_messages: int = 0
-    """Messages of the damaged file that could not be saved, as far as the file gives their number."""
+    """Number of messages that could not be saved, as far as the damaged file shows it."""
     lost: str = ""
-    """What could not be saved, and why; empty where nothing was lost."""
+    """What could not be saved, and why; empty if nothing was lost."""
     described: bool = True
-    """Whether the episode's description and its map were saved; without them the bag is no episode."""
+    """Whether the episode's description and map were saved; without them the bag is not an episode."""
     restored: int = 0
-    """Messages that were taken from their second copies, because their chunks cannot be read."""
+    """Number of messages restored from their second copies, because their chunks are unreadable."""
 
 
 @dataclass
 class _Salvage:
-    """What can be saved of one damaged file, and what is lost."""
+    """What can be saved from one damaged file, and what is lost."""
 
     file: BinaryIO
     stream: McapStream
@@ -62,25 +62,25 @@ class _Salvage:
     indexed: Counter[int] = field(default_factory=Counter)
     """Number of messages by the offset of their chunk, from the message indices."""
     end: str = ""
-    """Why the file could not be read to its end; empty where it could."""
+    """Why the file could not be read to its end; empty if it could."""
     schemas: dict[int, Schema] = field(default_factory=dict)
-    """All known ones by id, written or not; likewise the channels."""
+    """All known schemas by id, written or not; the same for the channels below."""
     channels: dict[int, Channel] = field(default_factory=dict)
     written: set[int] = field(default_factory=set)
     """Ids of the channels whose definition is in the new file."""
     counts: Counter[int] = field(default_factory=Counter)
     damages: list[str] = field(default_factory=list)
-    """One for each chunk that could not be read."""
+    """One text for each chunk that could not be read."""
     lost_messages: int = 0
     restored: int = 0
-    """Messages of unreadable chunks that were taken from their second copies."""
+    """Number of messages restored from second copies, since their chunks are unreadable."""
     latched: list[ChannelMessage] = field(default_factory=list)
     """The saved messages of latched topics."""
     undefined: int = 0
-    """Of the lost messages, those in readable chunks whose channel is defined nowhere."""
+    """How many of the lost messages are in readable chunks whose channel has no definition."""
 
     def find_chunks(self) -> None:
-        """Finds the chunks by the summary, or else as far as the records follow each other; learns all definitions."""
+        """Find the chunks, by the summary or else record by record, and collect all definitions."""
         size = self.file.seek(0, 2)
         try:
             summary = read_summary(self.file, size)
@@ -111,7 +111,7 @@ class _Salvage:
             self._learn(content.schemas, content.channels)
 
     def _take_index(self, size: int, summary: Summary) -> None:
-        """Takes the chunks of a summary's index, without those that overlap or lie outside the file."""
+        """Take the chunks of a summary's index, except those that overlap or lie outside the file."""
         end = 0
         for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
             beyond = index.chunk_start_offset + index.chunk_length
@@ -124,20 +124,20 @@ class _Salvage:
                 self.indexed[place.offset] += mcap_scan.count_index_entries(self.file, offset)
 
     def _readable(self, places: Iterable[RecordPlace]) -> Iterator[ChunkContent]:
-        """The contents of those chunks that can be read."""
+        """Contents of the chunks that can be read."""
         for place in places:
             with suppress(DamageError):
                 yield mcap_scan.parse_content(mcap_scan.unpack(mcap_scan.read_chunk(self.file, place)))
 
     def _learn(self, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
-        """Takes definitions; the first one of an id counts."""
+        """Take definitions; the first one of each id counts."""
         for schema in schemas:
             self.schemas.setdefault(schema.id, schema)
         for channel in channels:
             self.channels.setdefault(channel.id, channel)
 
     def save(self) -> None:
-        """Writes everything that can be saved to the new file."""
+        """Write everything that can be saved to the new file."""
         copies = self._lost_copies()
         for number, place in enumerate(self.chunks):
             try:
@@ -157,7 +157,7 @@ class _Salvage:
         self.lost_messages = max(0, self.lost_messages - self.restored)
 
     def _lost_copies(self) -> list[ChannelMessage]:
-        """The messages with second copies whose chunks cannot be read, in the order of the bag."""
+        """Second copies of the messages whose chunks cannot be read, in the order of the bag."""
         contents = mcap_scan.read_copies(self.file, self.attachments)
         readable = self._readable(self.chunks) if contents else ()
         present = {(item.channel_id, item.sequence) for content in readable for item in content.messages}
@@ -170,7 +170,7 @@ class _Salvage:
         return copies
 
     def _restore(self, copies: list[ChannelMessage], beyond_ns: float) -> list[ChannelMessage]:
-        """Writes the copies up to a time in the place of a damaged chunk; returns the others."""
+        """Write the copies up to a time in place of a damaged chunk; returns the others."""
         content = self._take(ChunkContent((), (), tuple(item for item in copies if item.time_ns <= beyond_ns)))
         self.stream.write_chunk(content)
         self.restored += len(content.messages)
@@ -217,7 +217,7 @@ class _Salvage:
 
 
 def recover_bag(path: Path, out: Path | None = None) -> Recovery:
-    """Writes a complete bag from what can be read of a damaged one.
+    """Write a complete bag from the readable part of a damaged one.
 
     Latched messages of damaged chunks, such as the description and the map, are taken from their second copies.
 
@@ -234,7 +234,7 @@ def recover_bag(path: Path, out: Path | None = None) -> Recovery:
     files = storage_files(folder)
     if len(files) != 1:
         raise BagError(str(path), "a folder with one .mcap file")
-    with suppress(BagError):  # complete as it is: metadata, summary and each chunk
+    with suppress(BagError):  # the bag may be complete already: metadata, summary and each chunk
         check_bag_files(folder, content=True)
         counts = read_message_counts(folder)
         return Recovery(folder, sum(counts.values()), counts.get(ACTORS.name, 0), healthy=True)
@@ -275,7 +275,7 @@ def _final_path(folder: Path) -> Path:
 
 
 def _write(source: Path, target: Path) -> _Salvage:
-    """Writes the new bag."""
+    """Write the new bag."""
     working = target.with_name(f".{target.name.removeprefix('.')}.recovering")
     working.mkdir(parents=True)
     name = f"{_final_path(target).name}_0.mcap"
@@ -312,5 +312,5 @@ def _write_storage(source: Path, target: Path) -> _Salvage:
 def _remove_working_folder(folder: Path) -> None:
     for file in (*storage_files(folder), folder / bag_folder.RESERVE_FILE, folder / METADATA_FILE):
         file.unlink(missing_ok=True)
-    with suppress(OSError):  # something else lies in it, which is not ours to remove
+    with suppress(OSError):  # the folder contains other files, which must stay
         folder.rmdir()

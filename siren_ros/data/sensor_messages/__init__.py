@@ -1,1 +1,1 @@
-"""Measurements of a suite as topics, frames and messages of its carrier."""
+"""Topics, frames and messages of a sensor suite on its carrier."""

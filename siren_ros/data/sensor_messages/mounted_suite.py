@@ -1,4 +1,4 @@
-"""The suites of one episode, each mounted on its carrier: rigs in one world, with the messages that they make.
+"""The suites of one episode, each on its carrier, in one shared world; they measure and make messages.
 
 Sensing goes step by step; a step's measurements may end after the next step has begun.
 """
@@ -40,7 +40,7 @@ class MountedSuite:
     rig: SensorRig
     messages: ObservationMessages
     topics: tuple[Topic, ...]
-    """Topics of this suite, beyond those that every carrier has."""
+    """Topics of this suite, besides those that every carrier has."""
     transforms: tuple[Transform, ...]
     """Mounts of the sensors."""
     wheels: WheelOdometry
@@ -51,7 +51,7 @@ class MountedSuite:
         return self.messages.carrier
 
     def locate(self, states: ActorStates) -> tuple[tuple[Transform, ...], Published]:
-        """Frames and odometry of the carrier; call it at every step. EpisodeError where it has left the map."""
+        """Frames and odometry of the carrier; call it at every step. EpisodeError if the carrier has left the map."""
         motion = motion_of(states, row_of_carrier(states, self.messages.carrier_id))
         odometry = self.wheels.measure(states.step, motion)
         return frames_of(motion, odometry, self.carrier), self.messages.odometry(states.step, odometry)
@@ -60,7 +60,7 @@ class MountedSuite:
 def mounted_suites(
     episode: EpisodeDescription, network: RoadNetwork, wants_raw: Callable[[Topic], bool], *, in_background: bool
 ) -> Iterator[MountedSuite]:
-    """The suites of all carriers of an episode. The calling thread has to be the one that will measure.
+    """Make the suites of all carriers of an episode. Call it in the thread that will measure.
 
     ``wants_raw`` is as ``ObservationMessages`` takes it, ``in_background`` as ``SensorRig`` does.
 
@@ -90,17 +90,17 @@ def mounted_suites(
 
 
 def setup_messages(suites: Sequence[MountedSuite]) -> Iterator[Published]:
-    """Messages before the first step: where the sensors sit, and how this machine simulates them."""
+    """Messages before the first step: mounts of the sensors, and how this machine simulates them."""
     yield topics.TF_STATIC, to_tf(0, [transform for suite in suites for transform in suite.transforms])
     accounts = {suite.carrier.name: suite.rig.account for suite in suites}
     yield topics.SENSING, make_message(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True))
 
 
 class TrailingSensing:
-    """Measures with the suites of an episode, and knows of which steps all messages are out."""
+    """Measures with the suites of an episode, and tracks for which steps all messages were published."""
 
     def __init__(self, suites: Sequence[MountedSuite], *, trails: bool) -> None:
-        """Begin before the first step; ``trails`` lets a step's measurements be finished within the next step."""
+        """Begin before the first step; ``trails`` allows a step's measurements to end during the next step."""
         self._suites = tuple(suites)
         self._trails = trails
         self._begun: tuple[ActorStates, list[Sensing]] | None = None
@@ -109,7 +109,7 @@ class TrailingSensing:
 
     @property
     def under_way(self) -> bool:
-        """Whether a step has begun whose measurements are not published."""
+        """Whether a step's measurements have begun and are not published yet."""
         return self._begun is not None
 
     def step(
@@ -131,18 +131,21 @@ class TrailingSensing:
             yield from self.finish()
 
     def finish(self) -> Iterator[Published]:
-        """The messages of the step that has begun, after waiting for its measurements; none where none has."""
+        """Wait for the measurements that have begun and yield their messages; none if none has begun."""
         yield from self._end()
 
     def finished_steps(self, busy_s: float) -> Iterator[tuple[int, float]]:
-        """Steps whose messages are all out, each once, with the wall time that the caller spent on sensing since."""
+        """Steps whose messages were all published, each once.
+
+        With each comes the wall time spent on sensing since the last call.
+        """
         self._busy_s += busy_s
         while self._unreported:
             yield self._unreported.pop(0), self._busy_s
             self._busy_s = 0.0
 
     def _end(self) -> Iterator[Published]:
-        """Wait for the measurements that have begun, at once; their messages are made when they are asked for."""
+        """Wait now for the measurements that have begun; messages are made when they are requested."""
         if self._begun is None:
             return iter(())
         (states, begun), self._begun = self._begun, None

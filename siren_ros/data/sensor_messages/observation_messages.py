@@ -1,4 +1,4 @@
-"""Observations as messages: the output of ``sensor_sim`` at a step."""
+"""Converts observations to messages: the output of ``sensor_sim`` at a step."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ class ObservationMessages:
     suite: SensorSuite
     carrier_id: int
     wants_raw: Callable[[Topic], bool]
-    """Whether somebody listens to a topic that is not recorded."""
+    """Whether a topic that is not recorded has a subscriber."""
     carrier: Carrier = EMV
 
     def of_step(self, states: ActorStates, seen: Observations) -> Iterator[Published]:
@@ -70,7 +70,7 @@ class ObservationMessages:
             yield self._topic(topics.BOXES), to_boxes(boxes_of(truth, truth.frame_id))
 
     def label_kinds(self, camera: CameraSpec) -> LabelKinds:
-        """Labels of a camera that the suite records or that somebody listens to."""
+        """Labels of a camera that the suite records or for which there is a subscriber."""
         recorded = LabelKinds.of(self.suite, camera)
         depth, instance = (self._topic(topic, camera) for topic in (topics.IMAGE_DEPTH, topics.IMAGE_INSTANCE))
         return LabelKinds(

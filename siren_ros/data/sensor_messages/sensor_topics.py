@@ -1,4 +1,4 @@
-"""Carriers of sensors with their frames and motion, topics of a suite, and all topics of an episode as recorded."""
+"""Carriers of sensors with their frames and motion, the topics of a suite, and all recorded topics of an episode."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,15 +23,15 @@ from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME
 
 @dataclass(frozen=True)
 class Carrier:
-    """A vehicle with sensors, as topics and frames name it."""
+    """A carrier of sensors: how its topics and frames are named."""
 
     name: str
-    """First part of its topics."""
+    """First part of the names of its topics."""
     frame_prefix: str
-    """First part of its frames, so that two carriers share one tree of frames."""
+    """First part of the names of its frames; it separates two carriers in one tree of frames."""
 
     def frame(self, name: str) -> str:
-        """A frame of this carrier."""
+        """Name of a frame of this carrier."""
         return f"{self.frame_prefix}{name}"
 
 
@@ -42,14 +42,14 @@ AV: Final = Carrier(AV_CARRIER, f"{AV_CARRIER}/")
 
 
 def noise_seed(seed: int, carrier: Carrier) -> int:
-    """Seed of the noise of a carrier's sensors: the episode's own for the emergency vehicle, another for the AV."""
+    """Seed of the noise of a carrier's sensors: the episode's seed for the EMV, a derived one for the AV."""
     if carrier == EMV:
         return seed
     return int(random_stream(seed, f"sensors of {carrier.name}").integers(2**31))
 
 
 def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
-    """Row of the carrier in the states; EpisodeError where it has left the map."""
+    """Row of the carrier in the states; EpisodeError if it has left the map."""
     row = int(np.searchsorted(states.actor_id, carrier_id))
     if row == len(states) or states.actor_id[row] != carrier_id:
         raise EpisodeError(f"the sensors' carrier, actor {carrier_id}, is not on the map at step {states.step}")
@@ -122,7 +122,7 @@ class SensorMessages:
 
     topic: Topic
     to_message: Callable[[Any], Any]
-    """The message of a measurement."""
+    """Converts a measurement to its message."""
 
 
 SENSOR_MESSAGES: Final[dict[type[SensorSpec], SensorMessages]] = {
@@ -130,7 +130,7 @@ SENSOR_MESSAGES: Final[dict[type[SensorSpec], SensorMessages]] = {
     ImuSpec: SensorMessages(topics.IMU, to_imu),
     MicrophoneSpec: SensorMessages(topics.AUDIO, to_audio),
 }
-"""Of all rows of ``SENSOR_TYPES`` but LiDARs and cameras, which have several topics or labels."""
+"""Topics and messages by sensor type, except LiDARs and cameras, which have several topics or labels."""
 
 
 def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...]:

@@ -1,1 +1,1 @@
-"""KITTI: the object benchmark's own layout, and the paper's."""
+"""KITTI export: the layout of the object benchmark, and the paper's layout."""

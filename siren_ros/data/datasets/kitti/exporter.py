@@ -1,4 +1,4 @@
-"""KITTI files frame by frame, while an episode runs or from its bag: the same frames give the same bytes.
+"""Writes KITTI files frame by frame, from a running episode or from its bag. Both give the same bytes.
 
 The standard layout is that of the object benchmark, below ``training/``: ``velodyne/NNNNNN.bin`` float32
 ``x y z intensity``, ``image_2/NNNNNN.png``, ``calib/``, ``label_2/``, and the paper's lines in ``label_lidar/``.
@@ -33,16 +33,16 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")
 _TRUE_COLOUR: Final = 2
 _SUB: Final = 1
-"""Filter of every row: the difference to the pixel on the left (PNG specification, section 9). On the cameras' pictures
-it packs 4 % better than the difference to the row above."""
+"""PNG filter of every row: the difference to the pixel on the left (PNG specification, section 9). On the cameras'
+pictures it compresses 4 % better than the difference to the row above."""
 _PIXEL_BYTES: Final = 3
 _FASTEST: Final = 1
-"""libdeflate's level. Its bytes depend on the content alone, not on the processor."""
+"""Compression level of libdeflate. Its bytes depend on the content alone, not on the processor."""
 POINT_FIELDS: Final = ("x", "y", "z", "intensity")
 OBJECTS_FILE: Final = "objects.csv"
 TRAINING: Final = "training"
 _TESTING: Final = "testing"
-"""Where KITTI has the frames of its split ``test``."""
+"""Folder in which KITTI has the frames of the split ``test``."""
 _OBJECTS_HEAD: Final = "frame,line,actor_id,type,is_emv,lidar_points,lidar_visibility\n"
 
 
@@ -70,7 +70,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class KittiFrame:
-    """Everything of one frame."""
+    """Data of one frame."""
 
     step: int
     points: npt.NDArray[np.void]
@@ -80,10 +80,10 @@ class KittiFrame:
 
 
 class KittiFrames:
-    """Writes frames as they come."""
+    """Writes frames one after the other."""
 
     def __init__(self, files: FileWriter, layout: Layout, camera: KittiCamera | None) -> None:
-        """Begins the files that all frames share.
+        """Write the files that all frames share.
 
         Raises InputError: the standard layout without a camera, or a place that cannot be written.
         """
@@ -158,13 +158,13 @@ def velodyne_bytes(points: npt.NDArray[np.void]) -> bytes:
 
 
 class KittiExporter:
-    """Every step with a sweep and ground truth, and in the standard layout a picture, becomes a frame."""
+    """Writes a frame for every step with a sweep and ground truth; the standard layout also needs a picture."""
 
     def __init__(self, layout: str) -> None:
         self._layout = Layout(layout)
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
-        """Writes the frames, numbered from 0 on."""
+        """Write the frames, numbered from 0."""
         lidar, camera = lidar_of(source), source.front_camera
         kitti_camera = None if camera is None else KittiCamera(camera.model, camera.from_lidar(lidar))
         frames = KittiFrames(files, self._layout, kitti_camera)
@@ -175,7 +175,7 @@ class KittiExporter:
         return EpisodeReport({"frames": frames.frames, "labels": frames.classes.total()}, dict(frames.classes))
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Numbers the frames of all episodes in one row; ``test`` goes below ``testing/``."""
+        """Number the frames of all episodes consecutively; the split ``test`` goes below ``testing/``."""
         first = 0
         sets: dict[str, list[int]] = {"train": [], "val": [], "test": []}
         for part in parts:
@@ -199,7 +199,7 @@ class KittiExporter:
 
 
 def _append_table(part: EpisodePart, target: Path, first: int, *, episode: bool) -> None:
-    """Adds a part's table to the dataset's, with the dataset's frame numbers."""
+    """Append a part's table to the dataset's table, with the dataset's frame numbers."""
     source = part.folder / target.name
     if not source.exists():
         return

@@ -1,4 +1,4 @@
-"""KITTI's calibration of one ideal camera, KITTI's own labels, and the paper's.
+"""Makes KITTI's calibration file, KITTI's labels and the paper's labels.
 
 KITTI's labels are in the camera's frame, with the centre of the bottom face and boxes in the picture. Source: the
 development kit of the object benchmark (Geiger, Lenz, Urtasun 2012), ``readme.txt``.
@@ -29,7 +29,7 @@ from siren_ros.simulation.world.measurements import CameraIntrinsics
 RANGE_M: Final = 50.0
 """Objects farther from the sensor are dropped (paper: the nuScenes evaluation range)."""
 OBJECT_TYPE: Final = "Car"
-"""The one class of the paper's labels."""
+"""The only class of the paper's labels."""
 PAPER_README: Final = """# The paper's layout, which is not KITTI's
 
 `velodyne/NNNNNN.bin` holds float32 `x y z intensity` in the LiDAR frame (x forward, y left, z up).
@@ -57,15 +57,15 @@ TYPE_OF_CLASS: Final = {
     ActorClass.BICYCLE: "Cyclist",
     ActorClass.PEDESTRIAN: "Pedestrian",
 }
-"""KITTI has no class for buses and motorcycles: its ``Misc`` is what has none."""
+"""KITTI's type for each class; KITTI has no type for buses and motorcycles, so they become ``Misc``."""
 UNKNOWN: Final = 3
-"""KITTI's occlusion state of a box that nobody could see; here: no LiDAR point lies on it."""
+"""KITTI's occlusion state "unknown": here, no LiDAR point lies on the vehicle."""
 _FULLY_VISIBLE: Final = 0.8
 _PARTLY_VISIBLE: Final = 0.4
 
 
 def label_text(truth: GroundTruth) -> str:
-    """Label lines of all vehicles within range, in the order of actor ids; empty where there are none.
+    """The paper's label lines of all vehicles within range, in the order of actor ids; empty without vehicles.
 
     Truncation and occlusion are 0 and the image box is all zeros: these labels are the LiDAR's. ``alpha``
     is the heading as seen along the line of sight.
@@ -85,15 +85,15 @@ def label_text(truth: GroundTruth) -> str:
 
 @dataclass(frozen=True)
 class KittiCamera:
-    """The camera of ``image_2``, and how it stands to the LiDAR."""
+    """The camera of ``image_2``, with its pose relative to the LiDAR."""
 
     model: CameraIntrinsics
     camera_from_lidar: Matrix
-    """Points in the optical frame from points in the ``lidar`` frame, shape ``(4, 4)``."""
+    """Transform from the ``lidar`` frame to the camera's optical frame, shape ``(4, 4)``."""
 
 
 def calibration_text(camera: KittiCamera) -> str:
-    """A calibration file: the one camera stands for all four, and there is nothing to rectify."""
+    """A calibration file: one camera takes the place of all four, without rectification."""
     projection = np.hstack((camera.model.matrix, np.zeros((3, 1))))
     lines = [f"P{index}: {_row(projection)}" for index in range(4)]
     lines.append(f"R0_rect: {_row(np.eye(3))}")
@@ -124,14 +124,14 @@ def camera_from_lidar(transforms: tuple[Transform, ...], lidar_frame: str, camer
 
 @dataclass(frozen=True)
 class CameraLabels:
-    """Labels of one frame, those of vehicles in the picture; arrays of shape ``(N,)`` where nothing else is said."""
+    """KITTI labels of the vehicles in the picture of one frame; arrays have shape ``(N,)`` unless stated otherwise."""
 
     rows: Rows
     """Rows of the ground truth."""
     actor_class: Codes
     truncated: Floats
     occluded: Codes
-    """0 fully visible, 1 partly, 2 largely hidden, 3 without a LiDAR point."""
+    """Occlusion: 0 fully visible, 1 partly, 2 largely hidden, 3 without a LiDAR point."""
     box_px: Floats
     """Left, top, right, bottom in the picture, shape ``(N, 4)``."""
     size_m: Floats
@@ -152,7 +152,7 @@ class CameraLabels:
 
 
 def camera_labels(truth: GroundTruth, points: npt.NDArray[np.void], camera: KittiCamera) -> CameraLabels:
-    """The labels of a frame; boxes and points (with the field ``instance``) are in the LiDAR's frame."""
+    """KITTI labels of a frame; boxes and points (with the field ``instance``) are in the LiDAR's frame."""
     corners = box_corners(truth)
     boxes, truncated = image_boxes(corners, camera.camera_from_lidar, camera.model)
     rows = np.flatnonzero(truncated < 1.0)

@@ -1,4 +1,4 @@
-"""The KITTI folder of a running episode: hidden while it grows, under its own name when the episode is complete."""
+"""Exports KITTI while an episode runs. The folder is hidden until the episode is complete."""
 
 import re
 import shutil
@@ -11,7 +11,7 @@ from siren_ros.data.datasets.files import Staging
 from siren_ros.errors import InputError
 
 _JOB: Final = {"export": "of a running episode"}
-"""Tells its hidden folder from that of an unfinished ``siren export``, which the same command finishes."""
+"""Job that distinguishes this hidden folder from that of an unfinished ``siren export``."""
 _PART: Final = 0
 
 
@@ -21,7 +21,7 @@ _FILES: Final = re.compile(
     r"frames\.csv|objects\.csv|README\.md|ImageSets/(train|val|test|trainval)\.txt|"
     r"(training/)?(image_2|velodyne|calib|label_2|label_lidar)/\d{6,}\.(txt|bin|png|jpg)"
 )
-"""Every file of an export, in either layout."""
+"""Matches every file of a KITTI export, in either layout."""
 
 
 def is_kitti_export(folder: Path) -> bool:
@@ -37,25 +37,31 @@ def is_kitti_export(folder: Path) -> bool:
 
 
 class Layout(StrEnum):
-    """Which layout."""
+    """The layouts of a KITTI export."""
 
     KITTI = "kitti"
-    """The object benchmark's own."""
+    """The layout of the object benchmark."""
     PAPER = "paper"
 
 
 class LiveExport:
-    """The exporter opens and closes it; the program that knows how the episode ended publishes or drops it."""
+    """The folder of a running export.
+
+    The exporter opens and closes it; the program that knows the result publishes or drops it.
+    """
 
     def __init__(self, out: Path, *, overwrite: bool = False) -> None:
-        """An export with this final folder, which may replace an earlier one there; nothing is made yet."""
+        """Prepare an export with this final folder; nothing is created yet.
+
+        ``overwrite`` allows it to replace an earlier one.
+        """
         self._out = out
         self._overwrite = overwrite
         self._staging = Staging(out)
         self._opened = ExitStack()
 
     def check(self) -> None:
-        """Refuses a final folder that could not be taken at the end; InputError as ``Staging.check_free``."""
+        """Check that the final folder can be taken at the end; InputError as ``Staging.check_free``."""
         if self._replaces:
             return
         if is_kitti_export(self._out):
@@ -68,7 +74,7 @@ class LiveExport:
         return self._overwrite and is_kitti_export(self._out)
 
     def open(self) -> Path:
-        """The folder to write into, new and empty. What a killed episode left in its place goes away.
+        """Create the hidden folder, empty, and return it. Files of a killed episode are deleted.
 
         Raises InputError as ``check``; another episode or an unfinished ``siren export`` has the place.
         """
@@ -78,7 +84,7 @@ class LiveExport:
         return self._staging.new(self._staging.part(_PART))
 
     def close(self, *, whole: bool) -> None:
-        """Ends the writing. A whole export stays for ``publish``, another one is removed.
+        """End the writing. A complete export waits for ``publish``; an incomplete one is deleted.
 
         Raises InputError: the disk does not take the note that the export is whole; it is removed.
         """
@@ -87,7 +93,7 @@ class LiveExport:
                 self._staging.finish_part(_PART, {})
 
     def publish(self) -> None:
-        """Gives a closed export its final name.
+        """Rename a closed export to its final name.
 
         Raises InputError: the name has been taken meanwhile, or nothing was closed.
         """
@@ -96,7 +102,7 @@ class LiveExport:
         self._staging.publish(self._staging.part(_PART))
 
     def drop(self) -> None:
-        """Removes what an exporter left that is gone: closed, but of an episode that failed later, or killed."""
+        """Delete the export of a failed episode or of a killed exporter."""
         if self._staging.path.is_dir():
             with suppress(InputError), self._staging.opened(_JOB):
                 self._staging.remove()

@@ -1,1 +1,1 @@
-"""nuScenes: tables and files that nuscenes-devkit loads."""
+"""nuScenes export: tables and files that nuscenes-devkit loads."""

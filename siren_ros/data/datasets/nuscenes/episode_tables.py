@@ -1,4 +1,4 @@
-"""nuScenes' tables of one episode: categories, attributes, sensors and their mounts, and rows written as they come.
+"""nuScenes' tables of one episode: categories, attributes, sensors with mounts, and rows written step by step.
 
 The LiDAR frame of nuScenes has x to the right and y ahead. Source: https://github.com/nutonomy/nuscenes-devkit,
 ``docs/instructions_nuscenes.md`` and ``docs/schema_nuscenes.md``.
@@ -21,7 +21,7 @@ from siren_ros.simulation.world.carrier import GroundTruth
 
 CAR: Final = "vehicle.car"
 EMERGENCY: Final = "vehicle.emergency"
-"""Value of the option that gives emergency vehicles categories of their own."""
+"""Option value that gives emergency vehicles categories of their own."""
 CATEGORY_OF_CLASS: Final = {
     ActorClass.HATCHBACK: "vehicle.car",
     ActorClass.SEDAN: "vehicle.car",
@@ -38,7 +38,7 @@ CATEGORY_OF_CLASS: Final = {
     ActorClass.BICYCLE: "vehicle.bicycle",
     ActorClass.PEDESTRIAN: "human.pedestrian.adult",
 }
-"""nuScenes counts vans and pick-ups among cars, and has no fire trucks."""
+"""nuScenes' category of each class; vans and pickups count as cars, and there are no fire trucks."""
 ATTRIBUTES: Final = (
     "vehicle.moving",
     "vehicle.stopped",
@@ -52,15 +52,16 @@ VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100
 _STOPPED_MPS: Final = 0.3
 LIDAR: Final = "LIDAR_TOP"
 NUSCENES_FROM_LIDAR: Final = np.array([[0.0, -1.0, 0, 0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]])
-"""Points with x to the right and y ahead from points with x ahead and y to the left."""
+"""Transform from the LiDAR's frame (x ahead, y left) to nuScenes' (x right, y ahead)."""
 _SECTORS: Final = ((30.0, "CAM_FRONT"), (85.0, "CAM_FRONT_{side}"), (150.0, "CAM_BACK_{side}"), (181.0, "CAM_BACK"))
-"""Largest angle from straight ahead in degrees, and the channel; nuScenes' own stand at 0, 55, 110 and 180."""
+"""Largest angle from straight ahead in degrees, and the channel's name; nuScenes' cameras look at 0, 55, 110 and
+180."""
 LARGE_TABLES: Final = ("sample", "sample_data", "ego_pose", "sample_annotation")
-"""Tables that grow with the episode: rows go to a file of JSON lines at once."""
+"""Tables that grow with the episode; their rows are written at once as JSON lines."""
 
 
 def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes") -> str:
-    """The category of a class; emergency vehicles are ``vehicle.car`` (the paper) unless they have their own.
+    """Category of a class; emergency vehicles are ``vehicle.car``, as in the paper, unless they have their own.
 
     All others have nuScenes' own categories, or the paper's: ``vehicle.car``.
     """
@@ -72,7 +73,7 @@ def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes
 
 
 def attribute_of(actor_class: ActorClass, speed_mps: float) -> str:
-    """Whether somebody in traffic moves; of two wheels, that they have a rider."""
+    """Attribute of an actor: moving or not; for two-wheelers, that they have a rider."""
     if actor_class in TWO_WHEELED:
         return ATTRIBUTES[3]
     moving, standing = ATTRIBUTES[4:] if actor_class is ActorClass.PEDESTRIAN else ATTRIBUTES[:2]
@@ -80,7 +81,7 @@ def attribute_of(actor_class: ActorClass, speed_mps: float) -> str:
 
 
 def visibility_of(fraction: float) -> str:
-    """Token of the level that a visible fraction lies in."""
+    """Token of the visibility level of a visible fraction."""
     return str(1 + int(np.searchsorted([0.4, 0.6, 0.8], fraction, side="right")))
 
 
@@ -109,7 +110,7 @@ def fixed_tables() -> dict[str, list[dict[str, Any]]]:
 
 
 def channels(cameras: tuple[MountedCamera, ...]) -> dict[str, str]:
-    """NuScenes' channel of each camera by the camera's name, from where it looks; a second one there is numbered."""
+    """NuScenes' channel of each camera by its name, from its viewing direction; further cameras there get a number."""
     names: dict[str, str] = {}
     for camera in cameras:
         ahead = camera.base_from_sensor[:3, 2]
@@ -122,13 +123,13 @@ def channels(cameras: tuple[MountedCamera, ...]) -> dict[str, str]:
 
 
 def rotation_wxyz(matrix: Matrix) -> list[float]:
-    """Rotation of a transform as nuScenes writes it."""
+    """Rotation of a transform as nuScenes' quaternion (w, x, y, z)."""
     x, y, z, w = quaternion_of_matrix(matrix[:3, :3])
     return [w, x, y, z]
 
 
 def calibrated_sensors(source: EpisodeSource, episode_id: str) -> list[dict[str, Any]]:
-    """The table's rows of one episode."""
+    """Rows of the table ``calibrated_sensor`` of one episode."""
     lidar = source.lidar
     mounts: list[tuple[str, Matrix, list[list[float]]]] = []
     if lidar is not None:
@@ -148,12 +149,12 @@ def calibrated_sensors(source: EpisodeSource, episode_id: str) -> list[dict[str,
 
 
 def microseconds(step: int) -> int:
-    """NuScenes' time stamps, of simulated time."""
+    """Simulated time of a step as nuScenes' time stamp in microseconds."""
     return time_ns_of_step(step) // 1000
 
 
 class EpisodeTables:
-    """Rows that name the row after them wait until it is there."""
+    """Builds the tables. A row that names its successor waits until that exists."""
 
     def __init__(self, files: FileWriter, episode_id: str, categories: tuple[str, str]) -> None:
         self._files = files
@@ -170,7 +171,7 @@ class EpisodeTables:
         self._files.append(f"tables/{table}.jsonl", json.dumps(row) + "\n")
 
     def _linked(self, table: str, chain: object, row: dict[str, Any]) -> None:
-        """A row of a chain: the one before it now knows what comes next."""
+        """Add a row to a chain, and link it with the row before."""
         before = self._waiting.get((table, chain))
         if before is not None:
             before["next"], row["prev"] = row["token"], before["token"]
@@ -178,7 +179,7 @@ class EpisodeTables:
         self._waiting[table, chain] = row
 
     def sample(self, step: int) -> None:
-        """Begins a keyframe."""
+        """Begin a keyframe."""
         self.samples.append(token("sample", self._id, step))
         row = {
             "token": self.samples[-1],
@@ -192,7 +193,7 @@ class EpisodeTables:
     def data(
         self, channel: str, step: int, file_name: str, key: bool, size: tuple[int, int], map_from_base: Matrix
     ) -> None:
-        """A sweep or a picture of the current keyframe, with the vehicle's pose in nuScenes' global frame."""
+        """Add a sweep or a picture to the current keyframe, with the vehicle's pose in nuScenes' global frame."""
         name = token("sample_data", self._id, channel, step)
         pose = {
             "token": name,
@@ -218,7 +219,7 @@ class EpisodeTables:
         self._linked("sample_data", channel, row)
 
     def annotations(self, step: int, truth: GroundTruth, map_from_truth: Matrix, visible: Floats, inside: Ids) -> None:
-        """The boxes of the current keyframe, with visible fraction and number of points of each, shape ``(N,)``.
+        """Add the boxes of the current keyframe, with visible fraction and number of points of each, shape ``(N,)``.
 
         nuScenes has no velocities: its devkit takes them from the boxes before and after, and gives NaN to a box
         without either, which is that of a vehicle within range at one keyframe alone. ``map_from_truth`` leads to
@@ -261,7 +262,7 @@ class EpisodeTables:
             instance["last_annotation_token"] = name
 
     def finish(self, small: dict[str, list[dict[str, Any]]]) -> None:
-        """Writes the rows that still wait, the instances and the tables that do not grow."""
+        """Write the rows that still wait, the instances, and the tables that do not grow."""
         for (table, _), row in self._waiting.items():
             self._row(table, row)
         for table, rows in {**small, "instance": list(self._instances.values())}.items():

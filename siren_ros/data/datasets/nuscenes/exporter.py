@@ -1,4 +1,4 @@
-"""nuScenes scenes out of recorded episodes."""
+"""Exports recorded episodes as nuScenes scenes."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ from siren_ros.errors import BagError
 
 VERSION: Final = "v1.0-siren"
 KEYFRAME_STEPS: Final = 10
-"""Keyframes at 2 Hz."""
+"""Steps between keyframes, which nuScenes has at 2 Hz."""
 _TABLES: Final = (
     "sample",
     "sample_data",
@@ -40,17 +40,17 @@ _TABLES: Final = (
 )
 _INTENSITY: Final = 255.0
 _SPLIT: Final = "siren_{split}"
-"""The devkit reserves ``train``, ``val`` and ``test`` for nuScenes' own scenes."""
+"""Name of a split; the devkit reserves ``train``, ``val`` and ``test`` for nuScenes' own scenes."""
 
 
 class NuscenesExporter:
-    """An episode becomes a scene: keyframes at 2 Hz, every sweep and every picture."""
+    """Writes one scene per episode: keyframes at 2 Hz, with every sweep and every picture."""
 
     def __init__(self, emv_category: str, vehicle_category: str) -> None:
         self._categories = (emv_category, vehicle_category)
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
-        """Writes files and rows."""
+        """Write the files and the rows."""
         lidar, names = lidar_of(source), channels(source.cameras)
         models = {camera.name: camera.model for camera in source.cameras}
         low, _ = map_corners(source.network)
@@ -113,7 +113,7 @@ class NuscenesExporter:
         return {"scene": [scene], "log": [log], "calibrated_sensor": calibrated_sensors(source, episode_id)}
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """Joins the tables of all episodes."""
+        """Join the tables of all episodes."""
         home = folder / VERSION
         home.mkdir()
         for part in parts:
@@ -143,7 +143,7 @@ class NuscenesExporter:
 
 
 def visible_fractions(frame: LidarFrame) -> Floats:
-    """The largest share of each box that a camera sees where image labels were recorded, else what the LiDAR sees."""
+    """Visible fraction of each box: the largest of all cameras with image labels, or else that of the LiDAR."""
     truth, points = frame.truth, frame.points
     if truth is None or points is None:
         return np.zeros(0)
@@ -158,7 +158,7 @@ def visible_fractions(frame: LidarFrame) -> Floats:
 
 
 def sweep_bytes(points: npt.NDArray[np.void]) -> bytes:
-    """float32 x, y, z, intensity (0–255), ring of every point, with x to the right and y ahead."""
+    """Points as float32 x, y, z, intensity (0–255), ring, with x to the right and y ahead."""
     rows = np.empty((len(points), 5), dtype="<f4")
     rows[:, 0], rows[:, 1] = -points["y"], points["x"]
     rows[:, 2], rows[:, 3], rows[:, 4] = points["z"], points["intensity"] * _INTENSITY, points["ring"]

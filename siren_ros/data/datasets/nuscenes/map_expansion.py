@@ -29,12 +29,12 @@ _LAYERS: Final = (
     *("ped_crossing", "walkway", "stop_line", "carpark_area", "road_divider", "lane_divider", "traffic_light"),
 )
 _GRID_M: Final = 0.001
-"""Places nearer than this are one node."""
+"""Points nearer than this are one node."""
 _STOP_LINE_M: Final = 0.5
 _ARC_RADIUS_M: Final = 1000.0
-"""Of the two arcs of an arc-line path, which have no length here: centre lines are polylines."""
+"""Radius of the two arcs in an arc-line path. They have no length here, since centre lines are polylines."""
 _COLOURS: Final = {"RED": 1, "YELLOW": 0, "GREEN": -1}
-"""With their places on the light, from below."""
+"""Lamp colours with their position on the light, counted from below."""
 _LIGHT_M: Final = 5.0
 """Height of a light above the road."""
 _POSE: Final = {"tx": 0.0, "ty": 0.0, "tz": 0.0, "rx": 0.0, "ry": 0.0, "rz": 0.0}
@@ -52,7 +52,7 @@ def map_corners(network: RoadNetwork) -> tuple[Floats, Floats]:
 
 
 def mask_png(network: RoadNetwork) -> bytes:
-    """The mask as PNG: 255 on lanes, shoulders and junctions."""
+    """Drivable area as PNG: 255 on lanes, shoulders and junctions."""
     low, high = map_corners(network)
     width, height = np.round((high - low) / RESOLUTION_M).astype(int).tolist()
     image = Image.new("L", (width, height), 0)
@@ -87,7 +87,7 @@ def map_json(network: RoadNetwork, name: str) -> bytes:
 
 
 class _Map:
-    """The layers while they grow."""
+    """Collects the layers of the vector map."""
 
     def __init__(self, network: RoadNetwork, name: str) -> None:
         self._network, self._name = network, name
@@ -113,7 +113,7 @@ class _Map:
         return name
 
     def _chain(self, places: Iterable[Points]) -> list[str]:
-        """Nodes of a line, none twice in a row."""
+        """Nodes of a line, without repeated neighbours."""
         nodes = [self._node(place) for place in places]
         return [node for number, node in enumerate(nodes) if number == 0 or node != nodes[number - 1]]
 
@@ -125,7 +125,7 @@ class _Map:
         return self._add("polygon", {"exterior_node_tokens": self._chain(outline), "holes": rings}, *key)
 
     def areas(self) -> None:
-        """Drivable area, junctions, crossings and sidewalks."""
+        """Add drivable area, junctions, crossings and sidewalks."""
         network = self._network
         area = shapely.union_all(driven_shapes(network, self._graph), grid_size=_GRID_M)
         pieces = [
@@ -152,7 +152,7 @@ class _Map:
                 self._add("walkway", {"polygon_token": polygon}, lane.index)
 
     def lanes(self) -> None:
-        """Roads, lanes and paths across junctions, the lines between them, stop lines and lights."""
+        """Add roads, lanes and paths across junctions, the lines between them, stop lines and lights."""
         blocks: dict[int, list[GraphLane]] = {}
         for index, lane in self._graph.items():
             self._lane(index, lane)
@@ -210,7 +210,7 @@ class _Map:
         return [{"node_token": node, "segment_type": kind} for node in self._chain(line)]
 
     def _lights(self) -> None:
-        """A stop line with its lights at the end of each lane that a signal controls or that has to stop."""
+        """Add a stop line with its lights at the end of each lane that has a signal or must stop."""
         behind: dict[int, list[Any]] = {}
         for connection in self._network.connections:
             lane = self._graph.get(connection.from_lane)
@@ -259,13 +259,13 @@ def _outline(left: Points, right: Points) -> Points:
 
 
 def _ring(ring: shapely.LinearRing) -> Points:
-    """Corners of a ring, the first not repeated."""
+    """Corners of a ring without the repeated last one."""
     corners: Points = shapely.get_coordinates(ring)[:-1]
     return corners
 
 
 def _arc_line_path(centre: Floats) -> list[dict[str, Any]]:
-    """A straight arc-line path for each piece of a centre line."""
+    """Arc-line path of a centre line: one straight piece per segment."""
     pieces = []
     for start, end in pairwise(centre):
         length_m, yaw = float(np.hypot(*(end - start))), float(np.arctan2(*(end - start)[::-1]))

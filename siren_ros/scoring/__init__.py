@@ -1,1 +1,1 @@
-"""What a record is worth: whether the interaction happened, and how well models did."""
+"""Scores records: whether the interaction happened, and how well models did."""

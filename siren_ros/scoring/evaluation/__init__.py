@@ -1,1 +1,1 @@
-"""Scores models on recorded episodes by the paper's protocols. Evaluators read a record and nothing else."""
+"""Scores models on recorded episodes by the paper's protocols. Evaluators need only the record."""

@@ -1,4 +1,4 @@
-"""A leaderboard: submissions by their mean, each compared with the best one on the same blocks."""
+"""A leaderboard: submissions sorted by their mean, each compared with the best one on the same blocks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ from siren_ros.scoring.evaluation.statistics import (
 )
 
 _SEED: Final = 0
-"""Of the random exchanges of blocks, so that the same submissions give the same table."""
+"""Seed of the random exchanges of blocks, so that the same submissions give the same table."""
 
 
 @dataclass(frozen=True)
 class Standing:
-    """One row."""
+    """One row of the leaderboard."""
 
     name: str
     value: Interval
     to_best: PairedDifference | None
-    """This submission minus the best one; None for the best one itself."""
+    """Difference of this submission to the best one; None for the best one itself."""
     p_adjusted: float | None
-    """By Holm's method, over all comparisons of the table."""
+    """p-value, adjusted by Holm's method for all comparisons of the table."""
 
 
 def standings(submissions: Mapping[str, BlockSums], *, less_is_better: bool) -> tuple[Standing, ...]:
-    """The submissions from the best on.
+    """Sort the submissions, best first.
 
     Each was scored on the same blocks: episodes, or videos. The test exchanges two submissions within blocks
     (``paired_difference``). Equal means keep the order of the names.
@@ -60,7 +60,7 @@ def standings(submissions: Mapping[str, BlockSums], *, less_is_better: bool) -> 
 
 
 def table_of(rows: tuple[Standing, ...], score: str, blocks: str) -> Table:
-    """The standings for people; ``score`` and ``blocks`` say what was measured on what."""
+    """The standings as a table; ``score`` and ``blocks`` name what was measured and on what."""
     return Table(
         "leaderboard",
         f"{score}; differences to the best with 95 % intervals, p of exchanged {blocks} by Holm's method",

@@ -1,4 +1,4 @@
-"""A trained network as the project ships it: an ONNX file with its card next to it."""
+"""Trained networks as files: an ONNX file with its card beside it."""
 
 import hashlib
 import json
@@ -13,19 +13,19 @@ from siren_ros.errors import InputError, whole_file, writing
 
 @dataclass(frozen=True)
 class NetworkFile:
-    """A network that can be run, and what is known about it."""
+    """A network that can be run, with its card."""
 
     session: Any
     card: Mapping[str, Any]
 
 
 def card_path(network: Path) -> Path:
-    """Where the card of a network is: next to it."""
+    """Path of a network's card, beside the network."""
     return network.with_suffix(".json")
 
 
 def open_network(path: Path) -> NetworkFile:
-    """Loads a network. An ONNX file holds arithmetic only, and nothing in it is executed as code.
+    """Load a network. An ONNX file contains only arithmetic; nothing in it is executed as code.
 
     Raises:
         InputError: No such file, no card, or weights that are not the card's or cannot be run.
@@ -37,21 +37,21 @@ def open_network(path: Path) -> NetworkFile:
         raise InputError("checkpoint", str(path), f"an ONNX file with its card {card_path(path).name}") from error
     if not isinstance(card, dict) or card.get("sha256") != hashlib.sha256(weights).hexdigest():
         raise InputError("checkpoint", str(path), "the weights that its card describes (another hash)")
-    import onnxruntime  # noqa: PLC0415 - it starts threads, which processes that fork must not have
+    import onnxruntime  # noqa: PLC0415 - it starts threads, and a process with threads must not fork
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
-    # Episodes are worked on side by side in processes; threads of their own would only get in their way.
+    # Episodes run in parallel processes, where further threads would only compete.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     try:
         session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own errors have no common class but this
+    except Exception as error:  # errors of onnxruntime have no other common class
         raise InputError("checkpoint", str(path), f"a network that onnxruntime can run ({error})") from error
     return NetworkFile(session, card)
 
 
 def write_network(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:
-    """Writes weights and card; the card has their SHA-256.
+    """Write weights and card; the card contains the weights' SHA-256.
 
     Raises:
         InputError: The folder cannot be written.

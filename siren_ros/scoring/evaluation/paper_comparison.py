@@ -1,4 +1,4 @@
-"""Everything that the paper's tables say, next to what was measured here."""
+"""Compares all numbers of the paper's tables with our measurements."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,36 +36,42 @@ from siren_ros.simulation.scenario.paper import TEMPLATES
 
 @dataclass(frozen=True)
 class Compared:
-    """One row."""
+    """One number of the paper with our measurement."""
 
     table: str
-    """Of the paper, or what the paper says in its text: ``ADE in m``."""
+    """Table of the paper, or the subject in its text: ``ADE in m``."""
     row: str
-    """``CV``, ``PointPillars``."""
+    """Row of the table: ``CV``, ``PointPillars``."""
     column: str
-    """``S1``, ``mean``."""
+    """Column of the table: ``S1``, ``mean``."""
     paper: float
     ours: Interval = NOTHING
-    """Not valid where it was not measured."""
+    """Our value with its interval; not valid if it was not measured."""
     digits: int = 2
     relative: bool = True
-    """Whether ours divided by the paper's says something, which it does not of a rank correlation."""
+    """Whether the ratio of both values is meaningful, which is not the case for a rank correlation."""
     map: str = ""
-    """Of our episodes, several by commas; empty where the scores do not say."""
+    """Map of our episodes, several separated by commas; empty if the scores do not say."""
 
     @property
     def deviation(self) -> float | None:
-        """Of ours from the paper's: +0.4 is 40 % above; None where that says nothing, or the paper has 0."""
+        """Relative deviation of our value from the paper's: +0.4 is 40 % above.
+
+        None if not meaningful or the paper has 0.
+        """
         return self.ours.value / self.paper - 1.0 if self.relative and self.ours.valid and self.paper else None
 
     @property
     def inside(self) -> bool | None:
-        """Whether the paper's value lies in our interval; None without one."""
+        """Whether the paper's value lies in our interval; None without an interval."""
         return self.ours.low <= self.paper <= self.ours.high if self.ours.bounded else None
 
     @property
     def deviation_text(self) -> str | None:
-        """``+4%``, with a star where the paper's value lies in our interval; None where there is nothing to say."""
+        """The deviation as text, ``+4%``, with a star if the paper's value lies in our interval.
+
+        None without a deviation.
+        """
         text = f"{'' if self.deviation is None else f'{self.deviation:+.0%}'}{' *' if self.inside else ''}".strip()
         return text or None
 
@@ -86,12 +92,12 @@ class Compared:
 
 
 def measured(rows: Sequence[Compared]) -> list[Compared]:
-    """Those rows that have a value of ours."""
+    """Rows for which we have a value."""
     return [row for row in rows if row.ours.valid]
 
 
 def comparison_tables(rows: Sequence[Compared]) -> tuple[Table, ...]:
-    """A table for each of the paper's; below each row of the paper ours, its interval, and the deviation.
+    """One table for each of the paper's; below each row of the paper are our value, its interval and the deviation.
 
     A star behind the deviation says that the paper's value lies in our interval.
     """
@@ -119,7 +125,7 @@ FILE: Final = "scores.json"
 
 
 def stored(folder: Path) -> Mapping[str, Any] | None:
-    """The scores in a folder, or of a file; None where there are none.
+    """Scores stored in a folder or file; None if there are none.
 
     Raises:
         InputError: Something else than a JSON object.
@@ -143,9 +149,9 @@ PREDICTION_ERRORS: Final = {
     "min_ade_6_m": "minADE6 in m",
     "min_fde_6_m": "minFDE6 in m",
 }
-"""The paper's three tables of prediction."""
+"""Errors in the paper's three tables of prediction."""
 _SINGLE_PATH: Final = {"min_ade_6_m": "ade_m", "min_fde_6_m": "fde_m"}
-"""What the minimum over paths is for a predictor with one path; the paper's table leaves such rows out."""
+"""Metric that equals the minimum over paths for a predictor with one path; the paper's table leaves such rows out."""
 MEAN_COLUMN: Final = "mean"
 RANKING: Final = "rank correlation of the templates' ADE"
 RATIO: Final = "mean ADE over that of CV"
@@ -154,7 +160,7 @@ _ALL: Final = GroupKind.ALL.value
 
 
 def at_template_level(scores: Sequence[EpisodeScores], level_of: Callable[[str], str]) -> list[EpisodeScores]:
-    """The episodes at the levels of their templates; the paper has one level of each template."""
+    """Select the episodes at their template's own level; the paper has one level per template."""
     return [
         episode
         for episode in scores
@@ -163,7 +169,7 @@ def at_template_level(scores: Sequence[EpisodeScores], level_of: Callable[[str],
 
 
 def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
-    """All rows, those without a value of ours included.
+    """All rows for prediction, also those that we did not measure.
 
     The episodes are at the levels of their templates, the vehicles those of the interaction region.
     """
@@ -184,7 +190,7 @@ def _errors(table: ScoreTable) -> Iterator[Compared]:
 
 
 def _samples(table: ScoreTable) -> Iterator[Compared]:
-    """Mean number of samples of an episode, with the interval over episodes."""
+    """Mean number of samples per episode, with the interval over episodes."""
     template = np.array([episode.template for episode in table.episodes])
     counts = np.array([episode.samples for episode in table.episodes], dtype=np.float64)
     for name in TEMPLATES:
@@ -195,7 +201,7 @@ def _samples(table: ScoreTable) -> Iterator[Compared]:
 
 
 def _sums(table: ScoreTable, *models: str) -> tuple[list[str], list[BlockSums]]:
-    """Sums of the ADE over the episodes in which all of some models have a sample, with the names of their strata."""
+    """Sums of the ADE over the episodes in which all of some models have a sample, with the names of the strata."""
     templates = np.array([episode.template for episode in table.episodes])
     ade, stratum = METRIC_OF["ade_m"], strata(table.episodes)
     tables = [table.samples[model] for model in models]
@@ -219,7 +225,7 @@ def _ratios(table: ScoreTable) -> Iterator[Compared]:
 
 
 def _rankings(table: ScoreTable) -> Iterator[Compared]:
-    """Spearman's ρ between our templates and the paper's; the paper's own is 1."""
+    """Spearman's ρ between our ranking of templates and the paper's; the paper's own is 1."""
     for model, name in PAPER_NAMES.items():
         by_template, ranking = PREDICTION[model, "ade_m"].by_template, NOTHING
         if model in table.models:
@@ -235,7 +241,7 @@ ORDER: Final = "order of the families by mAP as in the paper"
 
 
 def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
-    """All rows, those without a value of ours included, from ``scores.json`` of ``siren evaluate detection``."""
+    """All rows for detection, also unmeasured ones, from ``scores.json`` of ``siren evaluate detection``."""
     content = content or {}
     ours = {name.lower(): scores for name, scores in content.items()}
     for key, paper in PAPER.items():
@@ -251,7 +257,7 @@ def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
             errors = [column["errors"][name] for column in scores["templates"].values()]
             single = interval_of_json({"value": float(np.mean(errors)) if errors else None})
             yield Compared(f"error {name}", paper.name, MEAN, value, single, digits=3)
-    # A detector of any name against the mean of the paper's four.
+    # A detector with another name is compared with the mean of the paper's four.
     for name, scores in content.items():
         for family, templates in FAMILIES.items():
             values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
@@ -268,7 +274,7 @@ BALANCE: Final = "share of the videos"
 
 
 def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Iterator[Compared]:
-    """All rows, those without a value of ours included, from a set and ``scores.json`` of ``siren evaluate risk``."""
+    """All rows for risk, also unmeasured ones, from a set and ``scores.json`` of ``siren evaluate risk``."""
     labels = [] if videos is None else [video.label.risk for video in videos.videos.values()]
     for risk, count in zip(RiskClass, PAPER_BALANCE, strict=True):
         share = share_interval(labels.count(risk), len(labels))

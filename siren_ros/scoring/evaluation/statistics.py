@@ -26,28 +26,28 @@ def identity(values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class BlockSums:
-    """Sums of some quantity over B blocks; a block is an episode, a stratum its template. Arrays of shape ``(B,)``."""
+    """Sums of a quantity over B blocks; a block is an episode, a stratum its template. Arrays of shape ``(B,)``."""
 
     total: Floats
     count: Floats
     """Number of values in each block."""
     stratum: Rows
     of_stratum: Callable[[Floats], Floats] = identity
-    """What is done to a stratum's mean before the mean over the strata: the root, of squares."""
+    """Applied to a stratum's mean before the mean over strata: for example the root of a mean of squares."""
 
     def __len__(self) -> int:
         return len(self.total)
 
     def select(self, blocks: Flags) -> "BlockSums":
-        """Some of the blocks."""
+        """Select some of the blocks."""
         return BlockSums(self.total[blocks], self.count[blocks], self.stratum[blocks], self.of_stratum)
 
     def value(self) -> float:
-        """Mean over the strata, each counted once, of the means over all values of a stratum."""
+        """Mean over the strata, which count equally, of the means over all values of a stratum."""
         return float(self.mean_of(self.total[None], self.count[None])[0])
 
     def left_out(self) -> Floats:
-        """The same without each block, shape ``(B,)``; with all where a block is alone in its stratum."""
+        """The value without each block, shape ``(B,)``; the full value where a block is alone in its stratum."""
         strata, stratum, blocks = np.unique(self.stratum, return_inverse=True, return_counts=True)
         totals, counts = (np.bincount(stratum, weights=sums)[stratum] for sums in (self.total, self.count))
         shared = blocks[stratum] > 1
@@ -55,7 +55,7 @@ class BlockSums:
         return self.value() + (others - self.of_stratum(totals / counts)) / len(strata)
 
     def mean_of(self, totals: Floats, counts: Floats) -> Floats:
-        """As ``value``, of other sums over the same blocks; shapes ``(R, B)`` give ``(R,)``."""
+        """As ``value``, for other sums over the same blocks; shapes ``(R, B)`` give ``(R,)``."""
         of_strata = [
             self.of_stratum(totals[:, members].sum(axis=1) / counts[:, members].sum(axis=1))
             for members in (self.stratum == number for number in np.unique(self.stratum).tolist())
@@ -66,7 +66,7 @@ class BlockSums:
 def block_sums(
     values: Floats, block: Rows, stratum: Rows, of_stratum: Callable[[Floats], Floats] = identity
 ) -> BlockSums:
-    """Sums of values over their blocks.
+    """Sum values over their blocks.
 
     Args:
         values: Shape ``(N,)``; NaN is no value.
@@ -83,7 +83,7 @@ def block_sums(
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values that hold for all tests together (S. Holm, Scand. J. Statist. 6 (1979) 65), in the given order."""
+    """Adjust p-values for several tests (S. Holm, Scand. J. Statist. 6 (1979) 65); the order stays."""
     count = len(p_values)
     order = np.argsort(p_values, kind="stable")
     stepped = np.minimum(np.asarray(p_values, dtype=np.float64)[order] * np.arange(count, 0, -1), 1.0)
@@ -93,8 +93,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 _SAME: Final = 1e-12
-"""Relative scatter below which all blocks are equal, and tolerance at which two differences are: sums of other order
-differ by rounding."""
+"""Relative tolerance below which blocks or differences count as equal, because the order of a sum changes its
+rounding."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +106,10 @@ class Estimate:
     degrees: float
     blocks: int
     scatter_known: bool
-    """Whether every stratum has several blocks, and not all blocks are equal."""
+    """Whether the scatter is known: every stratum has several blocks, and not all blocks are equal."""
 
     def interval(self, confidence: float = CONFIDENCE) -> Interval:
-        """By Student's t; it is symmetric. Raises InputError where the confidence is not between 0 and 1."""
+        """Interval by Student's t; it is symmetric. Raises InputError unless the confidence is between 0 and 1."""
         if not 0.0 < confidence < 1.0:
             raise InputError("confidence", confidence, "between 0 and 1")
         if not self.scatter_known:
@@ -118,12 +118,12 @@ class Estimate:
         return Interval(self.value, self.value - half, self.value + half, self.blocks)
 
     def draws(self, count: int, rng: np.random.Generator) -> Floats:
-        """Values that may be the true one, as probable as Student's t has them, shape ``(count,)``."""
+        """Random values for the true value, distributed by Student's t around the estimate, shape ``(count,)``."""
         return self.value + self.error * rng.standard_t(max(self.degrees, 1.0), count)
 
 
 def jackknife(value: float, left_out: Floats, stratum: Rows) -> Estimate:
-    """The stratified jackknife (J. Shao, D. Tu, The Jackknife and Bootstrap, 1995, sect. 6.2).
+    """Standard error by the stratified jackknife (J. Shao, D. Tu, The Jackknife and Bootstrap, 1995, sect. 6.2).
 
     The degrees of freedom are Welch's and Satterthwaite's (Biometrics Bull. 2 (1946) 110); one less than the blocks
     where there is one stratum.
@@ -150,7 +150,7 @@ def jackknife(value: float, left_out: Floats, stratum: Rows) -> Estimate:
 
 
 def estimate_of_mean(sums: BlockSums) -> Estimate:
-    """The mean (``BlockSums.value``); blocks without values do not count, and at least one block has values."""
+    """Estimate of the mean (``BlockSums.value``). Blocks without values do not count; at least one has values."""
     filled = sums.select(sums.count > 0)
     return jackknife(filled.value(), filled.left_out(), filled.stratum)
 
@@ -161,7 +161,7 @@ def interval_of_mean(sums: BlockSums, confidence: float = CONFIDENCE) -> Interva
 
 
 ENUMERATED_BLOCKS: Final = 12
-"""With at most so many blocks the test tries all 4096 exchanges."""
+"""Up to this many blocks the test tries all 4096 exchanges."""
 _RANDOM_EXCHANGES: Final = 4096
 
 
@@ -171,13 +171,13 @@ class PairedDifference:
 
     difference: Interval
     p_value: float
-    """Of the test of exchanged blocks: small where the difference is hardly chance. 1 with one block or none."""
+    """p-value of the permutation test of blocks: small if the difference is hardly chance; 1 with at most one block."""
 
 
 def paired_difference(
     first: BlockSums, second: BlockSums, rng: np.random.Generator, confidence: float = CONFIDENCE
 ) -> PairedDifference:
-    """Compares two models that were scored on the same samples.
+    """Compare two models that were scored on the same samples.
 
     The interval is the jackknife's, which leaves out a block of both at once. The p-value is that of a permutation
     test: if the two were alike, they could be exchanged within any block. It is the share of exchanges whose difference
@@ -216,12 +216,12 @@ def _p_of_exchanges(first: BlockSums, second: BlockSums, difference: float, rng:
 RANKED_MIN: Final = 3
 """Fewest pairs of a rank correlation."""
 _ENUMERATED_PAIRS: Final = 8
-"""With at most so many pairs the test tries all orders (40,320)."""
+"""Up to this many pairs the test tries all orders (40,320)."""
 
 
 @dataclass(frozen=True)
 class RankCorrelation:
-    """Spearman's ρ with the probability that chance alone gives one at least as far from 0."""
+    """Spearman's ρ, with the probability that chance gives a value at least as far from 0."""
 
     rho: float
     p_value: float
@@ -259,7 +259,7 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
 
 
 def ranking_interval(estimates: Sequence[Estimate], other: Sequence[float], confidence: float = CONFIDENCE) -> Interval:
-    """Spearman's ρ between estimates and known values, with its interval; ρ of equal values is 0 here.
+    """Spearman's ρ between estimates and known values with its interval; ρ of equal values is 0 here.
 
     Ranks jump, and noise pulls ρ towards 0: neither the jackknife nor a bootstrap of ρ holds the true one. The bounds
     are those over all orders that the estimates' own intervals allow, which hold all true values at once with the
@@ -284,7 +284,7 @@ def ranking_interval(estimates: Sequence[Estimate], other: Sequence[float], conf
 
 
 def _ranks(values: npt.ArrayLike) -> Floats:
-    """Ranks along the last axis, from 1 on; equal values share the mean of theirs."""
+    """Ranks along the last axis, from 1; equal values share their mean rank."""
     from scipy.stats import rankdata  # noqa: PLC0415 - takes half a second to load, and few tables need it
 
     return np.asarray(rankdata(values, axis=-1), np.float64)

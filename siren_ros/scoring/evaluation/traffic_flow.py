@@ -1,4 +1,4 @@
-"""How civilians drive in a record: how queues discharge at green, how drivers follow, how hard they accelerate.
+"""Measures how civilians drive in a record: queue discharge at green, following headway, acceleration.
 
 The measures are those of traffic engineering (HCM 2010, chapter 31): the saturation headway of a queue counts from
 its fourth vehicle on, at the stop line.
@@ -19,13 +19,13 @@ from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
 from siren_ros.simulation.world.traffic_state import TrafficState
 
 START_LOST: Final = 3
-"""The headways of a queue's first vehicles have the time in which drivers react and start in them."""
+"""Number of vehicles of a queue that are left out: their headways include reaction and start-up time."""
 QUEUED_MPS: Final = 1.5
-"""A vehicle that was slower than this before it crossed the line belonged to the queue."""
+"""A vehicle that was slower than this before the line belonged to the queue."""
 FOLLOWS_WITHIN_M: Final = 40.0
-"""A driver with a larger gap drives freely."""
+"""A driver with a larger gap counts as driving freely."""
 FOLLOWS_AT_MPS: Final = 1.0
-"""Difference of speeds below which a driver follows the vehicle ahead."""
+"""A driver follows the vehicle ahead if their speeds differ by less than this."""
 MOVES_MPS: Final = 3.0
 _HEAVY: Final = frozenset({ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK})
 _GREEN: Final = frozenset("gG")
@@ -34,18 +34,17 @@ _EVERY_STEPS: Final = 10
 
 @dataclass(frozen=True)
 class DischargeHeadways:
-    """Times between the fronts of queued vehicles at the stop line after green begins, from the fourth vehicle on."""
+    """Times between fronts of queued vehicles at the stop line after green begins, from the fourth vehicle on."""
 
     headway_s: Floats
     turns: Flags
     """Whether the vehicle or the one before it turns: vehicles that turn are slower, by the bend (HCM 2010, 31-2)."""
     heavy: Flags
-    """Whether one of both has more than four tyres: HCM's saturation headway is that of passenger cars, vans among
-    them."""
+    """Whether one of both has more than four tyres: HCM's saturation headway is for passenger cars and vans."""
 
 
 def discharge_headways(record: EpisodeRecord) -> DischargeHeadways:
-    """The headways of queues on lanes that lead straight on, also of the vehicles that turn off from these lanes."""
+    """Measure headways of queues on lanes that lead straight on, including vehicles that turn off from them."""
     headways: list[float] = []
     turns: list[bool] = []
     heavy: list[bool] = []
@@ -69,7 +68,7 @@ def discharge_headways(record: EpisodeRecord) -> DischargeHeadways:
 
 
 def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> Iterator[tuple[int, bool, int]]:
-    """Steps at which the vehicles of the queue on a lane leave it over its end, whether they turn, and their ids."""
+    """For each vehicle of a lane's queue: the step at which it passes the lane's end, whether it turns, and its id."""
     waiting: dict[int, bool] = {}
     paths = {
         path: movement.direction != "s"
@@ -83,7 +82,7 @@ def _queue_crossings(record: EpisodeRecord, lane: int, begin: int, end: int) -> 
             (row,) = np.flatnonzero(traffic.actor_id == actor_id).tolist() or (-1,)
             here = int(traffic.lane[row]) if row >= 0 else -1
             if here < 0 or (here not in paths and record.network.lanes[here].edge == edge):
-                del waiting[actor_id]  # it left sideways
+                del waiting[actor_id]  # this vehicle left the lane sideways
                 continue
             if not waiting.pop(actor_id):
                 return
@@ -97,7 +96,7 @@ def _speeds(traffic: TrafficState, lane: int) -> list[float]:
 
 
 def following_headways_s(record: EpisodeRecord) -> Floats:
-    """Time headways, front to front, of civilians that SUMO drives behind another vehicle in their lane."""
+    """Time headways, front to front, of civilians that SUMO drives behind a vehicle in the same lane."""
     headways: list[Floats] = []
     emvs = np.array(record.emv_ids, dtype=np.uint32)
     for traffic in record.traffic[::_EVERY_STEPS]:
@@ -119,7 +118,7 @@ def _lengths_m(record: EpisodeRecord, actor_id: Ids) -> Floats:
 
 
 def civilian_accelerations_mps2(record: EpisodeRecord) -> Floats:
-    """Longitudinal accelerations of civilians that move, all steps, as `siren verify` counts them."""
+    """Longitudinal accelerations of moving civilians at all steps, as `siren verify` counts them."""
     rows = record.rows
     moves = (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
     moves &= ~np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))

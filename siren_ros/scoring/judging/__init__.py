@@ -1,1 +1,1 @@
-"""Judges a record: the templates' predicates, the outcome, the checks of ``siren verify``."""
+"""Judges records: the templates' predicates, the outcome, the checks of ``siren verify``."""

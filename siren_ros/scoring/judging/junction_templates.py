@@ -26,21 +26,21 @@ from siren_ros.simulation.roads.movements import crossing_connections, movement_
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 
 APPROACH_M: Final = 15.0
-"""Way before the stop line on which a driver who obeys the sign stops: two to three car lengths."""
+"""Distance before the stop line in which a driver who obeys the sign stops: two to three car lengths."""
 RED: Final = frozenset("ru")
 """SUMO's letters that forbid entering: red, and red with yellow."""
 SAME_DIRECTION_RAD: Final = np.pi / 6.0
-"""Largest difference of heading, at entry and at exit, between movements of the same direction."""
+"""Largest difference of heading, at entry and at exit, between movements that count as the same direction."""
 RIGHT_TURNS: Final = frozenset({"r", "R"})
 """SUMO's letters of right turns and of slight right turns."""
 TURN_MIN_DEG: Final = 45.0
-"""Least heading change to the right of what counts as a turn."""
+"""Smallest heading change to the right that counts as a turn."""
 NEAR_M: Final = 50.0
-"""Largest distance before and after the junction at which the approach and the exit belong to the turn."""
+"""Largest distance before and after the junction at which the approach and the exit still belong to the turn."""
 
 
 def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
-    """The least speed over the last 15 m before a stop line and at the line, with nobody ahead in the lane up to it.
+    """Smallest speed on the last 15 m before a stop line and at the line, while no vehicle is ahead in the lane.
 
     A vehicle that stands behind another one at the line does not count as stopping for the sign; from the moment
     at which the way to the line is free it does.
@@ -54,7 +54,7 @@ def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
 
 
 def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int) -> bool:
-    """Whether somebody is ahead of the vehicle in its approach lane at a step."""
+    """Whether another vehicle is ahead in its approach lane at a step."""
     states = record.states[step - record.states[0].step]
     lane = record.network.lanes[record.network.connections[traversal.connection].from_lane]
     s_m, left_m = lane.centre.project(np.column_stack((states.x_m, states.y_m)))
@@ -66,12 +66,12 @@ def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int) -> bool:
 
 
 def red_same_direction(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
-    """S3: the EMV enters against red, and a vehicle of its direction is inside during its traversal."""
+    """S3: the EMV enters at red while a vehicle of its direction is inside."""
     return _judge(record, None, "same_direction_inside")
 
 
 def red_crossing(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
-    """S4: the EMV enters against red, and a vehicle on a crossing path is inside during its traversal."""
+    """S4: the EMV enters at red while a vehicle on a crossing path is inside."""
     return _judge(record, None, "crossing_inside")
 
 
@@ -86,7 +86,7 @@ def stop_crossing(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
 
 
 def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> Verdict:
-    """The verdict on the first EMV's traversal that comes closest to the predicate.
+    """Verdict on the traversal of the first EMV that comes closest to the predicate.
 
     The least speed is that at a stop line, None for a junction with a signal; ``others`` names the part that counts the
     other vehicles inside.
@@ -112,7 +112,7 @@ def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> V
 
 
 def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: float | None) -> Part:
-    """1 where the signal was red as the front passed the line, else 0; for a stop line the least free speed there.
+    """Condition at the line: a red signal (1 or 0) as the front passed, or the smallest free speed at a stop line.
 
     A driver who obeys a stop sign stops on the approach or at the line.
     """
@@ -127,7 +127,7 @@ def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: flo
 
 
 def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversal], crossing: bool) -> list[Traversal]:
-    """Civilians' traversals that meet the EMV's: on crossing paths, or in its direction."""
+    """Civilians' traversals that overlap in time with the EMV's: on crossing paths, or in its direction."""
     movement = network.connections[traversal.connection]
     meeting = [
         other
@@ -141,7 +141,7 @@ def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversa
 
 
 def is_same_direction(network: RoadNetwork, first: int, second: int) -> bool:
-    """Whether two movements (connection indices) have the same approach edge, or the same headings at both ends."""
+    """Whether two movements (connection indices) have the same approach edge, or equal headings at both ends."""
     movements = [network.connections[index] for index in (first, second)]
     if network.lanes[movements[0].from_lane].edge == network.lanes[movements[1].from_lane].edge:
         return True
@@ -151,14 +151,14 @@ def is_same_direction(network: RoadNetwork, first: int, second: int) -> bool:
 
 
 def signal_letter(record: EpisodeRecord, traversal: Traversal) -> str:
-    """SUMO's letter of the movement's signal as the front passed the stop line; empty if it is unknown."""
+    """SUMO's letter of the movement's signal when the front passed the stop line; empty if unknown."""
     connection = record.network.connections[traversal.connection]
     states = record.signal_states(connection.signal_id) if connection.signal_id is not None else {}
     return connection.letter_in(states.get(traversal.enter_step, ""))
 
 
 def _count(name: str, traversal: Traversal, inside: list[Traversal]) -> Part:
-    """How many vehicles are inside; each one counts from the step at which both it and the EMV are there."""
+    """Count the vehicles inside; each counts from the step at which it and the EMV are both there."""
     spans = [(other.actor_id, *(step * STEP_S for step in other.centre_steps)) for other in inside]
     detail = ", ".join(f"{actor_id} from {first_s:.1f} s to {last_s:.1f} s" for actor_id, first_s, last_s in spans)
     came = sorted(Moment(max(other.centre_steps[0], traversal.enter_step), other.actor_id) for other in inside)
@@ -213,13 +213,16 @@ def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Ve
 
 
 def turned_right_rad(yaw_rad: Floats) -> Floats:
-    """The largest turn to the right so far, at each of a course of headings; bends to the left before do not count."""
+    """Largest turn to the right so far, at each element of a series of headings.
+
+    Earlier bends to the left do not count.
+    """
     turned = np.concatenate(([0.0], np.cumsum(wrap_angle(np.diff(yaw_rad)))))
     return np.maximum.accumulate(np.maximum.accumulate(turned) - turned)
 
 
 def _turn_rows(record: EpisodeRecord, traversal: Traversal) -> StateRows:
-    """The EMV's states from the approach edge to the exit edge, not further than ``NEAR_M`` from the junction."""
+    """States of the EMV from the approach edge to the exit edge, within ``NEAR_M`` of the junction."""
     track = record.track(traversal.actor_id)
     driven = track.driven_m
     enter, leave = np.searchsorted(track.step, [traversal.enter_step, traversal.leave_step])
@@ -230,7 +233,7 @@ def _turn_rows(record: EpisodeRecord, traversal: Traversal) -> StateRows:
 
 
 def on_shoulder_area(network: RoadNetwork, rows: StateRows) -> npt.NDArray[np.bool_]:
-    """Whether each centre lies on a shoulder, or on a shoulder's path across a junction, in its direction (±90°)."""
+    """Whether each centre is on a shoulder, or on a shoulder's path across a junction, in its direction (±90°)."""
     on_shoulder = np.zeros(len(rows), dtype=bool)
     shoulders = [lane.index for lane in network.lanes if lane.kind is LaneKind.SHOULDER]
     across = [via for connection in network.connections if connection.from_lane in shoulders for via in connection.via]
@@ -244,7 +247,7 @@ def on_shoulder_area(network: RoadNetwork, rows: StateRows) -> npt.NDArray[np.bo
 
 
 def _stretches(rows: StateRows, holds: npt.NDArray[np.bool_]) -> str:
-    """The intervals of time in which a condition holds, as text."""
+    """Time intervals in which a condition holds, as text."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
     times = [
         f"{rows.step[first] * STEP_S:.1f} s to {(rows.step[last - 1] + 1) * STEP_S:.1f} s"

@@ -1,4 +1,4 @@
-"""Junction traversals of every vehicle: the movement, and the steps inside the junction, from the poses."""
+"""Finds every vehicle's traversals of junctions from its poses: the movement, and the steps inside the junction."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,39 +16,39 @@ from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, L
 from siren_ros.simulation.world.traffic_state import Indices
 
 _BESIDE_M: Final = 15.0
-"""Lateral reach of an exit: a vehicle left the junction by it within this distance of the exit lane."""
+"""Lateral range of an exit lane: a vehicle within it left the junction by that exit."""
 _NEVER: Final = -1
 _MARGIN_M: Final = 2.0
-"""The search for the stop line's crossing begins this far before the vehicle's own length."""
+"""Margin added to the vehicle's length where the search for the crossing of the stop line begins."""
 
 
 @dataclass(frozen=True)
 class Traversal:
-    """One vehicle's way across one junction. Pairs of steps are half-open: the second step is outside."""
+    """One vehicle's traversal of one junction. Pairs of steps are half-open: the second step is outside."""
 
     actor_id: int
     connection: int
-    """Index into ``RoadNetwork.connections`` of the movement."""
+    """Index of the movement in ``RoadNetwork.connections``."""
     enter_step: int
     """First step with the front bumper beyond the stop line, the end of the approach lane."""
     enter_speed_mps: float
     leave_step: int
-    """First step with the rear bumper on the exit lane; the step after the last one where the record ends before."""
+    """First step with the rear bumper on the exit lane; the step after the last if the record ends earlier."""
     centre_steps: tuple[int, int]
-    """While the footprint's centre lies between the stop line and the exit lane."""
+    """Steps in which the footprint's centre is between the stop line and the exit lane."""
     approach_step: int
     """First step on the approach edge."""
     exit_step: int
-    """First step after the exit edge; the step after the last one where the record ends before."""
+    """First step after the exit edge; the step after the last if the record ends earlier."""
 
     def meets(self, other: "Traversal") -> bool:
-        """Whether the other's centre is inside the junction at some step of this traversal, front to rear."""
+        """Whether the other vehicle's centre is inside the junction during some step of this traversal."""
         first, last = other.centre_steps
         return max(first, self.enter_step) < min(last, self.leave_step)
 
 
 def find_traversals(record: EpisodeRecord) -> tuple[Traversal, ...]:
-    """Every junction traversal whose stop line is crossed in the record, by actor and then by time.
+    """Find every traversal whose stop line is crossed in the record, by actor and then by time.
 
     The footprint's centre lay on the approach edge before and on the exit edge after. Where several movements join
     the two, the movement counts whose path held the centre longest. A vehicle that keeps no lane (between lanes, on
@@ -61,7 +61,7 @@ def find_traversals(record: EpisodeRecord) -> tuple[Traversal, ...]:
 
 
 class _Movements:
-    """The network's movements by approach and exit edge."""
+    """Movements of the network by approach and exit edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self.network = network
@@ -83,7 +83,10 @@ class _Movements:
         return [index for ends, group in self.between.items() if ends[0] == edge for index in group]
 
     def likeliest(self, candidates: Iterable[int], last_lane: int, between: Indices) -> tuple[int | None, int]:
-        """The movement whose path holds most of the given lanes, and how many; of equals the nearest lane."""
+        """The movement whose path contains most of the given lanes, and their number.
+
+        Of equal ones that of the nearest lane.
+        """
         position = self.network.lanes[last_lane].position
 
         def rank(index: int) -> tuple[int, int, int]:
@@ -97,7 +100,7 @@ class _Movements:
 
 @dataclass(frozen=True)
 class _Run:
-    """Rows first to last, inclusive: the centre lies on one edge or on no road."""
+    """A range of rows (inclusive) in which the centre is on one edge or on no road."""
 
     edge: int
     first: int
@@ -105,7 +108,7 @@ class _Run:
 
 
 class _Drive(Drive):
-    """A drive with the network's movements."""
+    """A drive together with the network's movements."""
 
     def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int, movements: _Movements) -> None:
         super().__init__(record, places, actor_id)
@@ -114,7 +117,7 @@ class _Drive(Drive):
         self.along = np.stack((np.cos(self.rows.yaw_rad), np.sin(self.rows.yaw_rad)), axis=-1)
 
     def traversals(self) -> Iterator[Traversal]:
-        """The actor's traversals in the order of time."""
+        """Find the actor's traversals in the order of time."""
         runs = self._runs()
         for number, run in enumerate(runs):
             connection, following = self._movement(run, runs[number + 1 : number + 3])
@@ -133,7 +136,10 @@ class _Drive(Drive):
         return [_Run(int(edges[start]), int(road[start]), int(road[end - 1])) for start, end in pairwise(starts)]
 
     def _movement(self, run: _Run, later: list[_Run]) -> tuple[int | None, _Run | None]:
-        """The movement out of a run, and the run that it leads to; at most one stray run in between is skipped."""
+        """Find the movement that follows a run, and the run to which it leads.
+
+        At most one stray run between is skipped.
+        """
         last_lane = int(self.lane[run.last])
         for following in later:
             candidates = self.movements.between.get((run.edge, following.edge), [])
@@ -172,7 +178,7 @@ class _Drive(Drive):
         )
 
     def _near_line(self, run: _Run) -> int:
-        """First row of the last stretch of a run on which the front bumper may be beyond the stop line."""
+        """First row of the last part of a run in which the front bumper may be beyond the stop line."""
         lanes = self.lane[run.first : run.last + 1]
         on_edge = (lanes != NO_LANE) & self.movements.is_road[lanes]
         remaining = self.movements.length_m[lanes] - self.arc_m[run.first : run.last + 1]
@@ -183,7 +189,7 @@ class _Drive(Drive):
         return self.rows.xy_m[rows] + ahead_m * self.along[rows]
 
     def _along(self, lane: Lane, rows: Rows, ahead_m: float) -> Floats:
-        """Arc length on a lane, extended straight on, of a point ahead of the footprint's centre."""
+        """Arc length of a point ahead of the centre, on a lane that is extended straight on."""
         return lane.centre.project(self._point(rows, ahead_m))[0]
 
     def _on_exit(self, connection: Connection, rows: Rows, ahead_m: float) -> Flags:
@@ -194,7 +200,7 @@ class _Drive(Drive):
         return passed
 
     def _step(self, row: int) -> int:
-        """Step of a row; the one after the last for the row after the last."""
+        """Step of a row; for the index after the last row, the step after the last."""
         return int(self.rows.step[row]) if row < len(self.rows) else int(self.rows.step[-1]) + 1
 
 

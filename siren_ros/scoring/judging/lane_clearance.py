@@ -1,4 +1,4 @@
-"""Template S2: civilians change out of the EMV's lane, and it passes them there."""
+"""Template S2: civilians leave the EMV's lane, and it passes them in that lane."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,31 +16,31 @@ from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.world.actors import Lights
 
 REACH_M: Final = 200.0
-"""Vehicles up to here along the lane count as ahead in the EMV's lane; more than the range of any siren."""
+"""Vehicles within this distance along the lane count as ahead in the EMV's lane; larger than any siren's range."""
 BODY_MARGIN_M: Final = 0.3
-"""A lane change is complete when at most this much of the body is still over the line."""
+"""A lane change is complete when at most this much of the body is over the line."""
 LATERAL_REACH_M: Final = 12.0
-"""Largest lateral distance of a vehicle that counts as passed: a few lanes, not the next street."""
+"""Largest lateral distance of a vehicle that counts as passed: some lanes, but not the next street."""
 SEAM_M: Final = 30.0
-"""A lane change across the end of an edge is found by following the old lane this far."""
+"""Length of the old lane that is followed to find a lane change across the end of an edge."""
 
 
 @dataclass(frozen=True)
 class LaneClearing:
-    """One civilian that changed out of the EMV's lane while the siren was on."""
+    """One civilian that left the EMV's lane while the siren was on."""
 
     actor_id: int
     left_lane: int
     start_step: int
-    """Last step with its centre in the lane that it leaves."""
+    """Last step with its centre in the old lane."""
     end_step: int
-    """First step at which its body is clear of that lane."""
+    """First step at which its body is clear of the old lane."""
     passed_step: int | None
-    """First step with the EMV's rear ahead of its front, after a pass in the cleared lane; None without one."""
+    """First step with the EMV's rear ahead of its front, after a pass in the cleared lane; None if it does not pass."""
 
 
 def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """At least ``lane_changes_min`` civilians leave the EMV's lane, and it passes ``passed_min`` in that lane."""
+    """S2: at least ``lane_changes_min`` civilians leave the EMV's lane, and it passes ``passed_min`` of them there."""
     clearings = find_clearings(record)
     changes = [Moment(clearing.end_step, clearing.actor_id) for clearing in clearings]
     passes = [Moment(item.passed_step, item.actor_id) for item in clearings if item.passed_step is not None]
@@ -53,7 +53,7 @@ def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
 
 
 def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
-    """Every civilian's first lane change out of the first EMV's lane, in the order of completion."""
+    """Find each civilian's first lane change out of the first EMV's lane, in the order of completion."""
     places = places_of(record, record.rows)
     drives = {key: _Drive(record, places, key) for key in record.actors if len(record.rows_of(key))}
     civilians = [drive for drive in drives.values() if not drive.actor.is_emv]
@@ -63,15 +63,15 @@ def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
 
 
 class _Drive(Drive):
-    """A drive with its changes of lanes."""
+    """A drive with its lane changes."""
 
     def row_at(self, step: int) -> int | None:
-        """Row of a step, None where the actor is not there."""
+        """Row of a step; None if the actor is absent."""
         row = int(np.searchsorted(self.rows.step, step))
         return row if row < len(self.rows) and self.rows.step[row] == step else None
 
     def clearing(self, emv: "_Drive") -> LaneClearing | None:
-        """This civilian's first change out of the EMV's lane after which the EMV passes it; else the first one."""
+        """This civilian's first change out of the EMV's lane that the EMV then passes; otherwise the first change."""
         unpassed = None
         for start, end in self._lane_changes():
             siren_on = all(emv.has_siren_on(int(self.rows.step[row])) for row in (start, end))
@@ -87,12 +87,12 @@ class _Drive(Drive):
         return unpassed
 
     def has_siren_on(self, step: int) -> bool:
-        """Whether the actor is there at a step with its siren on."""
+        """Whether the actor is present at a step with its siren on."""
         row = self.row_at(step)
         return row is not None and bool(int(self.rows.lights[row]) & Lights.SIREN)
 
     def _lane_changes(self) -> list[tuple[int, int]]:
-        """Rows (last in the old lane, first clear of it) of each completed lane change.
+        """Rows of each completed lane change: the last in the old lane, and the first clear of it.
 
         The change may also cross the end of an edge or happen inside a junction: the new lane is then a neighbour of
         a lane that follows the old one.
@@ -113,7 +113,7 @@ class _Drive(Drive):
         return changes
 
     def _first_clear_row(self, first: int, old_side: float) -> int | None:
-        """First row from which the body is clear of the lane on ``old_side`` (+1 left), before any further change."""
+        """First row from which the body is clear of the lane on ``old_side`` (+1 left), before another lane change."""
         lane = self.network.lanes[self.lane[first]]
         for row in range(first, len(self.lane)):
             current = int(self.lane[row])
@@ -159,5 +159,5 @@ class _Drive(Drive):
 
 
 def _ends_of_runs(values: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
-    """Index of the last entry of every stretch of equal values."""
+    """Last index of every run of equal values."""
     return np.append(np.flatnonzero(np.diff(values)), len(values) - 1)[: len(values)]

@@ -1,4 +1,4 @@
-"""How vehicles treat people: contacts with those whom nothing protects, and speeds near people on crossings."""
+"""Checks how vehicles treat people: contacts with unprotected people, and speeds near people on crossings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from siren_ros.scoring.judging.verdict import Moment, Part, at_most, moments_of
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 
 WALKING_PACE_MPS: Final = 2.0
-"""7 km/h: the greatest speed at which vehicles pass people on a crossing."""
+"""Largest speed at which vehicles should pass people on a crossing, 7 km/h."""
 NEAR_WAY_M: Final = 2.0
-"""Distance from a vehicle's swept path on a crossing within which somebody on the crossing is near it."""
+"""A person on a crossing is near a vehicle within this distance of the area that it sweeps there."""
 
 
 @dataclass(frozen=True)
 class NearPass:
-    """A vehicle on a crossing with somebody near its way: the step at which it was fastest."""
+    """A vehicle's passage over a crossing with a person near its path, at the vehicle's fastest step."""
 
     actor_id: int
     walker_id: int
@@ -38,7 +38,7 @@ def contacts_with_people(record: EpisodeRecord) -> tuple[Event, ...]:
 
 
 def near_passes(record: EpisodeRecord) -> tuple[NearPass, ...]:
-    """Every passage of a vehicle over a crossing on which somebody walks within 2 m of what it sweeps there."""
+    """Find every passage of a vehicle over a crossing with a pedestrian within 2 m of the area that it sweeps."""
     if not len(record.walker_ids):
         return ()
     rows = record.rows
@@ -72,7 +72,7 @@ def _passages(record: EpisodeRecord, area: shapely.Polygon, vehicles: Rows, size
 
 
 def _fastest(record: EpisodeRecord, passage: Rows, across: Rows, sizes_m: Points) -> NearPass | None:
-    """The fastest step of a passage with somebody near; ``across`` are people on the crossing, by step."""
+    """The fastest step of a passage with a person near; ``across`` are people on the crossing, by step."""
     rows = record.rows
     first, last = np.searchsorted(rows.step[across], (rows.step[passage[0]], rows.step[passage[-1]] + 1))
     people = across[first:last]
@@ -90,7 +90,7 @@ def _fastest(record: EpisodeRecord, passage: Rows, across: Rows, sizes_m: Points
 
 @compiled
 def _near(poses: Any, points: Any, half_length_m: float, half_width_m: float, near_m: float) -> Any:
-    """Which points ``(P, 2)`` are near a box in one of some poses: x, y and the yaw's cosine and sine, ``(4, K)``."""
+    """Which points ``(P, 2)`` are near a box in one of some poses: x, y, cosine and sine of the yaw, ``(4, K)``."""
     near = np.zeros(len(points), np.bool_)
     for p in range(len(points)):
         for k in range(poses.shape[1]):
@@ -104,7 +104,10 @@ def _near(poses: Any, points: Any, half_length_m: float, half_width_m: float, ne
 
 
 def check_people(record: EpisodeRecord) -> tuple[Part, Part]:
-    """No contact with somebody unprotected, and walking pace near people on crossings; drawn drivers may crash."""
+    """Checks: no contact with unprotected people, and walking pace near people on crossings.
+
+    Drawn drivers may crash.
+    """
     contacts = contacts_with_people(record)
     places = ", ".join(f"actors {event.actor_id} and {event.other_id} at step {event.step}" for event in contacts)
     passes = near_passes(record)

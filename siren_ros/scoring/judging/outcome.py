@@ -1,4 +1,4 @@
-"""The outcome of an episode: the predicate's verdict, the residuals of states, the AV's response, the realisation."""
+"""The outcome of an episode: verdict of the predicate, residuals, the AV's response, and figures of the episode."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,19 +19,19 @@ from siren_ros.simulation.world.actors import NO_ACTOR, Owner
 from siren_ros.simulation.world.traffic_state import EventKind
 
 HEARD_M: Final = 40.0
-"""Largest distance between the two centres at which the AV hears the siren (paper: response distance)."""
+"""The AV hears the siren within this distance between the centres (paper: response distance)."""
 STANDING_MPS: Final = 1.0
 NEAR_M: Final = 30.0
-"""An EMV that comes no nearer to the conflict point does not arrive."""
+"""An EMV that never comes nearer than this to the conflict point does not arrive."""
 QUEUE_RANGE_M: Final = 50.0
-"""Radius around the EMV within which standing vehicles are its queue (paper: the interaction region's outer radius)."""
+"""Standing vehicles within this radius of the EMV are its queue (paper: outer radius of the interaction region)."""
 BEFORE_ARRIVAL_S: Final = 3.0
 """The queue is counted this long before the EMV arrives, when it is still ahead."""
 
 
 @dataclass(frozen=True)
 class ResidualSummary:
-    """Over all actors and steps; zeros where SUMO owns no actor."""
+    """Statistics of the residuals over all actors and steps; zeros if SUMO owns no actor."""
 
     median_m: float
     p99_m: float
@@ -50,28 +50,28 @@ def summarise_residuals(record: EpisodeRecord) -> ResidualSummary:
 
 @dataclass(frozen=True)
 class AvResponse:
-    """Numbers of one encounter."""
+    """How the AV under test responds to the EMV."""
 
     heard_s: float = -1.0
-    """Simulated time at which the EMV came within ``HEARD_M`` from behind; −1 where it never did."""
+    """Simulated time at which the EMV came within ``HEARD_M`` from behind; −1 if it never did."""
     passed_after_s: float = -1.0
-    """Time from ``heard_s`` until the EMV's centre was ahead of the AV's; −1 where it did not pass."""
+    """Time from ``heard_s`` until the EMV's centre was ahead of the AV's; −1 if it did not pass."""
     speed_drop_mps: float = 0.0
     """Speed at ``heard_s`` minus the lowest speed until the EMV had passed."""
     moved_right_m: float = 0.0
     """Largest displacement to the right of the AV's line of travel at ``heard_s``; to the left in left-hand traffic."""
     closest_m: float = 0.0
-    """Least distance between the two centres."""
+    """Smallest distance between the two centres."""
     collisions: int = 0
-    """Collisions of the AV with any vehicle."""
+    """Number of collisions of the AV with any vehicle."""
 
     def measures(self) -> dict[str, float | int | str]:
-        """The numbers as an episode's outcome stores them."""
+        """The values as an episode's outcome stores them."""
         return {f"av.{name}": value for name, value in vars(self).items()}
 
 
 def av_response(record: EpisodeRecord) -> AvResponse | None:
-    """The response of the AV under test to the first EMV, which has to pass it; None in episodes without one."""
+    """Response of the AV under test to the first EMV, which comes from behind; None in episodes without an AV."""
     av_id = record.description.av_id
     if av_id == NO_ACTOR or not record.emv_ids:
         return None
@@ -104,20 +104,20 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
 
 @dataclass(frozen=True)
 class Realisation:
-    """Figures of one episode that differ from seed to seed; the EMV is the first one."""
+    """Figures of one episode that differ between seeds; the EMV is the first one."""
 
     arrival_s: float
-    """Time at which the EMV is nearest to the site's conflict point; NaN where it never comes within 30 m."""
+    """Time at which the EMV is nearest to the site's conflict point; NaN if it never comes within 30 m."""
     queue: int
-    """Civilians that stand around the EMV before it arrives."""
+    """Number of civilians that stand around the EMV before it arrives."""
     yielding: int
-    """Civilians that begin to yield."""
+    """Number of civilians that begin to yield."""
     emv_speed_mps: float
-    """Mean over the episode."""
+    """Mean speed of the EMV over the episode."""
 
 
 def realisation_of(record: EpisodeRecord) -> Realisation:
-    """The realisation of a record; the conflict point is the site's junction, or else the middle of its road."""
+    """Compute these figures; the conflict point is the site's junction, or the middle of its road."""
     track = record.track(record.emv_ids[0])
     conflict = middle_of_site(record.network, record.description.site)
     distance = np.hypot(*(track.xy_m - conflict).T) if conflict is not None else np.full(len(track), np.inf)
@@ -136,7 +136,7 @@ def realisation_of(record: EpisodeRecord) -> Realisation:
 
 
 def _drive_of(record: EpisodeRecord, emv_id: int) -> dict[str, float]:
-    """Way and mean speed of an EMV; nothing where it was never there."""
+    """Distance and mean speed of an EMV; empty if it was never present."""
     emv = record.track(emv_id)
     if not len(emv):
         return {}
@@ -145,7 +145,7 @@ def _drive_of(record: EpisodeRecord, emv_id: int) -> dict[str, float]:
 
 
 def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
-    """The outcome of an episode that has just ended; ``predicate_holds`` is None where it cannot be judged."""
+    """Judge an episode that has just ended; ``predicate_holds`` is None if it cannot be judged."""
     try:
         return outcome_of(builder.build(), closing)
     except SirenError as error:
@@ -153,7 +153,7 @@ def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
 
 
 def outcome_of(record: EpisodeRecord, closing: EpisodeClosing) -> EpisodeOutcome:
-    """The outcome of a record; raises as ``evaluate_predicate`` does."""
+    """The outcome of a record; raises as ``evaluate_predicate``."""
     verdict = evaluate_predicate(record)
     residual = summarise_residuals(record)
     measures: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""People in an episode: pedestrians, cyclists and motorcyclists, how many come near, and how many have to do with it.
+"""Counts people in an episode (pedestrians, cyclists, motorcyclists): how many are near, how many interact.
 
 A person *meets* a driver where their ways cross with a post-encroachment time (PET) of at most 5 s, or where they
 would touch within 1.5 s if both went on as they do now (TTC). These are the limits of the surrogate safety
@@ -22,33 +22,33 @@ NAMES: Final = {
     ActorClass.BICYCLE: "cyclists",
     ActorClass.MOTORCYCLE: "motorcycles",
 }
-"""Classes of people as the demand of a template names them."""
+"""Names of the classes of people in a template's demand."""
 NEAR_M: Final = 150.0
-"""Distance of the centres up to which a person is near an EMV: as far as the demand puts people."""
+"""A person is near an EMV within this distance of the centres; the demand places people up to this far."""
 _BODIES_M: Final = 10.0
-"""More than half the diagonals of two bodies together."""
+"""Larger than half the diagonals of two bodies together."""
 PET_MAX_S: Final = 5.0
 TTC_MAX_S: Final = 1.5
 
 
 @dataclass(frozen=True)
 class PeopleOfClass:
-    """Numbers of people of one class in an episode."""
+    """Counts of people of one class in an episode."""
 
     near: int
-    """Come within ``NEAR_M`` of an EMV."""
+    """Number of people that come within ``NEAR_M`` of an EMV."""
     near_median: int
-    """Are there at once: the median over the steps."""
+    """Number of people present at once, as median over the steps."""
     with_emv: int
-    """Meet an EMV."""
+    """Number of people that meet an EMV."""
     with_yielding: int
-    """Meet a civilian who makes way."""
+    """Number of people that meet a yielding civilian."""
     met: int
-    """Meet one or the other."""
+    """Number of people that meet an EMV or a yielding civilian."""
 
 
 def people_of(record: EpisodeRecord) -> dict[ActorClass, PeopleOfClass]:
-    """The numbers by class; empty for an episode without people."""
+    """Counts by class; empty for an episode without people."""
     people = _People.of(record)
     if people is None:
         return {}
@@ -80,7 +80,7 @@ def people_of(record: EpisodeRecord) -> dict[ActorClass, PeopleOfClass]:
 
 
 def people_measures(record: EpisodeRecord) -> dict[str, int]:
-    """The numbers as an episode's outcome stores them; nothing for an episode without people."""
+    """Counts as an episode's outcome stores them; empty for an episode without people."""
     found = people_of(record)
     measures = {f"people.{NAMES[kind]}.{name}": n for kind, own in found.items() for name, n in asdict(own).items()}
     return measures | ({"people.met": sum(own.met for own in found.values())} if found else {})
@@ -88,7 +88,7 @@ def people_measures(record: EpisodeRecord) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class _People:
-    """All people of a record, with the box around the places of each and its top speed."""
+    """All people of a record, with each one's bounding box and top speed."""
 
     record: EpisodeRecord
     ids: Ids
@@ -98,7 +98,7 @@ class _People:
 
     @classmethod
     def of(cls, record: EpisodeRecord) -> Self | None:
-        """None where nobody is there."""
+        """Collect the people of a record; None if there are none."""
         rows = record.rows.select(np.isin(record.rows.actor_id, record.people_ids))
         ids, first = np.unique(rows.actor_id, return_index=True)
         if not len(ids):
@@ -107,7 +107,7 @@ class _People:
         return cls(record, ids, low, high, np.maximum.reduceat(rows.speed_mps, first))
 
     def met_by(self, subject_id: int, mine: StateRows) -> set[int]:
-        """The people whom a driver meets on a part of its own track."""
+        """People whom a driver meets on a part of its own track."""
         body = self.record.actors[subject_id]
         size_m, xy = (body.length_m, body.width_m), mine.xy_m
         gap_m = np.maximum(xy.min(axis=0) - self.high_m, self.low_m - xy.max(axis=0)).max(axis=1)
@@ -130,6 +130,6 @@ class _People:
 
 
 def _moving(track: StateRows) -> StateRows:
-    """A track without the inner steps of each standstill, which add no place."""
+    """A track without the inner steps of each standstill, which add no new position."""
     moved = np.hypot(np.diff(track.x_m), np.diff(track.y_m)) > 0.0
     return track.select(np.append(True, moved) | np.append(moved, True))

@@ -1,4 +1,4 @@
-"""Whether recorded motion is physically possible: measured extremes, their limits, and the checks of both."""
+"""Checks whether recorded motion is physically possible: measured extremes and their limits."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,80 +16,81 @@ LATERAL_PERCENTILE: Final = 99.9
 EMV_PERCENTILES: Final = (1.0, 99.0)
 CIVILIAN_PERCENTILES: Final = (0.5, 99.5)
 MOVING_MPS: Final = 0.3
-"""Slower vehicles stand: what holds them is no braking."""
+"""Slower vehicles count as standing; their deceleration is not braking."""
 PAPER_PRESET: Final = "paper"
 """The preset in which every driver reacts."""
 
 
 @dataclass(frozen=True)
 class VerifyLimits:
-    """Bounds of the checks."""
+    """Limits of the checks."""
 
     jump_m: float = 0.05
-    """Position change between two steps beyond ``v · dt``."""
+    """Largest change of position between two steps beyond ``v · dt``."""
     turn_rad: float = 0.01
-    """Yaw change between two steps beyond the limits of steering and grip."""
+    """Largest change of yaw between two steps beyond the limits of steering and grip."""
     steer_max_rad: float = 0.7
     """Largest road-wheel angle of any class (40°)."""
     wheelbase_share: float = 0.5
-    """Smallest wheelbase of any class as a share of its length: that of buses and fire engines."""
+    """Smallest wheelbase of any class relative to its length: that of buses and fire engines."""
     walker_turn_radps: float = 4.5
-    """Of somebody who walks: a turn on the spot within a step."""
+    """Largest turn rate of a pedestrian: a turn on the spot within a step."""
     lateral_accel_mps2: float = 12.0
-    """Dry tyres give 1 g, plus a margin for the transient."""
+    """Largest lateral acceleration: dry tyres give 1 g, plus a margin for transients."""
     speed_error_mps: float = 0.5
-    """Between the mean velocity of two steps and the position change between them."""
+    """Largest difference between the mean velocity of two steps and the change of position between them."""
     residual_p99_m: float = 0.5
-    """Between SUMO's and the simulated pose of an actor, 99th percentile."""
+    """Limit for the 99th percentile of an actor's residual (SUMO's pose against the simulated pose)."""
     residual_max_m: float = 2.0
-    """The same, greatest value."""
+    """Limit for the largest residual of an actor."""
     overlap_m: float = 0.3
-    """Of two footprints: bodies do not pass through each other; real ones crumple by as much at walking speed."""
+    """Largest overlap of two footprints: real bodies deform by as much at walking speed."""
     impact_speed_mps: float = 2.0
-    """The paper's drivers all react, so that vehicles touch at most while they manoeuvre."""
+    """Largest impact speed: the paper's drivers all react, so that vehicles touch only while they manoeuvre."""
     comfort_lateral_mps2: float = 4.0
-    """Of all vehicles, 99.9th percentile: what drivers use in urban bends at most (Hugemann and Nickel, "Longitudinal
-    and lateral accelerations in normal day driving", ITAI 2003)."""
+    """Limit for the 99.9th percentile of all vehicles' lateral acceleration: the most that drivers use in urban bends
+    (Hugemann and Nickel, "Longitudinal and lateral accelerations in normal day driving", ITAI 2003)."""
     emv_brake_mps2: float = 4.0
-    """An EMV's, 1st percentile: what an anticipating driver brakes with (same source, urban roads)."""
+    """Limit for the 1st percentile of an EMV's braking: that of an anticipating driver (same source, urban roads)."""
     emv_accel_mps2: float = 2.5
-    """An EMV's, 99th percentile: a brisk start of a van (same source)."""
+    """Limit for the 99th percentile of an EMV's acceleration: a brisk start of a van (same source)."""
     civilian_brake_mps2: float = 4.0
-    """Of civilians that move, 0.5th percentile: what drivers brake with in traffic (same source); an emergency brake,
-    for a vehicle that cuts in, may be harder, but is rare."""
+    """Limit for the 0.5th percentile of moving civilians' braking: what drivers use in traffic (same source). Emergency
+    braking may be harder, but is rare."""
     civilian_accel_mps2: float = 3.0
-    """The same, 99.5th percentile: a brisk start of a car (same source)."""
+    """Limit for the 99.5th percentile of moving civilians' acceleration: a brisk start of a car (same source)."""
     civilian_lateral_mps2: float = 5.0
-    """A civilian's at any time: half of what dry tyres give, more than drivers use anywhere but on a race track."""
+    """Largest lateral acceleration of a civilian at any time: half of what dry tyres give, more than drivers use on
+    roads."""
 
 
 @dataclass(frozen=True)
 class PhysicsSummary:
-    """Over all actors and steps of an episode; zeros where there is nothing to measure."""
+    """Measured extremes over all actors and steps of an episode; zeros if there is nothing to measure."""
 
     contacts: int = 0
     impact_mps: float = 0.0
-    """Greatest impact speed."""
+    """Largest impact speed."""
     overlap_m: float = 0.0
-    """Greatest penetration of two footprints."""
+    """Largest penetration of two footprints."""
     overlap_moment: Moment | None = None
-    """When and of whom."""
+    """Step and actors of the largest overlap."""
     lateral_accel_mps2: float = 0.0
-    """99.9th percentile over all vehicles."""
+    """99.9th percentile of lateral acceleration over all vehicles."""
     emv_accel_low_mps2: float = 0.0
     """1st percentile of the longitudinal acceleration of all EMVs."""
     emv_accel_high_mps2: float = 0.0
-    """99th percentile of the same."""
+    """99th percentile of the longitudinal acceleration of all EMVs."""
     civilian_accel_low_mps2: float = 0.0
-    """0.5th percentile of the longitudinal acceleration of civilians that move."""
+    """0.5th percentile of the longitudinal acceleration of moving civilians."""
     civilian_accel_high_mps2: float = 0.0
-    """99.5th percentile of the same."""
+    """99.5th percentile of the longitudinal acceleration of moving civilians."""
     civilian_lateral_mps2: float = 0.0
-    """Greatest lateral acceleration of civilians that move."""
+    """Largest lateral acceleration of moving civilians."""
 
 
 def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
-    """Contacts, overlap and accelerations of an episode."""
+    """Measure contacts, overlap and accelerations of an episode."""
     rows = record.rows
     speeds = [float(event.detail["impact_speed_mps"]) for event in record.events_of(EventKind.COLLISION)]
     lateral = np.abs(rows.lateral_accel_mps2)
@@ -120,7 +121,7 @@ def _extremes(values: Floats, percentiles: tuple[float, float]) -> tuple[float, 
 
 
 def deepest_overlap(state: ActorStates, record: EpisodeRecord) -> tuple[float, Moment | None]:
-    """Greatest penetration depth of two footprints at a step, 0 where none overlap (separating axis theorem); of whom.
+    """Largest penetration depth of two footprints at a step (separating axis theorem), 0 if none overlap, and whose.
 
     People who pass each other on foot do not count: they turn their shoulders.
     """
@@ -138,7 +139,7 @@ def deepest_overlap(state: ActorStates, record: EpisodeRecord) -> tuple[float, M
 
 
 def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
-    """The summary against its limits; drawn drivers may crash at any speed."""
+    """Compare the summary with its limits; drawn drivers may crash at any speed."""
     summary = summarise_physics(record)
     impact_mps = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
     contacts = record.events_of(EventKind.COLLISION)

@@ -1,4 +1,4 @@
-"""The predicates: whether a template's interaction happened, evaluated on the record alone."""
+"""The predicates: they decide from the record alone whether a template's interaction happened."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -33,13 +33,13 @@ PREDICATES: Final[dict[str, Predicate]] = {
     declared.SHOULDER_TURN.name: shoulder_turn,
     declared.RESCUE_LANE.name: rescue_lane,
 }
-"""By the name that a template's file gives."""
+"""Predicates by the name in a template's file."""
 PARAMETER: Final = "predicate"
 """Key of ``EpisodeDescription.parameters`` that holds ``{"name": …, "thresholds": {…}}``."""
 
 
 def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
-    """Name and thresholds of the record's predicate; where the record has none, those of the episode's template.
+    """Name and thresholds of the record's predicate, or else those of the episode's template.
 
     Raises:
         BagError: The record names an unknown predicate, or a threshold is missing or not a number.
@@ -61,7 +61,7 @@ def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
 
 
 def evaluate_predicate(record: EpisodeRecord) -> Verdict:
-    """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does.
+    """Decide whether the interaction of the episode's template happened; raises as ``predicate_of``.
 
     It has to happen to the first EMV. Those that cross its way have to pass the junction at which they do. Where
     traffic keeps left, the mirror image is judged, and the verdict's words are mirrored again.
@@ -76,7 +76,7 @@ def evaluate_predicate(record: EpisodeRecord) -> Verdict:
 
 
 def verdicts_of_others(record: EpisodeRecord) -> dict[int, Verdict]:
-    """What happened to each EMV but the first, by its id.
+    """Verdict for each EMV except the first, by its id.
 
     Of one that crosses the first one's way it is whether it passed the junction, of others the template's interaction.
     """
@@ -94,7 +94,7 @@ def _judged(record: EpisodeRecord, name: str, thresholds: Mapping[str, float]) -
 
 
 def _crossing(record: EpisodeRecord, emv_id: int) -> Verdict:
-    """Whether an EMV has passed the junction at which it crosses the first one's way, and is out of it again."""
+    """Verdict whether an EMV has passed, and left, the junction at which it crosses the first one's path."""
     junction, last = record.description.crossed_junctions[emv_id], record.states[-1].step if record.states else 0
     passed = [
         one

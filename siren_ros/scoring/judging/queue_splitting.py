@@ -1,4 +1,4 @@
-"""Template S1: civilians in two queues pull over and hold, the EMV passes between them and crosses the stop line."""
+"""Template S1: civilians in two queues pull over and hold; the EMV passes between them and crosses the stop line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwo
 from siren_ros.simulation.world.actors import Mode
 
 CREEP_MPS: Final = 10.0 / 3.6
-"""Largest speed of a vehicle in a queue, 10 km/h: it creeps, as on a jammed road."""
+"""Largest speed of a vehicle in a queue, 10 km/h, as in slow jam traffic."""
 STANDING_MPS: Final = 0.3
 HOLD_S: Final = 1.0
-"""Least time for which a holding vehicle stands."""
+"""Smallest time for which a holding vehicle must stand."""
 OFF_CENTRE_M: Final = 0.3
-"""Least offset from its lane's centre line of a vehicle that has pulled over."""
+"""Smallest offset from the lane's centre line of a vehicle that has pulled over."""
 QUEUE_MIN: Final = 2
-"""Fewest vehicles that make a queue."""
+"""Smallest number of vehicles in a queue."""
 LATERAL_REACH_M: Final = 6.0
-"""Lateral distance between centres of two vehicles that are side by side on one carriageway: less than two lanes."""
+"""Largest lateral distance between centres of two vehicles side by side on one carriageway: less than two lanes."""
 
 
 @dataclass(frozen=True)
 class Overtaking:
-    """The moment at which the EMV's centre passes the centre of a civilian in a queue."""
+    """Moment at which the EMV's centre passes the centre of a civilian in a queue."""
 
     actor_id: int
     step: int
@@ -42,7 +42,7 @@ class Overtaking:
 
     @property
     def moment(self) -> Moment:
-        """Who is overtaken when."""
+        """The overtaken civilian and the step."""
         return Moment(self.step, self.actor_id, f"{self.lateral_m:.2f} m")
 
 
@@ -52,23 +52,25 @@ class Holding:
 
     actor_id: int
     step: int
-    """First step of standing."""
+    """First step at which it stands."""
     offset_m: float
-    """From its lane's centre line, left positive."""
+    """Offset from its lane's centre line, positive to the left."""
 
     @property
     def pulled_over(self) -> bool:
-        """Whether it stands to one side of its lane."""
+        """Whether it stands off the middle of its lane."""
         return abs(self.offset_m) >= OFF_CENTRE_M
 
     @property
     def moment(self) -> Moment:
-        """Who begins to stand when."""
+        """The civilian and the step at which it begins to stand."""
         return Moment(self.step, self.actor_id, f"{self.offset_m:+.2f} m")
 
 
 def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """At least ``holding_min`` civilians pull over and hold; the EMV overtakes ``overtaken_min`` between two queues.
+    """S1: at least ``holding_min`` civilians pull over and hold.
+
+    The EMV overtakes ``overtaken_min`` between two queues.
 
     As it passes a vehicle, its centre is at most ``lateral_max_m`` from the boundary between the two lanes. It crosses
     the stop line of the site: an EMV that stands trapped in the queues has not got through.
@@ -107,7 +109,7 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
 
 
 def _shorter_queue(between: list[Overtaking]) -> Part:
-    """Overtaken vehicles of the side with fewer of them; the other side has as many or more at each of its moments."""
+    """Number of overtaken vehicles on the side with fewer of them."""
     left, right = ([item.moment for item in between if item.side == side] for side in (1, -1))
     both = [max(pair, key=lambda moment: moment.step) for pair in zip(left, right, strict=False)]
     detail = f"{len(left)} on the left, {len(right)} on the right"
@@ -134,12 +136,14 @@ def _crossed(record: EpisodeRecord, emv_id: int) -> Part:
 
 
 def _joined(counted: str, name: str, others: str) -> str:
-    """What counts, and behind a name what does not."""
+    """Text of a count: what counts, then after a name what does not count."""
     return "; ".join(text for text in (counted, f"{name}: {others}" if others else "") if text)
 
 
 def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ...]:
-    """Civilians that stand in the hold of their yield for ``HOLD_S``, each once, by time; places of ``record.rows``.
+    """Find civilians that stand for ``HOLD_S`` in the hold of their yield, each once, by time.
+
+    ``places`` of ``record.rows``.
 
     A civilian that stands away from its lane's centre line has pulled over. Where a civilian holds several times,
     its first time pulled over counts, or else its first time.
@@ -162,7 +166,7 @@ def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ..
 
 
 def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> tuple[Overtaking, ...]:
-    """The EMV's passes of civilians in queues, each civilian once, by time; places of ``record.rows``.
+    """Find the EMV's passes of civilians in queues, each civilian once, by time; ``places`` of ``record.rows``.
 
     A civilian in a queue stands or creeps in a driving lane next to another driving lane.
     """
@@ -195,7 +199,7 @@ def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
 
 
 def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float] | None:
-    """The nearest boundary to a point between a driving lane and a neighbouring one, None without one.
+    """Nearest boundary to a point between a driving lane and its neighbour; None if there is none.
 
     The lane lies on its side +1 (left) or −1; the second number is the point's distance from it.
     """
@@ -215,6 +219,6 @@ def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float
 
 
 def _is_driving(network: RoadNetwork, lane: int) -> bool:
-    """Whether a lane is a driving lane of a road, its plain joints included."""
+    """Whether a lane is a driving lane of a road, or a plain connection between two of them."""
     road = road_lane_of(network, lane)
     return road != NO_LANE and network.lanes[road].kind is LaneKind.DRIVING

@@ -1,4 +1,4 @@
-"""Template S8: a rescue lane is open along a jam before the EMV comes, and the EMV drives through it."""
+"""Template S8: a rescue lane is open in a jam before the EMV comes, and the EMV drives through it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,22 +16,25 @@ from siren_ros.scoring.judging.verdict import Moment, Verdict, at_least, at_most
 from siren_ros.simulation.roads.road_network import Lane, LaneKind
 
 JAM_MPS: Final = mps_from_kmh(20.0)
-"""Largest speed of vehicles in a jam: they stop and go."""
+"""Largest speed of vehicles in a jam with stop-and-go traffic."""
 BESIDE_M: Final = 15.0
-"""The EMV is in the jam where slow vehicles are this near ahead or behind it on both sides: two cars and a gap."""
+"""The EMV is in the jam if slow vehicles are within this distance ahead or behind it on both sides: two cars and a
+gap."""
 STATION_M: Final = 2.0
-"""Distance between the places at which the rescue lane is looked at."""
+"""Distance between the places at which the rescue lane is measured."""
 BODY_M: Final = 5.0
-"""Bodies this far before and behind a place narrow it too: an EMV is longer than the gaps between them."""
+"""Vehicles within this distance before and behind a place narrow it, too: an EMV is longer than the gaps between
+them."""
 ON_SHOULDER_M: Final = 0.3
-"""How far a body on the hard shoulder reaches over its edge: more than a mirror, or than the tail of a long vehicle."""
+"""A vehicle is on the hard shoulder if it reaches this far over the edge: more than a mirror or a long vehicle's
+tail."""
 _EACH_STEPS: Final = 10
-"""States are looked at every half second."""
+"""The states are measured every half second."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoadView:
-    """The road of a jam, by the centre line of its leftmost lane and offsets from there, left positive."""
+    """The road of a jam: centre line of its leftmost lane, and lateral offsets from it, positive to the left."""
 
     line: Polyline
     boundary_m: float
@@ -39,11 +42,11 @@ class RoadView:
     outer_m: float
     """Offset of the right edge of the rightmost driving lane; beyond it is the hard shoulder."""
     shoulders_m: tuple[tuple[float, float], ...]
-    """Where along the road the hard shoulder begins and ends."""
+    """Ranges along the road that have a hard shoulder: begin and end of each."""
 
 
 def road_of(record: EpisodeRecord) -> RoadView | None:
-    """The road of a record's site and of the route behind it, as far as the number of lanes stays the same.
+    """The road of a record's site and the route before it, as long as the number of lanes stays the same.
 
     None where there are no two driving lanes.
     """
@@ -73,7 +76,7 @@ def road_of(record: EpisodeRecord) -> RoadView | None:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Bodies of civilians on a road at one step: their extents along and across it, and their speeds."""
+    """Civilians on a road at one step: their extents along and across it, and their speeds."""
 
     actor_id: Ids
     from_m: Floats
@@ -84,7 +87,7 @@ class Bodies:
 
 
 def bodies_at(record: EpisodeRecord, road: RoadView, index: int) -> Bodies:
-    """The civilians on the driving lanes or the hard shoulder at one of the record's states."""
+    """The civilians on driving lanes or hard shoulder at one of the record's states."""
     states = record.states[index]
     known = [record.actors[actor] for actor in states.actor_id.tolist()]
     half_length, half_width = 0.5 * np.array([(actor.length_m, actor.width_m) for actor in known]).reshape(-1, 2).T
@@ -93,7 +96,7 @@ def bodies_at(record: EpisodeRecord, road: RoadView, index: int) -> Bodies:
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     length_m, width_m = cos * half_length + sin * half_width, sin * half_length + cos * half_width
     is_civilian = np.array([not actor.is_emv for actor in known], np.bool_)
-    beside_m = 2.0 * road.boundary_m  # a lane's width, negative
+    beside_m = 2.0 * road.boundary_m  # width of a lane, negative
     on_road = is_civilian & (left > road.outer_m + beside_m) & (left < -road.boundary_m) & (np.cos(turned) > 0.5)
     on_road &= (along > 0.0) & (along < road.line.length_m)
     extents = along - length_m, along + length_m, left - width_m, left + width_m, states.speed_mps
@@ -101,7 +104,7 @@ def bodies_at(record: EpisodeRecord, road: RoadView, index: int) -> Bodies:
 
 
 def free_width_m(bodies: Bodies, places_m: Floats, road: RoadView) -> Floats:
-    """Free width at places between the vehicles left and right of the boundary; infinite where a side is empty."""
+    """Free width between the vehicles left and right of the boundary, at places; infinite if one side is empty."""
     on_left = bodies.left_m + bodies.right_m > 2.0 * road.boundary_m
     near = (places_m[:, None] > bodies.from_m - BODY_M) & (places_m[:, None] < bodies.to_m + BODY_M)
     left = np.min(np.where(near & on_left, bodies.right_m, np.inf), axis=1, initial=np.inf)
@@ -116,7 +119,7 @@ def _in_jam(bodies: Bodies, at_m: float, road: RoadView) -> bool:
 
 
 def _on_shoulder(seen: Mapping[int, Bodies], road: RoadView, first_step: int) -> list[Moment]:
-    """The civilians that stand on the hard shoulder at some time, by their ids, and when each one is first seen."""
+    """Civilians that stand on the hard shoulder, by id, with the step at which each is first seen there."""
     found: dict[int, Moment] = {}
     for index, bodies in seen.items():
         beyond = (bodies.right_m < road.outer_m - ON_SHOULDER_M) & (bodies.speed_mps <= STANDING_MPS)
@@ -127,7 +130,7 @@ def _on_shoulder(seen: Mapping[int, Bodies], road: RoadView, first_step: int) ->
 
 
 def rescue_lane(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """A rescue lane was open along the jam before each EMV came, and each one drove through it.
+    """S8: a rescue lane was open along the jam before each EMV came, and each drove through it.
 
     At each place of the jam the free width is looked at when the EMV's front is ``ahead_m`` before it, where no driver
     reacts to the siren yet. It has to be the EMV's width and ``side_m`` on both sides, on a share ``open_share_min`` of

@@ -1,4 +1,4 @@
-"""Surrogate safety measures of one vehicle with all that it meets: time to collision and post-encroachment time.
+"""Surrogate safety measures of one vehicle with all that it meets: time to collision, post-encroachment time.
 
 Time to collision (TTC): when two footprints would touch if both drivers went on as they do now. Post-encroachment
 time (PET): how long after one vehicle another one was at the same place.
@@ -26,9 +26,9 @@ class Encounters:
     subject: StateRows
     other: StateRows
     subject_size_m: tuple[float, float]
-    """Length and width."""
+    """Length and width of the subject."""
     other_size_m: Floats
-    """Length and width of each pair's other, shape ``(N, 2)``."""
+    """Length and width of the other actor of each pair, shape ``(N, 2)``."""
 
     def __len__(self) -> int:
         return len(self.other)
@@ -40,7 +40,7 @@ class Encounters:
 
     @property
     def actor_id(self) -> Ids:
-        """The other actor of each pair."""
+        """Id of the other actor of each pair."""
         return self.other.actor_id
 
     @cached_property
@@ -55,17 +55,17 @@ class Encounters:
 
     @cached_property
     def fastest_mps(self) -> Floats:
-        """Sum of both speeds, shape ``(N,)``: the gap closes no faster."""
+        """Sum of both speeds, shape ``(N,)``, an upper bound of the closing speed."""
         return np.asarray(self.subject.speed_mps + self.other.speed_mps)
 
     def select(self, pairs: Flags) -> "Encounters":
-        """Some of the pairs."""
+        """Select some of the pairs."""
         subject, other = self.subject.select(pairs), self.other.select(pairs)
         return Encounters(subject, other, self.subject_size_m, self.other_size_m[pairs])
 
 
 def encounters_of(record: EpisodeRecord, subject_id: int, others: Iterable[int] | None = None) -> Encounters:
-    """One actor together with others, or every other actor, at every step at which both are there.
+    """Pair one actor with other actors (all by default), at every step with both.
 
     Raises:
         InputError: The record has no state of the subject, or does not describe it.
@@ -88,7 +88,7 @@ def encounters_of(record: EpisodeRecord, subject_id: int, others: Iterable[int] 
 
 
 CROSSING_MIN_RAD: Final = float(np.radians(30.0))
-"""Ways that meet at a smaller angle are one behind the other: their time gap is headway, not encroachment."""
+"""Paths that meet at a smaller angle follow each other: their time gap is headway, not encroachment."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ class Encroachment:
     """The closest encroachment of two tracks."""
 
     time_s: float
-    """PET: from the moment at which the first left a place to the moment at which the second reached it."""
+    """PET: time from when the first vehicle left a place until the second reached it."""
     step: int
-    """Step at which the second reached the place."""
+    """Step at which the second vehicle reached the place."""
     subject_first: bool
-    """Whether the subject was there first."""
+    """Whether the subject was first."""
 
 
 def post_encroachment(
@@ -110,7 +110,7 @@ def post_encroachment(
     other_size_m: tuple[float, float],
     crossing_min_rad: float = CROSSING_MIN_RAD,
 ) -> Encroachment | None:
-    """Least PET of two tracks whose ways cross or meet head-on, from their footprints; None where none overlap.
+    """Smallest PET of two tracks that cross or meet head-on, from their footprints; None if they do not overlap.
 
     PET after Allen, Shin and Cooper (1978), with the places that both footprints covered instead of one conflict area,
     so that long vehicles and shallow angles count as they are. Sizes are length and width. Below the angle
@@ -133,7 +133,7 @@ def post_encroachment(
         return None
     first, second = subject.step[mine[both]], other.step[theirs[both]]
     delay = np.abs(first - second)
-    # Of equal delays the earliest.
+    # The earliest of equal delays.
     best = int(np.lexsort((np.maximum(first, second), delay))[0])
     step = int(max(first[best], second[best]))
     return Encroachment(float(delay[best] * STEP_S), step, bool(first[best] < second[best]))
@@ -145,26 +145,26 @@ def _corners(states: StateRows, size_m: tuple[float, float]) -> Floats:
 
 
 HORIZON_S: Final = 3.0
-"""How far ahead a contact is looked for; a TTC above it is no conflict by any threshold in use."""
+"""Time for which contacts are predicted; no threshold in use is above it."""
 INTERVAL_S: Final = 0.05
 _TURN_MIN_RADPS: Final = 1e-6
-"""Below this rate of turn the motion is a straight line."""
+"""Below this rate of turn the motion is treated as straight."""
 
 
 @dataclass(frozen=True)
 class PredictedContacts:
-    """What the present motion of each pair leads to; arrays of shape ``(N,)`` like the encounters."""
+    """Contacts predicted from the present motion of each pair; arrays of shape ``(N,)`` like the encounters."""
 
     time_s: Floats
-    """TTC; infinite where the swept footprints do not touch within the horizon, 0 where they overlap already."""
+    """TTC; infinite if the footprints do not touch within the horizon, 0 if they already overlap."""
     closing_mps: Floats
-    """How fast the gap shrinks along the contact's normal just before the contact; 0 without one."""
+    """Closing speed along the contact's normal just before the contact; 0 without a contact."""
     gap_m: Floats
-    """Present gap of the two footprints along their best separating axis, negative where they overlap."""
+    """Present gap of the footprints along their best separating axis; negative if they overlap."""
 
     @property
     def required_deceleration_mps2(self) -> Floats:
-        """Deceleration to avoid the crash (DRAC), 0 where none is ahead.
+        """Deceleration that avoids the contact (DRAC); 0 if none is predicted.
 
         The closing speed has to vanish over the gap that is left: v² / (2·gap) with gap = v·TTC, hence v / (2·TTC)
         (Cooper and Ferguson 1976; Archer 2005).
@@ -172,13 +172,13 @@ class PredictedContacts:
         ahead = np.isfinite(self.time_s)
         needed = np.zeros(len(self.time_s))
         closing = self.closing_mps[ahead]
-        with np.errstate(divide="ignore", invalid="ignore"):  # 0 s are left where they touch already
+        with np.errstate(divide="ignore", invalid="ignore"):  # the division by 0 s occurs where they already touch
             needed[ahead] = np.where(closing > 0.0, closing / (2.0 * self.time_s[ahead]), 0.0)
         return needed
 
 
 def predicted_contacts(encounters: Encounters) -> PredictedContacts:
-    """TTC of each pair by swept oriented boxes.
+    """Predict contacts of each pair with swept oriented boxes.
 
     Both vehicles keep their speed and their rate of turn, so that one that follows a bend is not expected to leave it.
     The footprints are compared every 0.05 s; between two instants the gap is taken as linear.
@@ -187,7 +187,7 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
 
 
 def contacts_on_ways(encounters: Encounters, record: EpisodeRecord) -> PredictedContacts:
-    """What keeping the present speed would have led to, on the ways that both took in the record.
+    """Predict contacts along the recorded paths, if both kept their present speed.
 
     It is as ``predicted_contacts``, but knows where both went: a vehicle at the end of its turn does not turn on.
     Behind the end of its record a vehicle goes straight on.
@@ -200,9 +200,9 @@ def contacts_on_ways(encounters: Encounters, record: EpisodeRecord) -> Predicted
 
 
 _Pose = tuple[Floats, Floats, Floats]
-"""Position and yaw."""
+"""Position and yaw of several rows."""
 _Motion = Callable[[Rows, float], _Pose]
-"""Where rows are after a time in seconds."""
+"""Gives the poses of rows after a time in seconds."""
 
 
 def _first_contacts(encounters: Encounters, subject: _Motion, other: _Motion) -> PredictedContacts:
@@ -211,7 +211,7 @@ def _first_contacts(encounters: Encounters, subject: _Motion, other: _Motion) ->
     gap = _gaps(encounters, motions, np.arange(count), 0.0, exact=True)
     touching = gap <= 0.0
     time[touching] = 0.0
-    # Pairs that are near enough for a contact within the horizon, whatever way they turn.
+    # Pairs that can touch within the horizon, whatever their directions.
     reach_m = encounters.reach_m + encounters.fastest_mps * HORIZON_S
     candidates = np.flatnonzero(~touching & (encounters.distance_m <= reach_m))
     before = gap[candidates]
@@ -233,7 +233,7 @@ def _first_contacts(encounters: Encounters, subject: _Motion, other: _Motion) ->
 def _gaps(
     encounters: Encounters, motions: tuple[_Motion, _Motion], rows: Rows, after_s: float, *, exact: bool = False
 ) -> Floats:
-    """Gap of each pair after some time of the subject's and the other's motion.
+    """Gap of each pair after some time of both motions.
 
     Unless exact, a lower bound serves for pairs that are too far apart to touch within the next interval.
     """
@@ -249,7 +249,7 @@ def _gaps(
 
 
 def _turned(states: StateRows, rows: Rows, after_s: float) -> _Pose:
-    """Position and yaw after a time of constant speed and rate of turn; the velocity turns with the yaw."""
+    """Pose after a time with constant speed and rate of turn; the velocity turns with the yaw."""
     vx, vy, rate = states.vx_mps[rows], states.vy_mps[rows], states.yaw_rate_radps[rows]
     turn = rate * after_s
     straight = np.abs(rate) < _TURN_MIN_RADPS
@@ -263,7 +263,7 @@ def _turned(states: StateRows, rows: Rows, after_s: float) -> _Pose:
 
 @dataclass(frozen=True)
 class _Way:
-    """The way of a recorded vehicle; arrays over its steps."""
+    """Path of a recorded vehicle; arrays over its steps."""
 
     step: Steps
     arc_m: Floats
@@ -277,7 +277,7 @@ class _Way:
         return cls(track.step, arc_m, track.x_m, track.y_m, np.unwrap(track.yaw_rad))
 
     def after(self, step: Steps, way_m: Floats) -> _Pose:
-        """Poses at ways from the places of steps."""
+        """Poses at distances driven from the positions of steps."""
         at_m = np.interp(step, self.step, self.arc_m) + way_m
         x, y, yaw = (np.interp(at_m, self.arc_m, column) for column in (self.x_m, self.y_m, self.yaw_rad))
         beyond_m = np.maximum(at_m - self.arc_m[-1], 0.0)
@@ -285,7 +285,7 @@ class _Way:
 
 
 def _driven(states: StateRows, ways: Mapping[int, _Way], rows: Rows, after_s: float) -> _Pose:
-    """Poses after a time of constant speed on the way of each."""
+    """Poses after a time with constant speed on each vehicle's path."""
     pose = np.empty((3, len(rows)))
     ids, step, way_m = states.actor_id[rows], states.step[rows], states.speed_mps[rows] * after_s
     for actor_id in np.unique(ids).tolist():
@@ -296,7 +296,7 @@ def _driven(states: StateRows, ways: Mapping[int, _Way], rows: Rows, after_s: fl
 
 @dataclass(frozen=True)
 class Extreme:
-    """The extreme value of a measure, and the step at which it occurred."""
+    """Extreme value of a measure, with its step."""
 
     value: float
     step: int
@@ -308,18 +308,18 @@ class PairMeasures:
 
     actor_id: int
     time_to_collision_s: Extreme | None
-    """Least TTC within the horizon."""
+    """Smallest TTC within the horizon."""
     required_deceleration_mps2: Extreme | None
-    """Greatest DRAC."""
+    """Largest DRAC."""
     encroachment: Encroachment | None
     gap_m: Extreme
-    """Least gap of the two footprints; negative where they overlap."""
+    """Smallest gap of the two footprints; negative if they overlap."""
 
 
 def conflict_series(
     record: EpisodeRecord, subject_id: int, steps: tuple[int, int] | None = None
 ) -> tuple[Encounters, PredictedContacts]:
-    """A subject together with all other actors, and TTC, closing speed and gap of each pair, step by step.
+    """Pairs of a subject with all other actors, and their predicted contacts, step by step.
 
     ``steps`` are the first step and the one after the last, without them the whole episode.
 
@@ -333,7 +333,7 @@ def conflict_series(
 
 
 def pair_measures(encounters: Encounters, contacts: PredictedContacts) -> tuple[PairMeasures, ...]:
-    """The extremes for each other actor of a conflict series, by actor id."""
+    """Extremes of a conflict series for each other actor, by actor id."""
     time, needed, gap = contacts.time_s, contacts.required_deceleration_mps2, contacts.gap_m
 
     def extreme(values: Floats, row: np.intp) -> Extreme:

@@ -17,7 +17,7 @@ from siren_ros.simulation.world.traffic_state import Event
 
 @dataclass(frozen=True, order=True)
 class Moment:
-    """A step at which something happened to an actor."""
+    """An event of an actor at a step."""
 
     step: int
     actor_id: int
@@ -31,24 +31,24 @@ class Moment:
 def first_reaching(
     steps: npt.NDArray[Any], actor_id: int, values: npt.ArrayLike, threshold: float
 ) -> tuple[Moment, ...]:
-    """The first of some steps at which an actor's value has reached a threshold; nothing where it never does."""
+    """The first of some steps at which an actor's value reaches a threshold; empty if it never does."""
     reached = steps[np.asarray(values) >= threshold]
     return tuple(Moment(int(step), actor_id) for step in reached[:1])
 
 
 def listed(moments: Iterable[Moment]) -> str:
-    """Moments as text."""
+    """Moments as text for users."""
     return ", ".join(map(str, moments))
 
 
 def moments_of(events: Iterable[Event]) -> tuple[Moment, ...]:
-    """When events happened."""
+    """Moments of events."""
     return tuple(Moment(event.step, event.actor_id) for event in events)
 
 
 @dataclass(frozen=True)
 class Part(Brief):
-    """One condition: the number found, its threshold, and whether the condition holds."""
+    """One condition: the measured number, its threshold, and whether the condition holds."""
 
     name: str
     value: float
@@ -59,11 +59,11 @@ class Part(Brief):
     detail: str = ""
     """Step and actor of the worst case, or names of what is missing."""
     moments: tuple[Moment, ...] = ()
-    """When each thing happened that a count counts; when another value reached its threshold, or was worst."""
+    """Moments of the counted events; or when another value reached its threshold, or was worst."""
 
     @property
     def decisive(self) -> Moment | None:
-        """The moment that made the condition come true, or broke it; the last one where too few happened."""
+        """The moment that made the condition true or false; the last one if there were too few events."""
         if not self.moments:
             return None
         needed = min(self.threshold, len(self.moments))
@@ -102,10 +102,10 @@ class Verdict(Brief):
     holds: bool
     parts: tuple[Part, ...]
     text: str
-    """One sentence for the user."""
+    """One sentence for users."""
 
     def facts(self) -> dict[str, object]:
-        """The result, the sentence and every number."""
+        """Result, sentence and all numbers as plain values."""
         return {"holds": self.holds, "text": self.text, **{part.name: str(part) for part in self.parts}}
 
     @property
@@ -124,11 +124,11 @@ def verdict_of(parts: tuple[Part, ...], text: str) -> Verdict:
 
 
 _SIDE: Final = re.compile(r"(?:(?<=the )|(?<=turns )|(?<=turned ))(left|right)\b")
-"""A side, not the verb: "on the left", "turned right"."""
+"""Matches a side, not the verb: "on the left", "turned right"."""
 
 
 def with_sides_exchanged(verdict: Verdict) -> Verdict:
-    """The verdict on a mirror image, said of the original: its words for left and right change places."""
+    """Exchange "left" and "right" in the verdict on a mirror image, so that it describes the original."""
     parts = tuple(replace(part, detail=_exchanged(part.detail)) for part in verdict.parts)
     return replace(verdict, parts=parts, text=_exchanged(verdict.text))
 
@@ -138,7 +138,7 @@ def _exchanged(text: str) -> str:
 
 
 def closest_of(verdicts: Iterable[Verdict]) -> Verdict | None:
-    """The verdict that comes closest to holding, of several places or moments of one episode.
+    """The verdict that comes closest to holding, among several places or moments of one episode.
 
     It has the most parts that hold. Of equals it has the largest values, compared part by part; then it is the first.
     None where there is no verdict.

@@ -45,7 +45,7 @@ CHECKS: Final = {
     "topics_with_wrong_stamps": "Stamps are simulated time on the 20 Hz grid; a message's own stamp is the bag's",
     "wrong_state_hashes": "Each step has its recorded `state_hash`: BLAKE2b of every actor and traffic light",
 }
-"""What holds of a sound record, by the name of the check."""
+"""What each check requires, by the name of the check."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Verification(Brief):
     verdict: Verdict
     checks: tuple[Part, ...]
     others: Mapping[int, Verdict] = field(default_factory=dict)
-    """What happened to each EMV but the first, by its id. Of these only those that cross its way count."""
+    """Verdict for each EMV except the first, by its id. Only EMVs that cross its path count."""
 
     def facts(self) -> dict[str, object]:
-        """The result, and what does not hold."""
+        """The result, and what does not hold, as plain values."""
         failing = ", ".join(part.name for part in self.failing)
         return {"holds": self.holds, "verdict": self.verdict.text, "checks": len(self.checks), "failing": failing}
 
@@ -74,7 +74,7 @@ class Verification(Brief):
 
 
 def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Part, Part]:
-    """Consecutive states of an actor fit each other; a part names the actor and the step of its worst case.
+    """Check that consecutive states of an actor are consistent; a part names its worst actor and step.
 
     A contact within a step changes the velocity at once, and leaves the mean velocity within half the change. Raises
     EpisodeError: the record has states of an actor that was never described.
@@ -113,7 +113,7 @@ def check_motion(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, Par
 
 
 def _velocity_jumps(before: StateRows, after: StateRows, record: EpisodeRecord) -> Floats:
-    """Change of velocity of actors that a contact strikes between two steps, 0 for all others; shape ``(P,)``."""
+    """Change of velocity of actors in a contact between two steps, 0 for all others; shape ``(P,)``."""
     contacts = record.events_of(EventKind.COLLISION)
     struck = {(event.step, actor) for event in contacts for actor in (event.actor_id, event.other_id)}
     hit = [key in struck for key in zip(after.step.tolist(), after.actor_id.tolist(), strict=True)]
@@ -122,7 +122,7 @@ def _velocity_jumps(before: StateRows, after: StateRows, record: EpisodeRecord) 
 
 
 def check_owners(record: EpisodeRecord) -> Part:
-    """Every actor has exactly one owner at every step, and no two controllers drive the same actor."""
+    """Check that every actor has exactly one owner per step, and that no two controllers drive the same actor."""
     faults = 0
     for state in record.states:
         known = np.isin(state.owner, [int(owner) for owner in Owner])
@@ -138,7 +138,7 @@ def check_owners(record: EpisodeRecord) -> Part:
 
 
 def check_states(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
-    """The checks that need no topics; they also apply to an episode that was simulated and not recorded.
+    """Run the checks that need no topics; they also apply to an episode that was not recorded.
 
     Beside motion, owners, physics and people: SUMO teleported no vehicle, and the residuals of actors that SUMO
     owns are small.
@@ -161,7 +161,7 @@ def check_states(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...
 
 
 def check_complete(record: EpisodeRecord) -> Part:
-    """The episode ended as planned and has the number of steps of its description."""
+    """Check that the episode ended as planned with the number of steps in its description."""
     planned = round(record.description.duration_s / STEP_S)
     if record.complete:
         return at_least("steps", record.steps, planned)
@@ -170,7 +170,7 @@ def check_complete(record: EpisodeRecord) -> Part:
 
 
 def check_message_counts(record: EpisodeRecord) -> Part:
-    """Every topic has exactly one message at each step of its rate, and no core topic is missing."""
+    """Check that every topic has one message per step of its rate, and that no core topic is missing."""
     wrong = [f"{topic.name} {fault}" for topic in record.topics.values() for fault in _rate_faults(topic, record.steps)]
     wrong += [f"{topic.name} is missing" for topic in topics.CORE_TOPICS if topic.name not in record.topics]
     return equals("topics_with_lost_messages", len(wrong), 0, "; ".join(wrong))
@@ -185,7 +185,7 @@ def _rate_faults(topic: TopicRecord, steps: int) -> Iterator[str]:
     if known is not None:
         period_ns = known.period_steps * STEP_NS
     else:
-        # The suite sets a sensor's rate: its shortest interval is its period.
+        # A suite sets the rates of its sensors; the shortest interval is taken as the period.
         period_ns = int(np.diff(topic.times_ns).min(initial=steps * STEP_NS))
         if period_ns <= 0:
             yield "has two messages at one time"
@@ -196,7 +196,7 @@ def _rate_faults(topic: TopicRecord, steps: int) -> Iterator[str]:
 
 
 def check_stamps(record: EpisodeRecord) -> Part:
-    """Every stamp is simulated time on the step grid, and the stamp inside a message is the bag's."""
+    """Check that every stamp is a step's simulated time and equals the bag's time."""
     wrong = []
     for topic in record.topics.values():
         faults = int((topic.times_ns % STEP_NS != 0).sum()) + topic.stamp_mismatches
@@ -206,7 +206,7 @@ def check_stamps(record: EpisodeRecord) -> Part:
 
 
 def check_state_hashes(record: EpisodeRecord) -> Part:
-    """The hash of the recorded states and signals is the recorded hash at every step."""
+    """Check that the hash of the recorded states and signals equals the recorded hash at every step."""
     signals = {traffic.step: traffic.signals for traffic in record.traffic}
     wrong = [
         state.step
@@ -217,7 +217,7 @@ def check_state_hashes(record: EpisodeRecord) -> Part:
 
 
 def verify_episode(record: EpisodeRecord, limits: VerifyLimits | None = None) -> Verification:
-    """Evaluates the episode's predicate and runs every check.
+    """Evaluate the episode's predicate and run every check.
 
     Raises EpisodeError as ``check_motion``, and BagError where the predicate that the record names is not known.
     """

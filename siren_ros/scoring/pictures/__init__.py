@@ -1,1 +1,1 @@
-"""Pictures and videos of recorded episodes."""
+"""Draws pictures and videos of recorded episodes."""

@@ -1,4 +1,4 @@
-"""One picture of an episode: the map with all paths, snapshots of the interaction, states over time."""
+"""One picture of an episode: the map with all paths, snapshots of the interaction, and modes over time."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -37,11 +37,11 @@ from siren_ros.simulation.world.actors import Mode
 from siren_ros.simulation.world.traffic_state import EventKind
 
 SNAPSHOTS = 3
-"""One in each part of the interaction's time."""
+"""Number of snapshots, one in each part of the interaction's time."""
 _SEEN_M = 60.0
-"""A civilian that is farther from the EMV is in no snapshot."""
+"""Civilians farther than this from the EMV are not in snapshots."""
 _TIMED_LABELS = 16
-"""With more events on the map, a label has the actor alone, once; the timeline below has the times."""
+"""With more events than this, labels on the map show only the actor, once; the timeline has the times."""
 WIDTH_IN = 13.0
 DPI = 150
 _MARGIN_M = 12.0
@@ -69,7 +69,7 @@ def interaction_steps(record: EpisodeRecord) -> tuple[int, int]:
 
 
 def interaction_box(record: EpisodeRecord) -> Box:
-    """The part of the map that the EMVs and the yielding civilians cover during the interaction."""
+    """Part of the map that the EMVs and the yielding civilians cover during the interaction."""
     first, last = interaction_steps(record)
     rows = record.rows
     within = (rows.step >= first) & (rows.step <= last)
@@ -105,7 +105,7 @@ def snapshot_steps(record: EpisodeRecord) -> list[int]:
 
 
 def draw_episode(record: EpisodeRecord) -> Figure:
-    """The whole picture; InputError for a record without states."""
+    """Draw the whole picture; InputError for a record without states."""
     if not record.states or len(record.rows) == 0:
         raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
     box = interaction_box(record)
@@ -160,7 +160,7 @@ def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, mo
 
 
 def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list[Any]:
-    """Draws the events' markers, then their labels. Returns the kinds of the events drawn."""
+    """Draw the events' markers and then their labels; returns the kinds of events drawn."""
     shown = [
         event
         for event in record.events
@@ -200,7 +200,7 @@ def _draw_legends(axes: Axes, record: EpisodeRecord, kinds: list[Any]) -> None:
 
 
 def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) -> None:
-    """The vehicles at one step, around the EMV and the yielding civilians."""
+    """Draw the vehicles at one step, around the EMV and the yielding civilians."""
     state = record.states[step]
     frame_box(axes, _snapshot_box(record, step))
     draw_roads(axes, record.network, line_width=1.1)
@@ -250,5 +250,5 @@ def _draw_title(figure: Figure, record: EpisodeRecord) -> None:
 
 
 def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:
-    """Draws an episode into a PNG file, as ``save_png``; the same record gives the same bytes."""
+    """Draw an episode into a PNG file with ``save_png``; the same record gives the same bytes."""
     return save_png(path, lambda: draw_episode(record))

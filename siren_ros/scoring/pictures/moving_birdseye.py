@@ -1,4 +1,4 @@
-"""An episode from above, frame by frame: the camera follows the EMV over roads that are drawn once.
+"""A film of an episode from above: the camera follows the EMV over roads that are drawn once.
 
 Shapes are drawn larger and then reduced to get smooth edges, because Pillow draws without antialiasing.
 """
@@ -28,7 +28,7 @@ from siren_ros.simulation.world.actors import NO_ACTOR, ActorDescription, ActorS
 from siren_ros.simulation.world.traffic_state import SignalState
 
 SignalBar = tuple[str, int, Points]
-"""A movement with a signal: the signal's id, the link, and the corners of its bar in the map image."""
+"""Bar of a signal: its id, the link, and the bar's corners in the map image."""
 Colour = tuple[int, ...]
 """Red, green, blue and, where it has one, opacity, 0 to 255 each."""
 _OVERSAMPLING: Final = 4
@@ -38,39 +38,39 @@ _MARKING_M: Final = 0.13
 _STOP_BAR_M: Final = 0.5
 """Thickness of a stop line: 50 cm in most of Europe."""
 MOST_PIXELS: Final = 36_000_000
-"""Largest image (144 MB while it is drawn); larger areas are drawn at a smaller scale."""
+"""Largest image (144 MB while it is drawn); larger areas get a smaller scale."""
 SIZE_PX: Final = (1280, 720)
 PX_PER_M: Final = 9.0
-"""Shows 142 m by 80 m."""
+"""Scale of the film; a frame shows 142 m by 80 m."""
 _TRAIL_STEPS: Final = 60
 _CAMERA_STEPS: Final = 40
-"""Half width of the window that smooths the camera's path."""
+"""Half width, in steps, of the window that smooths the camera's path."""
 _BEACON_STEPS: Final = 4
 _LEFT_TO_RIGHT: Final = "tlLsRr"
 _GLASS: Final = (255, 255, 255, 190)
 _TRAIL: Final = (212, 26, 31, 80)
 _PANEL: Final = (255, 255, 255, 225)
 _ON_ONE_LINE: Final = 2
-"""EMVs whose states fit beside the title."""
+"""Up to this many EMVs, their states fit beside the title."""
 _LINE_PX: Final = 24
-"""Height of each line where there are more."""
+"""Height of a text line for more EMVs."""
 
 
 def rgb_of(colour: str | Sequence[float]) -> Colour:
-    """``#rrggbb`` or components from 0 to 1 as components from 0 to 255."""
+    """Convert ``#rrggbb`` or components from 0 to 1 to components from 0 to 255."""
     if isinstance(colour, str):
         return tuple(int(colour[start : start + 2], 16) for start in (1, 3, 5))
     return tuple(round(255 * component) for component in colour)
 
 
 def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """The typeface of matplotlib, so that pictures are the same on every machine."""
+    """Matplotlib's font, so that pictures are the same on every machine."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size_px)
 
 
 def paint_polygons(picture: Image.Image, shapes: Sequence[tuple[Points, Colour]]) -> None:
-    """Fills polygons (corners in pixels ``(K, 2)``, colour) that lie close together, with smooth edges."""
+    """Fill polygons (corners in pixels ``(K, 2)``, colour) that are close together, with smooth edges."""
     corners = np.concatenate([points for points, _ in shapes])
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, picture.size)
@@ -112,7 +112,7 @@ class MapImage:
 
 
 def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m: float) -> MapImage:
-    """Draws roads and stop lines between two corners, south-west first; no larger than ``MOST_PIXELS``."""
+    """Draw roads and stop lines between two corners (south-west first); at most ``MOST_PIXELS``."""
     size_m = high_m - low_m
     scale = min(px_per_m, float(np.sqrt(MOST_PIXELS / np.prod(size_m))))
     width, height = (int(np.ceil(side * scale)) for side in size_m)
@@ -133,7 +133,7 @@ def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m
 
 
 def stop_bar(lane: Lane, from_share: float, to_share: float) -> Points:
-    """Corners of a bar across the end of a lane, ``(4, 2)``, between two shares of its width from its left border."""
+    """Corners of a bar across a lane's end, ``(4, 2)``, between two shares of its width from the left border."""
     end = lane.length_m
     left, right = ((0.5 - share) * lane.width_m for share in (from_share, to_share))
     along = np.array([end - _STOP_BAR_M, end, end, end - _STOP_BAR_M])
@@ -149,10 +149,10 @@ _OUTLINE: Final = rgb_of(TEXT)
 
 
 class BirdseyeFilm:
-    """Makes the frames of one episode."""
+    """Makes the frames of one episode's film."""
 
     def __init__(self, record: EpisodeRecord, steps: Sequence[int]) -> None:
-        """Draws the roads for frames at positions in ``record.states``; InputError for a record without states."""
+        """Draw the roads for frames at indices of ``record.states``; InputError for a record without states."""
         if not record.states or len(record.rows) == 0:
             raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
         self._record = record
@@ -166,12 +166,12 @@ class BirdseyeFilm:
         self._legend = _legend(record)
 
     def frames(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """The frames, RGB, shape ``(720, 1280, 3)``."""
+        """Yield the frames, RGB, shape ``(720, 1280, 3)``."""
         for step in self._steps:
             yield np.asarray(self.frame(step))
 
     def frame(self, step: int) -> Image.Image:
-        """The picture of one step (position in ``record.states``)."""
+        """Picture of one step (index in ``record.states``)."""
         corner = np.round(self._map.to_px(self._camera_m[step]) - np.array(SIZE_PX) / 2.0).astype(int)
         limit = np.maximum(np.array(self._map.pixels.size) - SIZE_PX, 0)
         left, top = (int(value) for value in np.clip(corner, 0, limit))
@@ -199,7 +199,7 @@ class BirdseyeFilm:
         paint_vehicles(picture, self._map, origin, self._record.states[step], self._record.actors)
 
     def _write(self, picture: Image.Image, step: int) -> None:
-        """Title, each EMV's state and time at the top, the colours at the bottom; more than two EMVs have lines."""
+        """Write title, state and time of each EMV, and the legend; more than two EMVs get lines of their own."""
         record, state = self._record, self._record.states[step]
         draw = ImageDraw.Draw(picture, "RGBA")
         emvs = np.flatnonzero(np.isin(state.actor_id, record.emv_ids))
@@ -226,7 +226,7 @@ class BirdseyeFilm:
 def paint_signals(
     picture: Image.Image, bars: Sequence[SignalBar], origin: Floats, signals: Sequence[SignalState]
 ) -> None:
-    """Paints the bars of movements with signals, whose corner in the map image is ``origin``, in their colours."""
+    """Paint signal bars in their present colours; ``origin`` is the picture's corner in the map image."""
     states = {signal.signal_id: signal.state for signal in signals}
     for signal_id, link, corners in bars:
         state = states.get(signal_id, "")
@@ -241,7 +241,7 @@ def paint_vehicles(
     state: ActorStates,
     described: Mapping[int, ActorDescription],
 ) -> None:
-    """Paints all who are in a part of the map image, with their lights and the numbers of those who yield.
+    """Paint all actors in a part of the map image, with lights and the numbers of yielding vehicles.
 
     Args:
         picture: The part, which is painted on.
@@ -254,7 +254,7 @@ def paint_vehicles(
     length, width = (np.array([getattr(actor, name) for actor in actors]) for name in ("length_m", "width_m"))
 
     def boxes(ahead: float, size: float, across: float = 1.0) -> Floats:
-        """Boxes on the vehicles. Offset and size are shares of the length, ``across`` one of the width."""
+        """Boxes on the vehicles. Offset and size are shares of the length, ``across`` is a share of the width."""
         x = state.x_m + ahead * length * np.cos(state.yaw_rad)
         y = state.y_m + ahead * length * np.sin(state.yaw_rad)
         return image.to_px(footprint_corners(x, y, state.yaw_rad, size * length, across * width)) - origin
@@ -282,7 +282,7 @@ def paint_vehicles(
 
 
 def _camera_way(record: EpisodeRecord) -> Floats:
-    """Centre of the picture at each position in ``record.states``: the first EMV's smoothed path, ``(steps, 2)``."""
+    """Centre of the picture at each state: the first EMV's smoothed path, ``(steps, 2)``."""
     track = record.rows.select(record.rows_of(record.emv_ids[0] if record.emv_ids else NO_ACTOR))
     steps = np.array([state.step for state in record.states], dtype=np.int64)
     if len(track) == 0:
@@ -295,7 +295,7 @@ def _camera_way(record: EpisodeRecord) -> Floats:
 
 
 def signal_bars(network: RoadNetwork, image: MapImage) -> list[SignalBar]:
-    """One bar for each movement with a signal: signal, link, and corners in the map image."""
+    """One bar per movement with a signal."""
     bars = []
     for lane, connections in network.connections_from.items():
         signalled = [movement for movement in connections if movement.signal_id is not None]

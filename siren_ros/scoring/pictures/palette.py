@@ -1,4 +1,4 @@
-"""Colours of the pictures: quiet roads, a speed scale, and one colour per yield state."""
+"""Colours of the pictures: muted roads, a speed scale, and one colour per yield state."""
 
 from typing import Final
 
@@ -43,9 +43,9 @@ MODE_NAMES: Final = {
     Mode.EXTERNAL: "driven by the AV's program",
     Mode.STOPPED: "stopped after contact",
 }
-"""What pictures and pages call each mode."""
+"""Name of each mode in pictures and pages."""
 STATE_NAMES: Final = {mode: name for mode, name in MODE_NAMES.items() if mode in MODE_COLOURS}
-"""Of the modes in which a civilian has a colour of its own."""
+"""Names of the modes in which a civilian has its own colour."""
 EMV_MODE_COLOURS: Final = {
     Mode.NOMINAL: "#b9bec4",
     Mode.ROUTE_FOLLOW: "#e9a3a3",
@@ -73,11 +73,11 @@ EMV_EVENTS: Final = frozenset(
         EventKind.STOP_LINE_CROSSED,
     }
 )
-"""Kinds that are shown for emergency vehicles only; civilians cross stop lines all the time."""
+"""Kinds of events that are shown for emergency vehicles only, because they are too frequent for civilians."""
 
 
 def colour_of(mode: int, is_emv: bool) -> Rgba:
-    """Fill of a vehicle: red for an EMV, its yield state's colour for a civilian that responds, else grey."""
+    """Fill colour of a vehicle: red for an EMV, its state's colour for a yielding civilian, otherwise grey."""
     if is_emv:
         return EMV_COLOUR
     return MODE_COLOURS.get(Mode(mode), CIVILIAN)

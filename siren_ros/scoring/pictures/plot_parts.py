@@ -39,7 +39,7 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 _PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)
 _PADDING = 0.7
-"""Of a label on both sides together, as a share of the font size; the letter # is wider than others."""
+"""Padding of a label, both sides together, as a share of the font size; the letter # is wider than others."""
 _CHARACTER_WIDTH = 0.56
 """Mean width of a character relative to the font size."""
 KMH = 3.6
@@ -48,7 +48,7 @@ Box = tuple[float, float, float, float]
 
 
 def frame_box(axes: Axes, box: Box) -> None:
-    """Sets the axes to a box, grown about its centre to their shape, with equal scales."""
+    """Set the axes to a box, extended about its centre to their shape, with equal scales."""
     x0, x1, y0, y1 = box
     shape = axes.bbox.width / axes.bbox.height
     width = max(x1 - x0, (y1 - y0) * shape)
@@ -61,7 +61,7 @@ def frame_box(axes: Axes, box: Box) -> None:
 
 
 def save_png(path: Path, draw: Callable[[], Figure]) -> Path:
-    """Draws a figure into a PNG file; the same figure gives the same bytes.
+    """Draw a figure into a PNG file; the same figure gives the same bytes.
 
     Raises InputError where the name does not end in .png, or the place cannot be written.
     """
@@ -76,7 +76,7 @@ def save_png(path: Path, draw: Callable[[], Figure]) -> Path:
 
 
 def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
-    """Draws lane surfaces, junctions, crossings and markings; ``line_width`` of the markings is in points."""
+    """Draw lane surfaces, junctions, crossings and markings; ``line_width`` of the markings is in points."""
     axes.set_facecolor(GROUND)
     order = (LaneKind.SIDEWALK, LaneKind.KERB, LaneKind.CYCLE, LaneKind.SHOULDER, LaneKind.DRIVING)
     for level, kind in enumerate(order):
@@ -91,7 +91,7 @@ def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
 
 
 def lane_outline(lane: Lane) -> Points:
-    """Corners of a lane's surface, shape ``(2K, 2)``: along its left border and back along the right one."""
+    """Corners of a lane's surface, shape ``(2K, 2)``: along its left border, then back along the right one."""
     return np.concatenate((_border(lane, 1), _border(lane, -1)[::-1]))
 
 
@@ -130,7 +130,7 @@ class LabelPlacer:
     taken: list[Bbox] = field(default_factory=list)
 
     def place(self, x_m: float, y_m: float, text: str, colour: str) -> bool:
-        """Draws a label near a point with a thin leader line; False where no place is free."""
+        """Draw a label near a point with a thin leader line; False if no place is free."""
         dots = self.axes.figure.dpi / 72.0
         width, height = (_CHARACTER_WIDTH * len(text) + _PADDING) * self.font_size * dots, 1.5 * self.font_size * dots
         anchor_x, anchor_y = self.axes.transData.transform((x_m, y_m))
@@ -149,7 +149,7 @@ class LabelPlacer:
         return False
 
     def block(self, x_m: float, y_m: float, radius_points: float) -> None:
-        """Keeps labels off a marker."""
+        """Keep labels away from a marker."""
         reach = radius_points * self.axes.figure.dpi / 72.0
         x, y = self.axes.transData.transform((x_m, y_m))
         self.taken.append(Bbox.from_extents(x - reach, y - reach, x + reach, y + reach))
@@ -163,7 +163,7 @@ class LabelPlacer:
 
 
 def draw_scale_bar(axes: Axes) -> None:
-    """A bar of 1, 2 or 5 × 10ⁿ m, about a sixth of the picture wide, in the lower left corner."""
+    """Draw a bar of 1, 2 or 5 × 10ⁿ m, about a sixth of the picture wide, in the lower left corner."""
     (x0, x1), (y0, _) = axes.get_xlim(), axes.get_ylim()
     longest = (x1 - x0) / 6.0
     power = 10.0 ** math.floor(math.log10(longest))
@@ -180,7 +180,7 @@ def draw_scale_bar(axes: Axes) -> None:
 
 
 def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDescription], line_width: float) -> None:
-    """Draws footprints at one step, each with its windscreen to show which way it faces; EMVs on top."""
+    """Draw footprints at one step with windscreens that show their headings; EMVs on top."""
     described = [actors[int(key)] for key in states.actor_id]
     length = np.array([actor.length_m for actor in described])
     width = np.array([actor.width_m for actor in described])
@@ -198,7 +198,7 @@ def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDes
 def draw_path(
     axes: Axes, track: StateRows, speeds: Normalize, width: float, casing: str | None = None, level: float = 3.0
 ) -> LineCollection | None:
-    """Draws a path coloured by speed in km/h, its outline in ``casing``; None where it has fewer than two states."""
+    """Draw a path coloured by speed in km/h, outlined in ``casing``; None if it has fewer than two states."""
     if len(track) < 2:
         return None
     segments = segments_of(track.xy_m)
@@ -213,7 +213,7 @@ def draw_path(
 
 
 def segments_of(xy_m: Floats) -> Sequence[Floats]:
-    """Consecutive pairs of points, each of shape ``(2, 2)``."""
+    """Pairs of consecutive points, each of shape ``(2, 2)``."""
     return list(np.stack((xy_m[:-1], xy_m[1:]), axis=1))
 
 
@@ -224,7 +224,7 @@ def title_of(record: EpisodeRecord) -> str:
 
 
 def yielding_actors(record: EpisodeRecord) -> tuple[int, ...]:
-    """The civilians that yield, in the order in which they begin."""
+    """Civilians that yield, sorted by when they begin."""
     rows = record.rows
     yielding = rows.select((rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD))
     first: dict[int, int] = {}
@@ -234,7 +234,7 @@ def yielding_actors(record: EpisodeRecord) -> tuple[int, ...]:
 
 
 def mode_runs(track: StateRows) -> list[tuple[int, int, Mode]]:
-    """First and last step of every stretch of equal mode."""
+    """First and last step of every run of equal mode."""
     if len(track) == 0:
         return []
     edges = np.flatnonzero(np.diff(track.mode.astype(np.int64)) != 0)
@@ -246,7 +246,7 @@ def mode_runs(track: StateRows) -> list[tuple[int, int, Mode]]:
 
 
 def draw_states(axes: Axes, record: EpisodeRecord, actors: Sequence[int], moments: Sequence[int]) -> None:
-    """One bar per vehicle with its mode over time, from top to bottom; markers for events, lines for the snapshots."""
+    """Draw one bar per vehicle with its mode over time; markers show events, lines the snapshots."""
     for row, actor_id in enumerate(actors):
         is_emv = record.actors[actor_id].is_emv
         for first, last, mode in mode_runs(record.track(actor_id)):
@@ -273,7 +273,7 @@ def draw_states(axes: Axes, record: EpisodeRecord, actors: Sequence[int], moment
 
 
 def draw_speeds(axes: Axes, record: EpisodeRecord, actors: Sequence[int]) -> None:
-    """Speeds over time, the EMV's in red and prominent, and collisions as crosses."""
+    """Draw speeds over time: the EMV's in red, collisions as crosses."""
     for actor_id in actors:
         track, is_emv = record.track(actor_id), record.actors[actor_id].is_emv
         colour, width, alpha, level = ("#d41a1f", 1.8, 1.0, 3) if is_emv else ("#7d838b", 0.8, 0.7, 2)

@@ -1,4 +1,4 @@
-"""The sensors' views at one instant of a recorded episode: cameras, and LiDARs by height and by instance.
+"""Draws sensor data at one instant of a recorded episode: cameras, and LiDARs coloured by height and instance.
 
 Suite and look may differ from the recording's, so that a bag without sensors can be viewed too.
 """
@@ -29,7 +29,7 @@ _GAP_PX: Final = 8
 _BACKGROUND: Final = (16, 18, 26)
 _STATIC: Final = (84, 90, 100)
 _EYE: Final = Mount(-26.0, 0.0, 20.0, pitch_rad=float(np.radians(32.0)))
-"""Viewpoint on the point cloud in the sensor's frame: behind and above."""
+"""Viewpoint of a drawn point cloud in the sensor's frame: behind and above."""
 _FOCAL_PX: Final = 560.0
 _HEIGHTS_M: Final = (-2.5, 9.0)
 _NEAREST_M: Final = 1.0
@@ -40,7 +40,7 @@ Picture = npt.NDArray[np.uint8]
 def observe_at(
     record: EpisodeRecord, time_s: float, suite: SensorSuite, look: Look, carrier_id: int | None = None
 ) -> Observations:
-    """The observations of a suite at a simulated time: at the last earlier step of all its rates.
+    """Simulate a suite at a simulated time: at the last earlier step at which all its sensors are due.
 
     The carrier is the first emergency vehicle where None. Raises InputError for a time outside the episode, or a
     carrier that is not there at that time.
@@ -59,7 +59,7 @@ def observe_at(
 
 
 def sheet(seen: Observations) -> Picture:
-    """All pictures and point clouds in one image, ``(H, W, 3)``; InputError for a suite without cameras and LiDARs."""
+    """Join all pictures and point clouds to one image, ``(H, W, 3)``; InputError without cameras and LiDARs."""
     panels = [_fitted(frame.rgb) for frame in seen.frames]
     for sweep in seen.sweeps:
         panels.extend((cloud_by_height(sweep), cloud_by_instance(sweep)))
@@ -78,7 +78,7 @@ def sheet(seen: Observations) -> Picture:
 
 
 def save_sheet(seen: Observations, path: Path) -> Path:
-    """Writes a sheet as PNG or JPEG, by the suffix; InputError for another suffix or a folder that is missing."""
+    """Write a sheet as PNG or JPEG, by its suffix; InputError for another suffix or a missing folder."""
     if path.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
         raise InputError("out", path, "a name that ends in .png or .jpg")
     with writing(path), whole_file(path) as file:
@@ -87,14 +87,14 @@ def save_sheet(seen: Observations, path: Path) -> Path:
 
 
 def cloud_by_height(sweep: LidarSweep) -> Picture:
-    """A point cloud seen from behind and above, coloured by height."""
+    """Draw a point cloud from behind and above, coloured by height."""
     low, high = _HEIGHTS_M
     share = np.clip((sweep.points["z"].astype(np.float64) - low) / (high - low), 0.0, 1.0)
     return _cloud(sweep, _coloured("turbo", share))
 
 
 def cloud_by_instance(sweep: LidarSweep) -> Picture:
-    """A point cloud seen from behind and above, with one colour per vehicle."""
+    """Draw a point cloud from behind and above, with one colour per vehicle."""
     instance = sweep.points["instance"].astype(np.int64)
     colours = _coloured("hsv", instance * 0.618034 % 1.0)
     colours[instance == 0] = _STATIC
@@ -120,7 +120,7 @@ def _coloured(name: str, share: Floats) -> Picture:
 
 
 def _fitted(rgb: Picture) -> Picture:
-    """A picture of any size, shrunk to a panel's size and centred on it."""
+    """Shrink a picture to a panel's size and centre it."""
     image = Image.fromarray(rgb)
     image.thumbnail(_PANEL)
     panel = Image.new("RGB", _PANEL, _BACKGROUND)

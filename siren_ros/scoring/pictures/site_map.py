@@ -1,4 +1,4 @@
-"""A map from above with the sites of each template, and what other places lack."""
+"""A map from above with each template's sites, and what unsuitable places lack."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,11 +22,11 @@ from siren_ros.simulation.scenario.scenario import Template
 
 _GOOD: Final = "#12855f"
 _LACKING: Final = ("#d9820f", "#c2185b", "#7b3fa0", "#1f77b4", "#8c5a2b", "#d4b106", "#3aa6a6", "#e0603c")
-"""Of sites that lack something and of places that are none, by what they lack; used again from the first one on."""
+"""Colours of unsuitable places by what they lack; with more reasons the colours repeat."""
 _COLUMNS: Final = 2
 _PANEL_IN: Final = 8.0
 _LEAST_IN, _MOST_IN = 2.0, 11.0
-"""Height of a map."""
+"""Limits of the height of a map."""
 _TITLE_IN: Final = 0.75
 _LINE_IN: Final = 0.2
 _DPI: Final = 120
@@ -34,16 +34,16 @@ _MARGIN: Final = 0.03
 
 
 Survey = tuple[Template, Mapping[Site, Sequence[str]]]
-"""A template, and all sites of its kind, best first, with what each lacks; nothing for good ones."""
+"""A template with all sites of its kind, best first, and what each lacks (empty for suitable ones)."""
 
 
 def save_site_map(network: RoadNetwork, surveys: Sequence[Survey], path: Path) -> Path:
-    """Draws the map once for each template into a PNG file, as ``save_png``."""
+    """Draw the map once per template into a PNG file with ``save_png``."""
     return save_png(path, lambda: draw_site_map(network, surveys))
 
 
 def draw_site_map(network: RoadNetwork, surveys: Sequence[Survey]) -> Figure:
-    """One panel for each template: good sites, numbered as ``siren sites`` lists them, others, and other places."""
+    """Draw one panel per template: suitable sites with their numbers in ``siren sites``, and other places."""
     box = _box_around(network)
     colours = [_colours(network, survey) for survey in surveys]
     legends = [_legend(network, *each) for each in zip(surveys, colours, strict=True)]
@@ -91,12 +91,12 @@ def _draw_panel(axes: Axes, network: RoadNetwork, survey: Survey, colours: Mappi
 
 
 def _way_of(network: RoadNetwork, site: Site) -> Points:
-    """The leftmost driving lanes of a site's stretch, shape ``(K, 2)``."""
+    """Leftmost driving lanes of a site's stretch of road, shape ``(K, 2)``."""
     return np.concatenate([driving_lanes(network, edge)[-1].centre.points for edge in site.stretch])
 
 
 def _legend(network: RoadNetwork, survey: Survey, colours: Mapping[str, str]) -> list[Line2D]:
-    """What the colours mean, and how often each occurs."""
+    """Legend of the colours, with the number of places for each."""
     template, found = survey
     good = sum(not lacking for lacking in found.values())
     handles = [Line2D([], [], color=_GOOD, linewidth=4.0, label=f"good: {good}")] if good else []
@@ -111,7 +111,7 @@ def _legend(network: RoadNetwork, survey: Survey, colours: Mapping[str, str]) ->
 
 
 def _colours(network: RoadNetwork, survey: Survey) -> dict[str, str]:
-    """Colour by what is lacking."""
+    """Colour by what a place lacks."""
     template, found = survey
     texts = [lacking[0] for lacking in found.values() if lacking]
     texts += [place.lacking for place in places_without_site(network, template.site_kind)]
@@ -119,7 +119,7 @@ def _colours(network: RoadNetwork, survey: Survey) -> dict[str, str]:
 
 
 def _box_around(network: RoadNetwork) -> Box:
-    """A box around all lanes."""
+    """Bounding box of all lanes."""
     points = np.concatenate([lane.centre.points for lane in network.lanes])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.02 * float((high - low).max()) + 5.0

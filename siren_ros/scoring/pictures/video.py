@@ -1,4 +1,4 @@
-"""Videos of recorded episodes: one camera, all cameras in a grid or the bird's-eye view, as H.264 in MP4.
+"""Makes videos of recorded episodes: one camera, a grid of cameras or the bird's-eye view, as H.264 in MP4.
 
 They show ten frames a second of simulated time.
 """
@@ -40,15 +40,15 @@ _MAX_CRF: Final = 51
 _LEAST_WIDTH_PX: Final = 64
 _OPTIONS: Final = {
     "preset": "veryfast",
-    "threads": "1",  # the number is written into the stream, and equal episodes must give equal bytes
-    "mbtree": "0",  # x264's assembly for it reads memory that nothing wrote: equal frames gave other bytes now and then
+    "threads": "1",  # the stream contains this number, and equal episodes must give equal bytes
+    "mbtree": "0",  # x264's code for it reads uninitialised memory, so that equal frames sometimes gave other bytes
 }
 _WITHIN: Final = "a time before the end of {}"
 Frame = npt.NDArray[np.uint8]
 
 
 def grid_frames(bag: Path, record: EpisodeRecord, steps: Sequence[int]) -> Iterator[npt.NDArray[np.uint8]]:
-    """Frames of the grid at some steps; a camera that makes fewer pictures shows its last one.
+    """Frames of the camera grid at some steps; a camera with a lower rate shows its last picture.
 
     Raises BagError where no camera was recorded, or a picture is damaged.
     """
@@ -71,7 +71,7 @@ def grid_frames(bag: Path, record: EpisodeRecord, steps: Sequence[int]) -> Itera
 
 
 def ordered_cameras(cameras: Sequence[MountedCamera]) -> list[MountedCamera]:
-    """The front camera first, the others from the left around the back to the right."""
+    """Sort cameras: the front one first, the others from left over rear to right."""
 
     def key(camera: MountedCamera) -> tuple[bool, float]:
         ahead = camera.base_from_sensor[:3, 2]
@@ -81,7 +81,7 @@ def ordered_cameras(cameras: Sequence[MountedCamera]) -> list[MountedCamera]:
 
 
 def grid_places(count: int) -> list[tuple[int, int]]:
-    """Column and row of each picture: as square as it gets, wider rather than higher."""
+    """Column and row of each picture, in a nearly square grid that is wider than high."""
     columns = math.ceil(math.sqrt(count))
     return [(number % columns, number // columns) for number in range(count)]
 
@@ -102,7 +102,7 @@ def _composed(cells: Sequence[tuple[str, Image.Image | None]], places: Sequence[
 
 
 class View(StrEnum):
-    """What a video shows."""
+    """View of a video."""
 
     BIRDSEYE = "birdseye"
     FRONT = "front"
@@ -111,12 +111,12 @@ class View(StrEnum):
 
 @dataclass(frozen=True)
 class Coding:
-    """How large a video is, in pixels and in bytes."""
+    """Size of a video in pixels and bytes."""
 
     width_px: int | None = None
-    """Frames that are wider are scaled down to it; None keeps their size."""
+    """Wider frames are scaled down to this width; None keeps their size."""
     crf: int = CRF
-    """H.264's constant rate factor: 0 without loss, 51 worst; six more are about half the bytes."""
+    """H.264's constant rate factor: 0 is lossless, 51 the worst; six more halve the size approximately."""
 
     def __post_init__(self) -> None:
         if self.width_px is not None and self.width_px < _LEAST_WIDTH_PX:
@@ -125,7 +125,7 @@ class Coding:
             raise InputError("crf", self.crf, f"0 to {_MAX_CRF}")
 
     def scaled(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """The frames, with the width asked for."""
+        """Scale frames to the requested width."""
         for pixels in frames:
             height, width = pixels.shape[:2]
             if self.width_px is None or width <= self.width_px:
@@ -141,7 +141,7 @@ AS_DRAWN: Final = Coding()
 def save_video(
     bag: Path, view: View, path: Path, frames: int | None = None, start_s: float = 0.0, coding: Coding = AS_DRAWN
 ) -> int:
-    """Makes an MP4 file of an episode and returns its number of frames; the same bag gives the same bytes.
+    """Make an MP4 file of an episode; returns its number of frames. The same bag gives the same bytes.
 
     ``frames`` is their number, from the simulated time ``start_s`` on; without it, to the end.
 
@@ -168,14 +168,14 @@ def save_video(
 
 
 def _first_of(available: range, frames: int | None, bag: Path) -> range:
-    """The first ``frames`` of the available frames; all where None."""
+    """The first ``frames`` of the available frames; all if None."""
     if frames is not None and frames > len(available):
         raise InputError("frames", frames, f"at most {len(available)}, which {bag} has from there on")
     return available if frames is None else available[:frames]
 
 
 def _front_frames(bag_path: Path, frames: int | None, first_step: int) -> Iterator[Frame]:
-    """The front camera's images at the video's rate."""
+    """Images of the front camera at the video's rate."""
     topic = IMAGE_COMPRESSED.of_sensor(FRONT_CAMERA, 1).name
     with open_bag(bag_path) as bag:
         if topic not in bag.type_names:
@@ -205,7 +205,7 @@ def _decoded(message: BagMessage) -> Image.Image:
 
 
 def write_video(path: Path, frames: Iterable[Frame], coding: Coding = AS_DRAWN) -> int:
-    """Encodes frames of equal size (RGB, ``(H, W, 3)``), without an odd last row or column; returns their number.
+    """Encode frames of equal size (RGB, ``(H, W, 3)``), without an odd last row or column; returns their number.
 
     Raises InputError where there is no frame, or the file cannot be written.
     """

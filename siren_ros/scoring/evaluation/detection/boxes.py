@@ -1,4 +1,4 @@
-"""Boxes as arrays: labels and detections, nuScenes' attributes, and the class names that count."""
+"""Boxes as arrays: labels and detections, nuScenes' attributes, and the class names that are scored."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -16,13 +16,13 @@ ATTRIBUTES: Final = (
     *("cycle.with_rider", "cycle.without_rider"),
     *("pedestrian.moving", "pedestrian.standing", "pedestrian.sitting_lying_down"),
 )
-"""nuScenes' attributes by code; 0 says nothing."""
+"""nuScenes' attributes by code; code 0 means none."""
 PARKED: Final = ATTRIBUTES.index("vehicle.parked")
 _WITH_RIDER, _WALKS, _STANDS = (
     ATTRIBUTES.index(name) for name in ("cycle.with_rider", "pedestrian.moving", "pedestrian.standing")
 )
 MOVING_MPS: Final = 0.3
-"""Above this speed a vehicle moves, as in the nuScenes export."""
+"""A vehicle faster than this is moving, as in the nuScenes export."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Boxes:
     size_m: Floats
     """Length, width, height, shape ``(N, 3)``."""
     yaw_rad: Floats
-    """Counter-clockwise from x, shape ``(N,)``."""
+    """Heading, counter-clockwise from x, shape ``(N,)``."""
     velocity_mps: Floats
-    """Over ground, x and y, shape ``(N, 2)``; NaN where it is not known."""
+    """Velocity over ground, x and y, shape ``(N, 2)``; NaN where it is unknown."""
     attribute: Codes
     """Index into ``ATTRIBUTES``, shape ``(N,)``."""
 
@@ -46,7 +46,7 @@ class Boxes:
         return len(self.frame)
 
     def at(self, rows: Rows | Flags) -> Self:
-        """Some of the boxes."""
+        """Select some of the boxes."""
         return type(self)(**{column.name: getattr(self, column.name)[rows] for column in fields(self)})
 
 
@@ -68,7 +68,7 @@ class FoundBoxes(Boxes):
     """Boxes of a detector. All further arrays have shape ``(N,)``."""
 
     score: Floats
-    """Confidence, 0 to 1."""
+    """Confidence of each detection, 0 to 1."""
     label: npt.NDArray[np.str_]
     """Name of the class, in lower case."""
 
@@ -84,13 +84,13 @@ Kind = TypeVar("Kind", bound=Boxes)
 
 
 def joined(parts: Sequence[Kind]) -> Kind:
-    """Boxes of several tables in one; there is at least one."""
+    """Join several tables of boxes; there must be at least one."""
     columns = {column.name: [getattr(part, column.name) for part in parts] for column in fields(parts[0])}
     return type(parts[0])(**{name: np.concatenate(arrays) for name, arrays in columns.items()})
 
 
 def attributes_of(velocity_mps: Floats, actor_class: Codes | ActorClass = ActorClass.SEDAN) -> Codes:
-    """Attributes from velocities of shape ``(N, 2)``: moving above 0.3 m/s, else stopped; none without a velocity.
+    """Attributes from velocities of shape ``(N, 2)``: moving above 0.3 m/s, otherwise stopped; none without velocity.
 
     Two wheels have a rider at any speed. The class is one for all, or of shape ``(N,)``.
     """
@@ -114,16 +114,16 @@ PERSON_NAMES: Final = MappingProxyType(
         ActorClass.MOTORCYCLE: ("motorcycle", "motorcyclist"),
     }
 )
-"""Names that a detection of a person can have: nuScenes' first, and those of other formats."""
+"""Class names that count as a detection of a person: nuScenes' name first, then names of other formats."""
 
 
 def labels_named(truth: TruthBoxes, name: str) -> Flags:
-    """Labels whose right name, of ``CLASS_NAMES``, is this one, shape ``(N,)``."""
+    """Which labels have this name of ``CLASS_NAMES`` as their correct name, shape ``(N,)``."""
     if name in _EMERGENCY:
         return np.asarray(truth.actor_class == _EMERGENCY[name])
     return ~np.isin(truth.actor_class, [*EMERGENCY_CLASSES])
 
 
 def names_kinds(detected: FoundBoxes) -> bool:
-    """Whether any detection has the name of an emergency vehicle."""
+    """Whether the detector distinguishes kinds of vehicles: some detection has the name of an emergency vehicle."""
     return bool(np.isin(detected.label, [*_EMERGENCY]).any())

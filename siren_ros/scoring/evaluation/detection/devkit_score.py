@@ -1,4 +1,4 @@
-"""Scores by nuScenes' rules: of nuScenes' own code (nuscenes-devkit), and repeated here for many subsets at once.
+"""Scores by nuScenes' rules: with nuScenes' own code (nuscenes-devkit), and a copy of it that handles subsets fast.
 
 The devkit's code makes all printed values of the templates. The code here repeats its matching and its average
 precision for subsets of episodes and labels, which the devkit cannot do in reasonable time.
@@ -21,22 +21,22 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, CAR, Boxes, FoundBoxes, TruthBoxes
 
 DISTANCES_M: Final = (0.5, 1.0, 2.0, 4.0)
-"""nuScenes' thresholds."""
+"""nuScenes' distance thresholds of a match."""
 
 
 @dataclass(frozen=True)
 class Matches:
-    """Detections from the most to the least confident, and the label that each one takes."""
+    """Detections sorted by confidence, each with the label that it matches."""
 
     order: Rows
-    """Rows of the detections, shape ``(N,)``."""
+    """Rows of the detections in this order, shape ``(N,)``."""
     label: Rows
-    """Row of the label of each detection in this order, −1 without one, shape ``(D, N)``: one row per distance."""
+    """Row of each detection's label, −1 without a match, shape ``(D, N)``: one row per distance threshold."""
 
 
 def match(truth: TruthBoxes, detected: FoundBoxes) -> Matches:
-    """Each detection, from the most confident on, takes the nearest label of its frame that is still free."""
-    # The devkit sorts pairs of score and number and turns the list around: the later one of equal scores comes first.
+    """Match detections to labels: in order of confidence, each takes the nearest free label of its frame."""
+    # The devkit sorts pairs of (score, number) and reverses the list: of equal scores, the later one comes first.
     order = np.lexsort((np.arange(len(detected)), detected.score))[::-1].astype(np.intp)
     by_frame = np.argsort(truth.frame, kind="stable")
     frames = truth.frame[by_frame]
@@ -68,13 +68,13 @@ def _match(detected: Floats, first: Rows, last: Rows, truth: Floats, limits_m: F
 
 
 _GRID: Final = np.linspace(0.0, 1.0, 101)
-"""The devkit's recalls. Some differ from hundredths in the last bit, which decides which recalls are reached."""
+"""The devkit's recall values. Some differ from hundredths in the last bit, which decides which recalls are reached."""
 _MIN_RECALL_BIN: Final = 10
 _MIN_PRECISION: Final = 0.1
 
 
 def average_precision(hit: Flags, episode: Rows, labels: Floats, weight: Floats) -> Floats:
-    """AP for each choice of weights, shape ``(R,)``; NaN where the weighted episodes hold no label.
+    """Average precision for each choice of weights, shape ``(R,)``; NaN where the weighted episodes have no label.
 
     Args:
         hit: Whether each detection has a label, from the most confident on, shape ``(N,)``.
@@ -89,7 +89,7 @@ def average_precision(hit: Flags, episode: Rows, labels: Floats, weight: Floats)
 
 @compiled
 def _precisions(hit: Flags, counted: Floats, labels: float, grid: Floats, precision: Floats) -> None:
-    """Precision at the recalls 0, 0.01, … 1 by linear interpolation, as ``numpy.interp`` with ``right=0``."""
+    """Compute the precision at recalls 0, 0.01, … 1 by linear interpolation, like ``numpy.interp`` with ``right=0``."""
     precision[:] = 0.0
     hits, misses = 0.0, 0.0
     recall_before, precision_before = -1.0, 0.0
@@ -127,7 +127,7 @@ def _average_precisions(
 ERRORS: Final = MappingProxyType(
     {"ATE": "trans_err", "ASE": "scale_err", "AOE": "orient_err", "AVE": "vel_err", "AAE": "attr_err"}
 )
-"""The devkit's names of the true-positive errors: metres, 1 − IoU, radians, m/s, 1 − share of right attributes."""
+"""True-positive errors with the devkit's names: metres, 1 − IoU, radians, m/s, 1 − share of correct attributes."""
 _MODULES: Final = ("common.config", "common.data_classes", "detection.algo", "detection.data_classes")
 _CONFIG: Final = "detection_cvpr_2019"
 
@@ -139,17 +139,19 @@ class DevkitScore:
     labels: int
     detections: int
     average_precision: Mapping[float, float]
-    """By distance in metres."""
+    """Average precision by distance threshold in metres."""
     errors: Mapping[str, float]
-    """By the names of ``ERRORS``."""
+    """True-positive errors by the names of ``ERRORS``."""
     mean_average_precision: float
     nds: float
     precision: Floats
-    """At the recalls 0, 0.01, … 1, shape ``(4, 101)``: one row for each distance."""
+    """Precision at recalls 0, 0.01, … 1, shape ``(4, 101)``: one row per distance threshold."""
 
 
 def devkit_score(truth: TruthBoxes, detected: FoundBoxes, name: str = CAR) -> DevkitScore:
-    """Scores detections of one class. Both tables hold only what counts: near boxes, labels with LiDAR points.
+    """Score detections of one class.
+
+    Both tables must contain only boxes that count: near ones, labels with LiDAR points.
 
     The class has nuScenes' name.
 
@@ -181,7 +183,7 @@ def devkit_score(truth: TruthBoxes, detected: FoundBoxes, name: str = CAR) -> De
 
 @cache
 def _devkit() -> dict[str, Any]:
-    """The devkit's functions and classes by their names."""
+    """Functions and classes of the devkit, by name."""
     try:
         modules = [import_module(f"nuscenes.eval.{module}") for module in _MODULES]
         return {name: value for module in modules for name, value in vars(module).items()}
@@ -200,7 +202,7 @@ def class_range_m(name: str) -> float:
 
 
 def _of_one_class(config: Any, name: str) -> Any:
-    """The devkit's configuration averages over ten classes; here all vehicles are one, and people are apart."""
+    """The devkit's configuration for a single class; by default it averages over ten."""
     single = copy(config)
     single.class_range = {name: config.class_range[name]}
     single.class_names = single.class_range.keys()
@@ -208,7 +210,7 @@ def _of_one_class(config: Any, name: str) -> Any:
 
 
 def _centre_distance(label: Any, detection: Any) -> float:
-    """The devkit's ``center_distance`` without making arrays: a tenth of its time."""
+    """The devkit's ``center_distance`` without temporary arrays, in a tenth of the time."""
     first, second = label.translation, detection.translation
     return math.hypot(first[0] - second[0], first[1] - second[1])
 

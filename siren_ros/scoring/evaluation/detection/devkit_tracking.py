@@ -1,4 +1,4 @@
-"""AMOTA and AMOTP of nuScenes' own code (nuscenes-devkit), of one class at a time."""
+"""Tracking scores AMOTA and AMOTP by nuScenes' own code (nuscenes-devkit), for one class at a time."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -22,23 +22,23 @@ _COUNTED: Final = ("MATCH", "SWITCH", "FP", "MISS")
 
 @dataclass(frozen=True)
 class DevkitTracking:
-    """The devkit's scores of one class, and what intervals need."""
+    """The devkit's scores of one class, with what intervals need."""
 
     labels: int
-    """Labelled vehicles: number of tracks."""
+    """Number of labelled tracks."""
     amota: float
     amotp_m: float
     mota: float
     switches: float
-    """Changes of numbers, at the confidence with the best MOTA, as ``mota``."""
+    """Number of changed track ids at the confidence with the best MOTA, like ``mota``."""
     confidence: float
-    """With which MOTA is best; NaN where nothing is found."""
+    """Confidence threshold with the best MOTA; NaN if nothing is found."""
     left_out: Mapping[str, Floats]
-    """AMOTA (``amota``) and AMOTP (``amotp_m``) without each episode at the same thresholds of confidence, ``(E,)``."""
+    """AMOTA (``amota``) and AMOTP (``amotp_m``) without each episode, at the same confidence thresholds, ``(E,)``."""
 
 
 def devkit_tracking(labels: TrackTable, found: TrackTable, frames: Sequence[Sequence[int]]) -> DevkitTracking:
-    """Scores tracks of one class as ``TrackingEval`` of nuscenes-devkit does.
+    """Score the tracks of one class like ``TrackingEval`` of nuscenes-devkit.
 
     Args:
         labels: Tracks of labels that count, at least one row.
@@ -76,7 +76,10 @@ def devkit_tracking(labels: TrackTable, found: TrackTable, frames: Sequence[Sequ
 def _left_out(
     counts: Mapping[float, Floats], confidence: Sequence[float], episodes: int, worst: Mapping[str, float]
 ) -> dict[str, Floats]:
-    """From the counts of each episode by confidence, shape ``(E, 5)``: ``_COUNTED`` and the sum of distances."""
+    """Scores without each episode.
+
+    They follow from the episodes' counts by confidence, shape ``(E, 5)``: ``_COUNTED`` and the sum of distances.
+    """
     columns: dict[str, list[Floats]] = {"amota": [], "amotp": []}
     for threshold in confidence:
         if threshold not in counts:
@@ -97,7 +100,7 @@ def _left_out(
 
 @cache
 def _kit() -> dict[str, Any]:
-    """The devkit's functions and classes by their names, and its evaluation with counts of each episode."""
+    """Functions and classes of the devkit by name, with an evaluation that keeps the counts of each episode."""
     try:
         modules = [import_module(name) for name in _MODULES]
     except ModuleNotFoundError as error:
@@ -108,7 +111,7 @@ def _kit() -> dict[str, Any]:
 
 
 def _by_episode(evaluation: Any, accumulator: Any) -> Any:
-    """The devkit's evaluation, which scores one episode after the other and keeps the counts of each."""
+    """A subclass of the devkit's evaluation that scores episode by episode and keeps the counts of each."""
 
     class ByEpisode(evaluation):  # type: ignore[misc]
         tracks_gt: dict[str, Any]
@@ -136,7 +139,7 @@ def _by_episode(evaluation: Any, accumulator: Any) -> Any:
 
 
 def _scenes(table: TrackTable, frames: Sequence[Sequence[int]], kit: dict[str, Any], *, found: bool) -> Any:
-    """Tracks as the devkit's loaders make them: mean confidences, and boxes between those of a track filled in."""
+    """Tracks in the form that the devkit's loaders make: mean confidences, missing boxes of a track interpolated."""
     scenes: dict[str, Any] = {}
     for episode, numbers in enumerate(frames):
         scenes[str(episode)] = defaultdict(list, {number: [] for number in numbers})

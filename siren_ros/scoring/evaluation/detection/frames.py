@@ -1,4 +1,4 @@
-"""Frames of episodes with their labels by nuScenes' protocol, read from the bags."""
+"""Labelled frames of episodes by nuScenes' protocol, read from the bags."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,12 +29,12 @@ from siren_ros.simulation.world.actors import FIRST_PARKED_ID, Mode
 from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
 
 RANGE_M: Final = 50.0
-"""nuScenes' range for cars (and the paper's)."""
+"""nuScenes' range for cars, which is also the paper's."""
 
 
 @dataclass(frozen=True)
 class EpisodeFrames:
-    """The labelled sweeps of one episode; arrays have one row for each frame."""
+    """The labelled sweeps of one episode; arrays have one row per frame."""
 
     bag: str
     episode_id: str
@@ -42,30 +42,30 @@ class EpisodeFrames:
     seed: int
     step: Rows
     map_from_lidar: Floats
-    """Shape ``(F, 4, 4)``."""
+    """Pose of the LiDAR in the map, shape ``(F, 4, 4)``."""
     vehicle_m: Floats
-    """Place of the vehicle with the LiDAR, x and y in the ``map`` frame, shape ``(F, 2)``."""
+    """Position of the vehicle with the LiDAR, x and y in the ``map`` frame, shape ``(F, 2)``."""
     pictured: Flags
-    """Whether the front camera took a picture at that step: only these are frames of the KITTI export."""
+    """Whether the front camera took a picture at that step; the KITTI export has only these frames."""
     lidar_frame: str
     base_from_lidar: Matrix
     camera_from_lidar: Matrix | None
-    """To the front camera's optical frame; None without one."""
+    """Transform from the LiDAR to the front camera's optical frame; None without a front camera."""
     global_from_map_m: Floats
-    """What the nuScenes export adds to x and y, shape ``(2,)``."""
+    """Offset that the nuScenes export adds to x and y, shape ``(2,)``."""
     truth: TruthBoxes
-    """With frames counted from 0 in this episode."""
+    """Labels; frames are counted from 0 in this episode."""
     look: str = ""
-    """Weather and time of day."""
+    """Look of the episode: weather and time of day."""
     suite: str = ""
-    """The sensors."""
+    """Sensor suite of the episode."""
     map_name: str = ""
     values: str = ""
-    """Parameters in place of the seed's own."""
+    """Parameters that were set instead of drawn."""
 
     @property
     def identity(self) -> EpisodeIdentity:
-        """What decides the episode's split."""
+        """Values that decide the episode's split."""
         return EpisodeIdentity(self.map_name, self.template, self.seed, self.values)
 
     def __len__(self) -> int:
@@ -73,12 +73,12 @@ class EpisodeFrames:
 
     @property
     def frame_of_step(self) -> dict[int, int]:
-        """Numbers of the frames by their steps."""
+        """Frame number by step."""
         return {step: frame for frame, step in enumerate(self.step.tolist())}
 
     @property
     def keyframe(self) -> Flags:
-        """Which frames are keyframes of the nuScenes export, at 2 Hz."""
+        """Which frames are keyframes of the nuScenes export (2 Hz)."""
         flags: Flags = self.step % KEYFRAME_STEPS == 0
         return flags
 
@@ -89,14 +89,14 @@ class Frames:
 
     episodes: tuple[EpisodeFrames, ...]
     scored: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """Which frames count, shape ``(F,)``."""
+    """Which frames are scored, shape ``(F,)``."""
 
     def __len__(self) -> int:
         return int(self.first[-1])
 
     @cached_property
     def first(self) -> Rows:
-        """Number of the first frame of each episode, and the number of all frames, shape ``(E + 1,)``."""
+        """Number of the first frame of each episode, then the total, shape ``(E + 1,)``."""
         return np.cumsum([0, *map(len, self.episodes)]).astype(np.intp)
 
     @cached_property
@@ -121,22 +121,22 @@ class Frames:
 
     @cached_property
     def map_from_lidar(self) -> Floats:
-        """Shape ``(F, 4, 4)``."""
+        """Pose of the LiDAR in the map, shape ``(F, 4, 4)``."""
         return np.concatenate([episode.map_from_lidar for episode in self.episodes])
 
     @cached_property
     def vehicle_m(self) -> Floats:
-        """Place of the vehicle with the LiDAR, shape ``(F, 2)``."""
+        """Position of the vehicle with the LiDAR, shape ``(F, 2)``."""
         return np.concatenate([episode.vehicle_m for episode in self.episodes])
 
     @cached_property
     def global_from_map_m(self) -> Floats:
-        """What the nuScenes export adds to x and y, shape ``(F, 2)``."""
+        """Offset that the nuScenes export adds to x and y, shape ``(F, 2)``."""
         return np.concatenate([np.tile(episode.global_from_map_m, (len(episode), 1)) for episode in self.episodes])
 
     @cached_property
     def by_token(self) -> dict[str, int]:
-        """Frames by their ``sample_token`` in the nuScenes export."""
+        """Frame numbers by their ``sample_token`` in the nuScenes export."""
         return {
             token("sample", episode.episode_id, int(episode.step[number])): first + number
             for first, episode in zip(self.first.tolist(), self.episodes, strict=False)
@@ -150,12 +150,12 @@ class Frames:
         return joined([replace(truth, frame=truth.frame + first) for truth, first in parts])
 
     def distance_m(self, boxes: Boxes) -> Floats:
-        """Of boxes from the vehicle with the LiDAR, on the ground, shape ``(N,)``."""
+        """Distance of boxes from the vehicle with the LiDAR, on the ground, shape ``(N,)``."""
         away = boxes.centre_m[:, :2] - self.vehicle_m[boxes.frame]
         return np.hypot(away[:, 0], away[:, 1])
 
     def name_of(self, frame: int) -> str:
-        """A frame for an error message: ``S2_L2_seed0_town step 40``."""
+        """Name of a frame for error messages: ``S2_L2_seed0_town step 40``."""
         return f"{self.episodes[self.episode[frame]].episode_id} step {self.step[frame]}"
 
 
@@ -182,7 +182,7 @@ def velocities_of_annotations(step: Rows, actor_id: Ids, centre_m: Floats) -> Fl
 
 
 def frames_of(episodes: Sequence[EpisodeFrames]) -> Frames:
-    """Frames of several episodes, of which all count."""
+    """Join the frames of several episodes; all of them are scored."""
     frames = Frames(tuple(episodes))
     return replace(frames, scored=np.ones(len(frames), dtype=np.bool_))
 
@@ -191,7 +191,7 @@ _NO_POINTS: Final = np.zeros(0, dtype=[("x", "<f4")])
 
 
 def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
-    """The labelled sweeps of an episode and their boxes.
+    """Read the labelled sweeps of an episode and their boxes.
 
     Raises:
         BagError: The bag is damaged, or lacks the vehicle's pose, the map or every sweep.
@@ -273,7 +273,7 @@ def _labelled(frame: int, truth: GroundTruth, map_from_lidar: Matrix, visible: F
 
 
 def _modes(actor_id: Ids, message: BagMessage | None) -> Codes:
-    """Modes of some actors at a step; nominal for one without a recorded state."""
+    """Modes of some actors at a step; nominal where no state was recorded."""
     modes = np.full(len(actor_id), Mode.NOMINAL, dtype=np.uint8)
     if message is None:
         return modes

@@ -1,4 +1,4 @@
-"""HOTA: how well tracks find vehicles and keep their numbers, over all demands on the place of a match.
+"""HOTA, a tracking score: how well tracks find vehicles and keep their ids, averaged over thresholds of a match.
 
 Source: J. Luiten et al., "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking", IJCV 129 (2021) 548. The
 similarity of two places is that of TrackEval for points: 1 at the same place, 0 from 2 m on, which is also nuScenes'
@@ -16,51 +16,51 @@ from siren_ros.base.numerics.arrays import Flags, Floats, Rows
 
 ZERO_M: Final = 2.0
 ALPHAS: Final = np.arange(0.05, 0.99, 0.05)
-"""Least similarities of a match."""
+"""Similarity thresholds of a match."""
 _TINY: Final = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
 class TrackTable:
-    """Boxes of tracks, one row each, in the order of their frames. Arrays have shape ``(N,)``."""
+    """Boxes of tracks, one row each, sorted by frame. Arrays have shape ``(N,)``."""
 
     episode: Rows
     frame: Rows
-    """Number of the frame over all episodes."""
+    """Number of the frame, counted over all episodes."""
     centre_m: Floats
-    """On the ground, shape ``(N, 2)``."""
+    """Centre on the ground, shape ``(N, 2)``."""
     track: Rows
     """Number of the track, unique over all episodes."""
     score: Floats
-    """Confidence of the track, the same in all of its rows; -1 of labels, as nuScenes has it."""
+    """Confidence of the track, equal in all of its rows; -1 for labels, as in nuScenes."""
 
     def at(self, rows: Rows | Flags) -> "TrackTable":
-        """Some of the rows."""
+        """Select some of the rows."""
         return TrackTable(self.episode[rows], self.frame[rows], self.centre_m[rows], self.track[rows], self.score[rows])
 
 
 class Hota(NamedTuple):
-    """Means over ``ALPHAS``; NaN without a label and without a track."""
+    """HOTA and its parts, as means over ``ALPHAS``; NaN without labels and tracks."""
 
     hota: float
     detection: float
-    """DetA: found vehicles over all vehicles and false alarms."""
+    """DetA: found vehicles divided by all vehicles and false alarms."""
     association: float
-    """AssA: how much of the two tracks of a match is common to them."""
+    """AssA: common share of the two tracks of a match, as a mean."""
 
 
 @dataclass(frozen=True)
 class HotaSums:
-    """Sums of each episode, shape ``(E, 19)``: columns as ``ALPHAS``."""
+    """Sums per episode from which HOTA follows, shape ``(E, 19)``; columns as ``ALPHAS``."""
 
     hits: Floats
     misses: Floats
     alarms: Floats
     common: Floats
-    """Sum over the hits of the share that their two tracks have in common."""
+    """Sum over all hits of the common share of their two tracks."""
 
     def of(self, weight: Floats) -> Hota:
-        """HOTA of some of the episodes, each counted so many times, shape ``(E,)``."""
+        """HOTA of the episodes with weights, shape ``(E,)``."""
         hits, misses, alarms, common = (weight @ part for part in (self.hits, self.misses, self.alarms, self.common))
         every = hits + misses + alarms
         if not every.any():
@@ -71,7 +71,7 @@ class HotaSums:
 
 
 def hota_sums(labels: TrackTable, found: TrackTable, episodes: int) -> HotaSums:
-    """Sums for HOTA of that many episodes; labels and tracks have the same frames."""
+    """Compute the sums for HOTA per episode; labels and tracks have the same frames."""
     parts = [_of_episode(labels.at(labels.episode == one), found.at(found.episode == one)) for one in range(episodes)]
     return HotaSums(*(np.array(column).reshape(-1, len(ALPHAS)) for column in zip(*parts, strict=True)))
 

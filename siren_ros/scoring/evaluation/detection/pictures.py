@@ -1,4 +1,4 @@
-"""Pictures of detections: the worst frame from above and in the front camera, and precision over recall."""
+"""Draws detections: the worst frame from above and in the front camera, and precision over recall."""
 
 import io
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 _LOW_M: Final = 0.3
 _HIGH_M: Final = 3.0
-"""Heights above the ground at the sensor between which a return can be from a vehicle."""
+"""Range of heights above the ground in which a return can come from a vehicle."""
 
 
 def returns_from_above(episode: EpisodeFrames, row: int) -> Floats:
@@ -58,7 +58,7 @@ def _message_at(source: EpisodeSource, topic: str, step: int) -> Any:
 
 _EDGE_PT: Final = 1.2
 _NEAREST_M: Final = 0.5
-"""Edges that come nearer to the camera's plane are left out."""
+"""Edges nearer to the camera's plane than this are left out."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class FrontPicture:
 
 
 def front_picture(episode: EpisodeFrames, row: int) -> FrontPicture | None:
-    """The picture of a frame; None where the front camera took none.
+    """The picture of a frame; None if the front camera took none.
 
     Raises:
         BagError: The bag is damaged.
@@ -89,7 +89,7 @@ def front_picture(episode: EpisodeFrames, row: int) -> FrontPicture | None:
 
 
 def draw_in_picture(axes: Axes, picture: FrontPicture, boxes: Mapping[str, Boxes], colours: Mapping[str, str]) -> None:
-    """Draws the picture, and the edges of boxes in their colours over it."""
+    """Draw the picture, and the edges of boxes over it in their colours."""
     height, width = picture.rgb.shape[:2]
     axes.imshow(picture.rgb)
     for name, group in boxes.items():
@@ -100,7 +100,7 @@ def draw_in_picture(axes: Axes, picture: FrontPicture, boxes: Mapping[str, Boxes
 
 
 def edges_in_picture(picture: FrontPicture, boxes: Boxes) -> Floats:
-    """Ends of the edges before the camera, in pixels, shape ``(E, 2, 2)``."""
+    """End points of the edges in front of the camera, in pixels, shape ``(E, 2, 2)``."""
     corners = upright_corners(boxes.centre_m, boxes.size_m, boxes.yaw_rad)
     seen = corners @ picture.camera_from_map[:3, :3].T + picture.camera_from_map[:3, 3]
     ends = seen[:, BOX_EDGES].reshape(-1, 2, 3)
@@ -112,18 +112,18 @@ def edges_in_picture(picture: FrontPicture, boxes: Boxes) -> Floats:
 
 
 _AT_M: Final = 2.0
-"""Distance of a match in the picture: that of nuScenes' true-positive errors."""
+"""Distance threshold of a match in the picture, that of nuScenes' true-positive errors."""
 _SHOWN_SCORE: Final = 0.3
-"""Less confident detections are left out of the picture."""
+"""Detections with a lower confidence are not drawn."""
 _WIDTH_IN: Final = 7.0
 _HEIGHTS_IN: Final = (7.4, 7.8)
-"""Of the picture from above alone, and with the front camera's."""
+"""Heights of the figure: only the view from above, and with the front camera's picture."""
 _SMALL_PT, _LEGEND_PT, _TITLE_PT = 6, 7, 8
 _LINE_PT, _RETURN_PT, _SENSOR_PT = 1.4, 1.2, 4
 _TEXT_OFFSET_PT: Final = (4, 4)
 _BEHIND: Final = 0
 _FILLED: Final = 0.45
-"""Opacity of the labels; detections are outlines."""
+"""Opacity of the labels; detections are drawn as outlines."""
 _MARGIN_M: Final = 2.0
 _ARROW_M: Final = 5.0
 _ARROW: Final = {"arrowstyle": "-|>", "color": "k", "shrinkA": 0.0, "shrinkB": 0.0}
@@ -132,7 +132,7 @@ _COLOURS: Final = {"label, found": "#2a9d3a", "label, missed": "#d62828", "hit":
 
 
 def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path: Path) -> None:
-    """Draws the frame of a template that has the most misses and false alarms; its title names the frame.
+    """Draw the frame of a template with the most misses and false alarms; its title names the frame.
 
     Raises:
         BagError: The bag is damaged.
@@ -175,7 +175,7 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
 
 
 def _worst_frame(frames: Frames, template: str, labelled: Rows, missed: Rows, alarms: Rows) -> int:
-    """Of the frames with labels; the first of several."""
+    """The frame with the most misses and false alarms among frames with labels; of equal ones the first."""
     count = len(frames)
     errors = np.bincount(missed, minlength=count) + np.bincount(alarms, minlength=count)
     of_template = np.array([episode.template == template for episode in frames.episodes])[frames.episode]
@@ -184,7 +184,7 @@ def _worst_frame(frames: Frames, template: str, labelled: Rows, missed: Rows, al
 
 
 def _draw_surroundings(axes: Axes, episode: EpisodeFrames, row: int) -> None:
-    """The returns, the range that counts, and the sensor with its direction."""
+    """Draw the returns, the scored range, and the sensor with its direction."""
     x_m, y_m = (returns_from_above(episode, row) - episode.vehicle_m[row]).T
     legend = "returns 0.3 to 3 m above the ground"
     axes.plot(x_m, y_m, ".", color="0.5", markersize=_RETURN_PT, zorder=_BEHIND, label=legend)
@@ -198,7 +198,7 @@ def _draw_surroundings(axes: Axes, episode: EpisodeFrames, row: int) -> None:
 
 
 def _draw(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
-    """Boxes with a line from the centre to the front, and the confidence of what is wrong."""
+    """Draw boxes with a line from the centre to the front, and the confidence of wrong ones."""
     centre = boxes.centre_m[:, :2] - place
     corners = footprint_corners(centre[:, 0], centre[:, 1], boxes.yaw_rad, boxes.size_m[:, 0], boxes.size_m[:, 1])
     is_label = name.startswith("label")
@@ -224,11 +224,11 @@ _COLUMNS: Final = 4
 _PANEL_IN: Final = (3.2, 3.0)
 _CURVE_TITLE_PT, _CURVE_LEGEND_PT = 9, 6
 _HIGHEST: Final = 1.02
-"""A line at 1 is seen."""
+"""Upper limit of the axis, so that a line at 1 is visible."""
 
 
 def draw_curves(scores: DetectorScores, path: Path) -> None:
-    """Writes precision over recall, a panel for each template and a line for each largest distance of a match."""
+    """Draw precision over recall: a panel per template, a line per distance threshold."""
     rows = -(-len(scores.templates) // _COLUMNS)
     columns = min(_COLUMNS, len(scores.templates))
     figure = Figure(figsize=(_PANEL_IN[0] * columns, _PANEL_IN[1] * rows), layout="constrained")

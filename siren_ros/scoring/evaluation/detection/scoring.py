@@ -1,4 +1,4 @@
-"""Scores of one detector, on parts of the labels, too: nuScenes' code for the tables, the jackknife for intervals."""
+"""Scores one detector, also on subsets of labels: nuScenes' code gives the tables, the jackknife the intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -47,13 +47,13 @@ _VISIBLE: Final = (0.0, 0.4, 0.6, 0.8, np.inf)
 
 @dataclass(frozen=True)
 class Subset:
-    """Labels with something in common. A detector need not find others, and finding them is no false alarm."""
+    """Labels with a common property. Other labels are ignored: they are neither missed nor false alarms."""
 
     group: str
     name: str
     labels: Callable[[Frames, TruthBoxes], Flags]
     detections: Callable[[Frames, Boxes], Flags] | None = None
-    """Detections that can be false alarms of this subset; None for all."""
+    """Detections that can be false alarms in this subset; None for all."""
 
 
 def _parked(truth: TruthBoxes) -> Flags:
@@ -68,7 +68,7 @@ _SIZE_M: Final = 0.02
 
 
 def _of_class_size(truth: TruthBoxes) -> Flags:
-    """Whether labels have exactly the size of their class, as all vehicles have in episodes without ``size_spread``."""
+    """Whether labels have exactly their class's size, as all vehicles have in episodes without ``size_spread``."""
     known = load_vehicle_parameters()
     sizes = {kind: (one.length_m, one.width_m, one.height_m) for kind, one in known.items()}
     own = np.array([sizes[ActorClass(kind)] for kind in truth.actor_class.tolist()]).reshape(-1, 3)
@@ -106,11 +106,11 @@ EPISODE_GROUPS: Final[Mapping[str, Callable[[EpisodeFrames, FoundSet], str]]] = 
         "maps that are": _novelty,
     }
 )
-"""What episodes are told apart by, each with what it is of an episode."""
+"""Properties by which episodes are grouped, each with a function that gives its value for an episode."""
 
 
 def subsets_of_episodes(frames: Frames, detected: FoundSet) -> tuple[Subset, ...]:
-    """Rows for each of ``EPISODE_GROUPS``, where the episodes differ in it."""
+    """Subsets for each of ``EPISODE_GROUPS`` in which the episodes differ."""
     groups = {
         group: np.array([kind_of(episode, detected) for episode in frames.episodes])
         for group, kind_of in EPISODE_GROUPS.items()
@@ -147,27 +147,30 @@ SUBSETS: Final = (
     *(_of_visibility(low, high) for low, high in pairwise(_VISIBLE)),
     *(_of_class(member) for member in (ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE)),
 )
-"""In the order of the tables."""
+"""The subsets, in the order of the tables."""
 
 
 FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"clearance": ("S1", "S2"), "stop sign": ("S5", "S6"), "shoulder": ("S7",), "red light": ("S3", "S4")}
 )
-"""Templates of the paper's families, in its order of rising mAP."""
+"""Templates of the paper's families, in the paper's order of increasing mAP."""
 
 
 @dataclass(frozen=True)
 class FamilyOrder:
-    """Shares of draws in the paper's order; values are drawn about each family's mAP, as far as its episodes allow."""
+    """How certain the paper's order of families is: shares of random draws in which it holds.
+
+    The draws are around each family's mAP, with the spread of its episodes.
+    """
 
     steps: Mapping[str, float]
-    """A family is below the next one, by ``clearance < stop sign`` and so on."""
+    """Share of draws in which a family is below the next one, by ``clearance < stop sign`` and so on."""
     whole: float
-    """All are in the order at once; 1 in 24 by chance."""
+    """Share of draws in which the whole order holds; chance gives 1 in 24."""
 
     @classmethod
     def of(cls, families: Mapping[str, Floats]) -> Self | None:
-        """From the mAP of each family in each draw, shape ``(R,)``; None where a family is missing."""
+        """Compute the shares from the mAP of each family in each draw, shape ``(R,)``; None if a family is missing."""
         if set(families) != set(FAMILIES):
             return None
         rises = {f"{low} < {high}": families[low] < families[high] for low, high in pairwise(FAMILIES)}
@@ -175,28 +178,28 @@ class FamilyOrder:
         return cls(MappingProxyType(steps), float(np.all(list(rises.values()), axis=0).mean()))
 
     def sentence(self) -> str:
-        """For a reader of the tables."""
+        """The result as a sentence for readers of the tables."""
         steps = ", ".join(f"{name} in {share:.0%}" for name, share in self.steps.items())
         return f"{steps} of the draws; the paper's whole order in {self.whole:.0%}, by chance 4%"
 
 
 _DRAWS: Final = 1000
-"""For the order of the families."""
+"""Number of draws for the order of the families."""
 _NAMED: Final = "found by name"
 VEHICLE_NAMES: Final = frozenset(
     {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
     | {member.name.lower() for member in VEHICLE_CLASSES if member not in PEOPLE_CLASSES}
 )
-"""Class names that count as the one class of vehicles, in lower case."""
+"""Lower-case class names that count as vehicles."""
 
 Names = npt.NDArray[np.str_]
 Run = Callable[[Sequence[tuple[TruthBoxes, FoundBoxes, str]]], Sequence[DevkitScore]]
-"""Scores several tables, each with its class's name, by nuScenes' code, side by side where there are processors."""
+"""Scores several tables, each with its class's name, by nuScenes' code, in parallel on several processors."""
 
 
 @dataclass(frozen=True)
 class GroupScore:
-    """A subset of the labels."""
+    """Score of a subset of the labels."""
 
     group: str
     name: str
@@ -206,7 +209,7 @@ class GroupScore:
 
 @dataclass(frozen=True)
 class PersonScore:
-    """One class of people, over all episodes."""
+    """Score of one class of people, over all episodes."""
 
     score: DevkitScore
     mean_ap: Interval
@@ -214,32 +217,32 @@ class PersonScore:
 
 @dataclass(frozen=True)
 class DetectorScores:
-    """Everything about one detector."""
+    """All scores of one detector."""
 
     name: str
     format: str
     has_velocity: bool
     frames: Mapping[str, int]
-    """Frames that count, by template."""
+    """Number of scored frames by template."""
     templates: Mapping[str, DevkitScore]
     template_ap: Mapping[str, Interval]
     mean_ap: Interval
-    """Mean over the templates, each counted once, as in the paper."""
+    """Mean over the templates, which count equally, as in the paper."""
     families: Mapping[str, Interval]
     order: FamilyOrder | None
-    """Whether the families are in the paper's order; None without all of them or without intervals."""
+    """Whether the families have the paper's order; None without all families or without intervals."""
     groups: tuple[GroupScore, ...]
     truth: TruthBoxes
-    """Labels that count."""
+    """Labels that are scored."""
     found: FoundBoxes
-    """Detections that count."""
+    """Detections that are scored."""
     matches: Matches
     people: Mapping[str, PersonScore] = field(default_factory=dict)
-    """By nuScenes' name, those of whom there is a label; they count in no other score."""
+    """Scores of people by nuScenes' name, if there is a label; they are part of no other score."""
     tracking: Mapping[str, TrackingScore] = field(default_factory=dict)
-    """By class (``score_tracking``), where tracks are scored."""
+    """Scores of tracks by class (``score_tracking``), if tracks are scored."""
     seen: Mapping[Split, int] = field(default_factory=dict)
-    """How many of the episodes stand how to the detector's training; empty where nothing is known or learned."""
+    """Number of episodes by their relation to the detector's training; empty if that is unknown or there was none."""
 
     @property
     def mean_nds(self) -> float:
@@ -248,12 +251,12 @@ class DetectorScores:
 
 
 def counted_boxes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
-    """Boxes that count by nuScenes' protocol: within 50 m; labels with at least one LiDAR point; vehicles."""
+    """Boxes that nuScenes' protocol counts: vehicles within 50 m; labels need at least one LiDAR point."""
     return _near(frames, detected, frames.truth.at(~np.isin(frames.truth.actor_class, [*PEOPLE_CLASSES])), names)
 
 
 def counted_people(frames: Frames, detected: FoundSet, kind: ActorClass) -> tuple[TruthBoxes, FoundBoxes]:
-    """The same of a class of people, within nuScenes' range of it.
+    """Boxes of a class of people that nuScenes' protocol counts, within nuScenes' range for it.
 
     Raises:
         InputError: nuscenes-devkit is not installed.
@@ -278,7 +281,7 @@ def _near(
 
 
 def mean_ap_of_episodes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> Floats:
-    """The mAP of each episode alone, shape ``(E,)``; NaN where it has no label. Arguments as of ``score_detector``."""
+    """Average precision (mAP) of each episode, ``(E,)``; NaN without a label. Arguments as of ``score_detector``."""
     truth, boxes = counted_boxes(frames, detected, names)
     matches, count = match(truth, boxes), len(frames.episodes)
     labels = np.bincount(frames.episode[truth.frame], minlength=count).astype(np.float64)
@@ -332,7 +335,7 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
 
 
 def _people(frames: Frames, detected: FoundSet, template: Names, run: Run) -> dict[str, PersonScore]:
-    """By nuScenes' name, each class of people with a label."""
+    """Scores of each class of people with a label, by nuScenes' name."""
     there = [kind for kind in PERSON_NAMES if (frames.truth.actor_class == kind).any()]
     counted = [(*counted_people(frames, detected, kind), PERSON_NAMES[kind][0]) for kind in there]
     tables = [table for table in counted if len(table[0])]
@@ -344,7 +347,7 @@ def _people(frames: Frames, detected: FoundSet, template: Names, run: Run) -> di
 
 
 def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates: Sequence[str]) -> Estimate:
-    """Mean over some templates; an episode changes that of its own template."""
+    """Mean over some templates; each episode affects only its own template."""
     value = float(np.mean([values[name] for name in templates]))
     changed = [left_out[name] / len(templates) for name in templates]
     stratum = np.repeat(np.arange(len(templates)), [*map(len, changed)])
@@ -352,7 +355,7 @@ def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates
 
 
 class _Jackknifed:
-    """Average precisions without each episode."""
+    """Average precisions without each episode, for the jackknife."""
 
     def __init__(self, frames: Frames, truth: TruthBoxes, boxes: FoundBoxes, template: Names) -> None:
         self._frames, self._truth, self._given, self._template = frames, truth, boxes, template
@@ -363,7 +366,10 @@ class _Jackknifed:
         self._episode_of_label: Rows = frames.episode[truth.frame]
 
     def _mean_ap(self, labels: Flags, counted: Sequence[Flags], episodes: Rows) -> Floats:
-        """Mean over the distances: of all episodes, then without each of some, shape ``(1 + len(episodes),)``."""
+        """Mean over the distance thresholds: of all episodes, then without each of some.
+
+        Shape ``(1 + len(episodes),)``.
+        """
         weight = np.ones((1 + len(episodes), len(self._frames.episodes)))
         weight[np.arange(1, len(weight)), episodes] = 0.0
         per_episode = np.bincount(self._episode_of_label[labels], minlength=len(self._frames.episodes)).astype(float)
@@ -374,13 +380,13 @@ class _Jackknifed:
         return np.asarray(np.mean(values, axis=0))
 
     def mean_ap(self, template_of_frame: Names, template: str) -> Floats:
-        """Of one template, without each of its episodes."""
+        """Average precision (mAP) of one template, without each of its episodes."""
         kept = template_of_frame[self._boxes.frame] == template
         labels = template_of_frame[self._truth.frame] == template
         return self._mean_ap(labels, [kept] * len(DISTANCES_M), np.flatnonzero(self._template == template))[1:]
 
     def group(self, subset: Subset) -> GroupScore:
-        """Of a subset of the labels: detections of other labels do not count, false alarms do."""
+        """Score of a subset: detections of other labels are ignored, false alarms count."""
         labels = subset.labels(self._frames, self._truth)
         if not labels.any():
             return GroupScore(subset.group, subset.name, 0, NOTHING)
@@ -391,7 +397,7 @@ class _Jackknifed:
         return self._scored(subset.group, subset.name, labels, counted)
 
     def named(self, name: str) -> GroupScore:
-        """Of a class by its name: a detection with another name does not find its labels."""
+        """Score of a class by name: a detection with another name does not find its labels."""
         truth = self._truth.at(labels_named(self._truth, name))
         if not len(truth):
             return GroupScore(_NAMED, name, 0, NOTHING)
@@ -399,7 +405,7 @@ class _Jackknifed:
         return _Jackknifed(self._frames, truth, boxes, self._template).whole(_NAMED, name)
 
     def whole(self, group: str, name: str) -> GroupScore:
-        """Of all labels and detections."""
+        """Score of all labels and detections."""
         labels, counted = (np.ones(len(table), dtype=np.bool_) for table in (self._truth, self._boxes))
         return self._scored(group, name, labels, [counted] * len(DISTANCES_M))
 

@@ -1,4 +1,4 @@
-"""Tables of the detectors' scores next to the paper's, and all scores as JSON."""
+"""Tables of the detectors' scores beside the paper's, and all scores as JSON."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ _ERROR_TITLES: Final = ("ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
 
 @dataclass(frozen=True)
 class PaperDetector:
-    """One row of each of the paper's two tables."""
+    """One detector in the paper's two tables."""
 
     name: str
     ap_and_nds: Mapping[str, tuple[float, float]]
-    """mAP and NDS by template, and their means as printed."""
+    """mAP and NDS by template, with the means as printed."""
     errors: Mapping[str, float]
-    """True-positive errors, mean over the templates."""
+    """True-positive errors, as means over the templates."""
 
 
 def _paper_row(line: str) -> PaperDetector:
@@ -43,22 +43,22 @@ SECOND .420/.420 .388/.438 .631/.563 .633/.574 .461/.480 .523/.540 .590/.556 .52
 VoxelNeXt .438/.393 .413/.434 .641/.571 .616/.558 .468/.454 .568/.540 .578/.543 .532/.499 .562 .216 .313 3.404 .576
 TransFusion-L .424/.411 .423/.456 .648/.566 .618/.565 .491/.481 .562/.555 .610/.571 .539/.515 .561 .196 .330 3.223 .461
 """
-"""mAP/NDS of S1 to S7 and of their mean, then the errors: tables "3D object detection" and "True-positive error
-metrics" (supplement)."""
+"""The paper's numbers: mAP/NDS of S1 to S7 and of their mean, then the errors; tables "3D object detection" and
+"True-positive error metrics" (supplement)."""
 PAPER: Final[Mapping[str, PaperDetector]] = MappingProxyType(
     {row.name.lower(): row for row in map(_paper_row, _PAPER_ROWS.strip().splitlines())}
 )
-"""By lower-case name."""
+"""The paper's detectors by lower-case name."""
 
 
 def paper_rows(name: str) -> tuple[PaperDetector, ...]:
-    """The paper's row for a detector of that name; all four for a detector that the paper does not have."""
+    """The paper's row for a detector of that name; all four rows if the paper has no such detector."""
     key = name.lower().replace("_", "-").replace("transfusion-l", "transfusion").replace("transfusion", "transfusion-l")
     return (PAPER[key],) if key in PAPER else tuple(PAPER.values())
 
 
 def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
-    """The paper's two tables, with the paper's rows below ours where asked, and those that the paper does not have.
+    """Tables like the paper's, with the paper's rows below ours on request, and tables that the paper does not have.
 
     They are made from the content of ``scores.json`` (``scores_as_json``), so that a page of stored scores shows the
     tables of the terminal.
@@ -133,11 +133,11 @@ _TRACKING: Final = MappingProxyType(
         "labels": "labelled tracks",
     }
 )
-"""Names of the figures of tracks in ``scores.json`` and in the table."""
+"""Tracking scores: names in ``scores.json`` and in the table."""
 
 
 def _tracking(content: Mapping[str, Any]) -> Table:
-    """Kinds of emergency vehicles have columns of their own: nuScenes' list of tracked classes does not have them."""
+    """Table of tracking scores. Kinds of emergency vehicles have columns of their own, which nuScenes' classes lack."""
     tracking = {name: scores.get("tracking", {}) for name, scores in content.items()}
     classes = list(dict.fromkeys(kind for of_detector in tracking.values() for kind in of_detector))
 
@@ -180,7 +180,7 @@ def _errors_by_template(content: Mapping[str, Any]) -> Table:
 
 
 def _parts(content: Mapping[str, Any]) -> Table:
-    """Families of templates, and subsets of the labels.
+    """Table of scores by family of templates and by subset of labels.
 
     Detectors may have different subsets: only one that names kinds of vehicles has those found by name.
     """
@@ -206,7 +206,7 @@ def _parts(content: Mapping[str, Any]) -> Table:
 
 
 def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
-    """By the detectors' names; intervals are null where there are too few episodes."""
+    """All scores by detector; intervals are null where there are too few episodes."""
     return {detector.name: _detector(detector) for detector in scores}
 
 

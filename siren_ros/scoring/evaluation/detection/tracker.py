@@ -1,4 +1,4 @@
-"""The tracker that all detectors share: which boxes of successive sweeps are one vehicle, and how it moves."""
+"""The tracker for all detectors: it finds which boxes of successive sweeps are the same vehicle, and its velocity."""
 
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -9,21 +9,21 @@ from scipy.optimize import linear_sum_assignment
 from siren_ros.base.numerics.arrays import Floats, Rows
 
 _GATE_M: Final = 2.5
-"""A box farther from where a track is expected belongs to another one."""
+"""A box farther than this from a track's predicted place belongs to another track."""
 _FORGET_STEPS: Final = 20
 _GAIN_PLACE: Final = 0.5
 _GAIN_VELOCITY: Final = 0.15
 
 
 class Followed(NamedTuple):
-    """What the tracker knows of the boxes of one sweep, in their order."""
+    """The tracker's result for the boxes of one sweep, in their order."""
 
     velocity_mps: Floats
-    """Over ground, shape ``(N, 2)``."""
+    """Velocity over ground, shape ``(N, 2)``."""
     sweeps: Rows
-    """Number of sweeps that each vehicle has been seen in, shape ``(N,)``."""
+    """Number of sweeps in which each vehicle has been seen, shape ``(N,)``."""
     track: Rows
-    """Number of the track of each box, shape ``(N,)``; each number once in a sweep."""
+    """Number of the track of each box, shape ``(N,)``; each occurs once in a sweep."""
 
 
 @dataclass
@@ -33,16 +33,16 @@ class Tracker:
     place_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     velocity_mps: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     sweeps: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    """Number of sweeps that each track has been seen in."""
+    """Number of sweeps in which each track has been seen."""
     last_step: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     track: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    """Numbers of the tracks, which are never given twice."""
+    """Numbers of the tracks; a number is never used again."""
     step: int = 0
     tracks: int = 0
     """Number of tracks so far."""
 
     def follow(self, step: int, place_m: Floats, step_s: float, stated_mps: Floats | None = None) -> Followed:
-        """Takes the boxes of a step's sweep by their centres, shape ``(N, 2)``.
+        """Add the boxes of a step's sweep, given by their centres, shape ``(N, 2)``.
 
         A new track begins with the velocity that the detector states for its box, shape ``(N, 2)``; without one, or
         where it is NaN, at rest.
@@ -81,7 +81,7 @@ class Tracker:
 
 
 def _gains(sweeps: Rows) -> tuple[Floats, Floats]:
-    """Of place and velocity: those of the straight line through all boxes of a short track, then constant ones.
+    """Gains for position and velocity: a straight line through all boxes of a short track, then constant values.
 
     Source: E. Brookner, "Tracking and Kalman Filtering Made Easy", 1998, section 1.2.10, the growing-memory filter. The
     numbers of sweeps, shape ``(N,)``, are at least 2.

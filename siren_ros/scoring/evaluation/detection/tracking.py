@@ -1,4 +1,4 @@
-"""Tracks of any detector, by the tracker that all share, and their scores: AMOTA and AMOTP of the devkit, and HOTA."""
+"""Tracks any detector's boxes with the common tracker, and scores the tracks: AMOTA, AMOTP (devkit) and HOTA."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,37 +28,37 @@ from siren_ros.scoring.evaluation.statistics import jackknife
 from siren_ros.simulation.world.actors import PEOPLE_CLASSES
 
 ALL_VEHICLES: Final = "vehicle"
-"""Name of the class that holds all vehicles, as the paper's ``Car`` does."""
+"""Name of the class of all vehicles, like the paper's ``Car``."""
 
 Run = Callable[[Sequence[tuple[TrackTable, TrackTable, Sequence[Sequence[int]]]]], Sequence[DevkitTracking]]
-"""Scores several classes by nuScenes' code, side by side where there are processors."""
+"""Scores several classes by nuScenes' code, in parallel on several processors."""
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Boxes with the tracks that they belong to."""
+    """Boxes with their tracks."""
 
     boxes: FoundBoxes
-    """In the order of their frames; each has the name that its track has with the greatest confidence."""
+    """Boxes sorted by frame; each has the class name of its track's most confident box."""
     track: Rows
     """Number of the track, unique over all episodes, shape ``(N,)``."""
     velocity_mps: Floats
-    """Of the track at the box, over ground, shape ``(N, 2)``."""
+    """Velocity over ground of the track at the box, shape ``(N, 2)``."""
 
     def at(self, rows: Rows | Flags) -> "Tracks":
-        """Some of the boxes."""
+        """Select some of the boxes."""
         return Tracks(self.boxes.at(rows), self.track[rows], self.velocity_mps[rows])
 
 
 @dataclass(frozen=True)
 class TrackingScore:
-    """How well one class is tracked, over all episodes."""
+    """Tracking scores of one class, over all episodes."""
 
     devkit: DevkitTracking
     amota: Interval
     amotp_m: Interval
     hota: Interval
-    """At the confidence with the best MOTA."""
+    """HOTA at the confidence with the best MOTA."""
     detection: float
     """DetA, a part of HOTA."""
     association: float
@@ -66,7 +66,7 @@ class TrackingScore:
 
 
 def tracks_of(frames: Frames, detected: FoundBoxes) -> Tracks:
-    """Follows boxes from frame to frame of each episode, whatever their names are."""
+    """Track boxes from frame to frame of each episode, without regard to their class names."""
     boxes = detected.at(np.argsort(detected.frame, kind="stable").astype(np.intp))
     track, velocity = np.zeros(len(boxes), dtype=np.intp), np.zeros((len(boxes), 2))
     given = 0
@@ -87,7 +87,7 @@ def tracks_of(frames: Frames, detected: FoundBoxes) -> Tracks:
 
 
 def score_tracking(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> Mapping[str, TrackingScore]:
-    """Scores by class: all vehicles as one, each kind by its own name, and people; those of whom there is a label.
+    """Score tracks by class, where labels exist: all vehicles together, each kind by its name, and people.
 
     Labels and boxes are those that count for detections, at the keyframes of the nuScenes export. Kinds of vehicles
     are scored where the detector names them.
@@ -145,11 +145,11 @@ def _followed(frames: Frames, tracks: Tracks, counted: Flags, range_m: float) ->
 
 
 def _score(frames: Frames, labels: TrackTable, found: TrackTable, devkit: DevkitTracking) -> TrackingScore:
-    """With intervals over the episodes that have labels or tracks."""
+    """Scores of one class, with intervals over the episodes that have labels or tracks."""
     template = np.array([episode.template for episode in frames.episodes])
     episodes = np.unique(labels.episode)
     _, stratum = np.unique(template[episodes], return_inverse=True)
-    confident = found.at(found.score >= devkit.confidence)  # none where it is NaN
+    confident = found.at(found.score >= devkit.confidence)  # empty if the confidence is NaN
     sums, every = hota_sums(labels, confident, len(template)), np.ones(len(template))
     value = sums.of(every)
     without = np.array([sums.of(every - (np.arange(len(every)) == one)).hota for one in episodes])

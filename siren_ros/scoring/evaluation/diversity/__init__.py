@@ -1,1 +1,1 @@
-"""How different episodes are, and what more seeds would still add."""
+"""Measures how different episodes are, and what more seeds would add."""

@@ -1,4 +1,4 @@
-"""The profile of an episode (drawn parameters, the EMV's way, the order of events) and distances between profiles."""
+"""The profile of an episode (drawn parameters, the EMV's path, the order of events), and distances of profiles."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from siren_ros.errors import InputError
 from siren_ros.simulation.world.traffic_state import EventKind
 
 POINT_STEPS: Final = round(1.0 / STEP_S)
-"""Steps between two points of a way: one second."""
+"""Steps between two points of a path: one second."""
 BEGIN: Final = "begin"
 END: Final = "end"
 _EMV_EVENTS: Final = frozenset(
@@ -34,7 +34,7 @@ _CIVILIAN_EVENTS: Final = frozenset(kind for kind in EventKind if kind.startswit
 
 @dataclass(frozen=True)
 class InteractionProfile:
-    """One episode."""
+    """Profile of one episode."""
 
     bag: str
     template: str
@@ -43,25 +43,25 @@ class InteractionProfile:
     map_name: str
     draw: str
     parameters: Mapping[str, float]
-    """Values of the template's parameters, by path."""
+    """Values of the template's parameters, by their path in the template's file."""
     way_m: Floats
-    """The EMV's places, one a second, in the frame of its first pose (x ahead, y left); shape ``(T, 2)``."""
+    """Positions of the EMV, one per second, in the frame of its first pose (x ahead, y left); shape ``(T, 2)``."""
     happenings: tuple[str, ...]
-    """Events of the interaction in their order, repeats in a row once: ``emv stop_line_crossed``."""
+    """Events of the interaction in order, such as ``emv stop_line_crossed``; repeated ones are merged."""
 
     @property
     def group(self) -> tuple[str, str, str]:
-        """Template, level and map: episodes that share them differ in their seeds and draws."""
+        """Template, level and map. Episodes of one group differ in their seeds and draws."""
         return self.template, self.level, self.map_name
 
     @property
     def transitions(self) -> frozenset[tuple[str, str]]:
-        """Which happening came directly after which."""
+        """Pairs of events that follow each other directly."""
         return frozenset(pairwise((BEGIN, *self.happenings, END)))
 
 
 def profile_of(bag: str, record: EpisodeRecord) -> InteractionProfile:
-    """The profile of a record.
+    """Compute the profile of a record.
 
     Raises:
         InputError: The episode has no EMV that was recorded.
@@ -81,7 +81,7 @@ def profile_of(bag: str, record: EpisodeRecord) -> InteractionProfile:
 
 
 def emv_way_m(record: EpisodeRecord) -> Floats:
-    """The EMV's places, one a second, in the frame of its first pose; shape ``(T, 2)``."""
+    """Positions of the EMV, one per second, in the frame of its first pose; shape ``(T, 2)``."""
     track = record.track(record.emv_ids[0]) if record.emv_ids else None
     if track is None or not len(track):
         raise InputError("bag", record.description.template, "an episode with an EMV")
@@ -108,7 +108,7 @@ def _happenings(record: EpisodeRecord) -> Iterator[str]:
 
 
 def way_distance_m(first: InteractionProfile, second: InteractionProfile) -> float:
-    """Mean distance between the places of both EMVs at the same times, as far as both were recorded.
+    """Mean distance between both EMVs at equal times, as long as both were recorded.
 
     The mean over pairs is the average self distance of Y. Yuan and K. Kitani (DLow, ECCV 2020), of whole episodes.
     """
@@ -117,7 +117,7 @@ def way_distance_m(first: InteractionProfile, second: InteractionProfile) -> flo
 
 
 def event_distance(first: InteractionProfile, second: InteractionProfile) -> float:
-    """Edits that turn one order of events into the other, as a share of the longer one (Levenshtein); 0 to 1."""
+    """Levenshtein distance of two orders of events as a share of the longer one, 0 to 1."""
     longest = max(len(first.happenings), len(second.happenings))
     return _edits(first.happenings, second.happenings) / longest if longest else 0.0
 

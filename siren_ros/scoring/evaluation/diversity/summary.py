@@ -1,4 +1,4 @@
-"""Diversity of the episodes of each template, level and map: coverage and distances, also as JSON."""
+"""Diversity of the episodes of each template, level and map: coverage and distances, as tables and JSON."""
 
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ from siren_ros.simulation.scenario.templates import load_template
 
 
 def _log_choices(total: Floats, chosen: Floats) -> Floats:
-    """Logarithm of the binomial coefficient; −∞ where there is no choice."""
+    """Logarithm of the binomial coefficient; −∞ where it is zero."""
     possible = (chosen >= 0) & (chosen <= total)
     safe = np.where(possible, chosen, 0.0)
     log = gammaln(total + 1.0) - gammaln(safe + 1.0) - gammaln(total - safe + 1.0)
@@ -44,7 +44,7 @@ def expected_kinds(incidences: Sequence[int], episodes: int) -> Floats:
 
 
 def expected_nearest(distances: Floats) -> Floats:
-    """Expected distance of an episode to the nearest of n others, n = 1 … N − 1, mean over the N episodes.
+    """Expected distance of an episode to the nearest of n others, n = 1 … N − 1, as mean over the N episodes.
 
     Takes the distances between all pairs, shape ``(N, N)``. Returns shape ``(N - 1,)``, empty for a single episode.
     """
@@ -54,7 +54,7 @@ def expected_nearest(distances: Floats) -> Floats:
     ordered = np.sort(distances + np.diag(np.full(others + 1, np.inf)), axis=1)[:, :others].mean(axis=0)
     chosen = np.arange(1, others + 1, dtype=np.float64)[:, None]
     farther = np.arange(others - 1, -1, -1, dtype=np.float64)[None, :]
-    # The one at rank r is the nearest of the n where it is chosen and the n - 1 others are farther away.
+    # The neighbour at rank r is the nearest of n if it is chosen and the other n - 1 are farther away.
     weight = np.exp(
         _log_choices(np.broadcast_to(farther, (others, others)), np.broadcast_to(chosen - 1.0, (others, others)))
         - _log_choices(np.full((others, 1), float(others)), chosen)
@@ -64,22 +64,22 @@ def expected_nearest(distances: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class KindCoverage:
-    """Kinds that were seen, and an estimate of those that were not."""
+    """How many kinds were seen, and an estimate of how many were not."""
 
     seen: int
     once: int
-    """Kinds that a single episode has."""
+    """Number of kinds that occur in a single episode."""
     next_adds: float
-    """Kinds that one more episode is expected to add: those of a single episode, by the number of episodes (I. J.
-    Good, Biometrika 40 (1953) 237). With a single episode all are of it, and nothing is known."""
+    """Number of new kinds expected from one more episode: kinds that occur once, divided by the number of episodes (I.
+    J. Good, Biometrika 40 (1953) 237). It means nothing for a single episode."""
     coverage: float
-    """Estimated share of what the next episode shows that has been seen (A. Chao, L. Jost, Ecology 93 (2012) 2533)."""
+    """Estimated share of the next episode's kinds that were seen already (A. Chao, L. Jost, Ecology 93 (2012) 2533)."""
     curve: Floats
-    """As ``expected_kinds``."""
+    """Expected number of kinds among n episodes, as ``expected_kinds``."""
 
 
 def kind_coverage(episodes: Sequence[Collection[Hashable]]) -> KindCoverage:
-    """Coverage of the kinds of things that episodes have; at least one episode."""
+    """Coverage of the kinds that occur in episodes; there must be at least one episode."""
     count = len(episodes)
     incidences = list(Counter(kind for episode in episodes for kind in set(episode)).values())
     once, twice, total = incidences.count(1), incidences.count(2), sum(incidences)
@@ -94,12 +94,12 @@ def kind_coverage(episodes: Sequence[Collection[Hashable]]) -> KindCoverage:
 
 
 PARTS: Final = 10
-"""Equal parts of a range; a whole-number parameter with fewer values has a part for each."""
+"""Number of equal parts of a range; a whole-number parameter with fewer values has one part per value."""
 
 
 @dataclass(frozen=True)
 class DrawnRange:
-    """The range that a parameter is drawn from."""
+    """The range from which a parameter is drawn."""
 
     low: float
     high: float
@@ -111,32 +111,32 @@ class DrawnRange:
         return min(PARTS, round(self.high - self.low) + 1) if self.whole else PARTS
 
     def part_of(self, values: Floats) -> Floats:
-        """Part of each value, from 0; values outside count for the part at that end."""
+        """Part of each value, from 0; values outside belong to the first or last part."""
         width = (self.high - self.low + (1.0 if self.whole else 0.0)) / self.parts
         return np.clip(np.floor((values - self.low) / width), 0, self.parts - 1)
 
 
 @dataclass(frozen=True)
 class ParameterCoverage:
-    """The parts of one parameter's range."""
+    """Coverage of one parameter's range."""
 
     path: str
     drawn: DrawnRange
     counts: tuple[int, ...]
-    """Episodes in each part."""
+    """Number of episodes in each part."""
     curve: Floats
-    """Expected share of the parts that n episodes reach, n = 1 … N; shape ``(N,)``."""
+    """Expected share of parts that n episodes reach, n = 1 … N; shape ``(N,)``."""
 
     @property
     def share(self) -> float:
-        """Share of the parts with an episode."""
+        """Share of parts that contain an episode."""
         return sum(count > 0 for count in self.counts) / len(self.counts)
 
 
 def parameter_coverage(
     episodes: Sequence[Mapping[str, float]], ranges: Mapping[str, DrawnRange]
 ) -> tuple[ParameterCoverage, ...]:
-    """Coverage of every parameter that has a range and a value in all episodes, by path."""
+    """Coverage of every parameter that has a range and a value in all episodes, by its path."""
     covered = []
     for path, drawn in sorted(ranges.items()):
         if drawn.high <= drawn.low or not all(path in episode for episode in episodes):
@@ -150,7 +150,7 @@ def parameter_coverage(
 
 
 def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, DrawnRange]]:
-    """By template and parameter; a template that is not among ours has none.
+    """Ranges by template and parameter; a template that is not shipped has none.
 
     Episodes whose values a study drew have the template's whole ranges; the others those that every seed draws from.
     """
@@ -172,40 +172,40 @@ def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, 
 
 @dataclass(frozen=True)
 class Distances:
-    """One kind of distance among N episodes."""
+    """Distances of one kind among N episodes."""
 
     mean: float
-    """Over all pairs; 0 for a single episode."""
+    """Mean over all pairs; 0 for a single episode."""
     nearest: Floats
-    """Of each episode to the nearest other one, how new it is; shape ``(N,)``, NaN for a single episode."""
+    """Distance of each episode to its nearest other one, shape ``(N,)``; NaN for a single episode."""
     curve: Floats
     """Expected distance of one more episode to the nearest of n, n = 1 … N − 1."""
 
 
 @dataclass(frozen=True)
 class GroupDiversity:
-    """The episodes of one template, level and map."""
+    """Diversity of the episodes of one template, level and map."""
 
     group: tuple[str, str, str]
     profiles: tuple[InteractionProfile, ...]
-    """By seed and draw."""
+    """Profiles, sorted by seed and draw."""
     parameters: tuple[ParameterCoverage, ...]
     ways: Distances
-    """In metres."""
+    """Distances of the EMV's paths in metres."""
     events: Distances
-    """As shares of the longer order of events."""
+    """Distances of the orders of events, as shares of the longer one."""
     transitions: KindCoverage
 
     @property
     def parameter_share(self) -> float | None:
-        """Mean share of the parts of the parameters' ranges that were tried; None where none is drawn."""
+        """Mean share of parts of the parameters' ranges that were reached; None if nothing is drawn."""
         return float(np.mean([parameter.share for parameter in self.parameters])) if self.parameters else None
 
 
 def diversity(
     profiles: Sequence[InteractionProfile], ranges: Mapping[str, Mapping[str, DrawnRange]]
 ) -> tuple[GroupDiversity, ...]:
-    """Diversity of every group; ``ranges`` are those that each template's seeds draw its parameters from."""
+    """Diversity of every group; ``ranges`` are the ranges of each template's parameters."""
     groups: dict[tuple[str, str, str], list[InteractionProfile]] = {}
     for profile in profiles:
         groups.setdefault(profile.group, []).append(profile)
@@ -234,7 +234,7 @@ _GROUP: Final = ("template", "level", "map")
 
 
 def diversity_tables(diversities: Sequence[GroupDiversity]) -> tuple[Table, Table]:
-    """The groups, and the novelty of each episode. A group of one episode has no distances and no forecast."""
+    """Tables of the groups, and of the novelty of each episode. A single episode has no distances and no forecast."""
     distances = ("ways apart, m", "nearest way, m", "events apart", "nearest events")
     groups = Table(
         "groups",
@@ -268,7 +268,7 @@ def _row(group: GroupDiversity) -> Row:
 
 
 def diversity_as_json(diverse: GroupDiversity) -> dict[str, Any]:
-    """One group, with the novelty of each of its episodes."""
+    """One group as JSON types, with the novelty of each episode."""
     transitions = diverse.transitions
     novelty = zip(diverse.profiles, diverse.ways.nearest.tolist(), diverse.events.nearest.tolist(), strict=True)
     return {

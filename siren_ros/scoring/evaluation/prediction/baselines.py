@@ -1,4 +1,4 @@
-"""Predictors that are not learned: constant velocity, and the Intelligent Driver Model along the lane.
+"""Predictors without learning: constant velocity, and the Intelligent Driver Model along the lane.
 
 With IDM a vehicle keeps its lane and goes straight on at every junction. Its leader is the next vehicle along the
 successors of its lane, or the next one straight ahead where it is in no lane.
@@ -22,7 +22,7 @@ from siren_ros.simulation.world.traffic_state import Indices
 
 @dataclass(frozen=True)
 class ConstantVelocity:
-    """Every vehicle keeps its present velocity.
+    """Predicts that every vehicle keeps its present velocity.
 
     The velocity is the recorded one (columns ``vx, vy`` of ``trajectory.csv``). The difference of the last two points
     of the history would be the velocity half a grid period earlier.
@@ -31,7 +31,7 @@ class ConstantVelocity:
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """One hypothesis for each sample."""
+        """Give one hypothesis per sample."""
         return Hypotheses.certain(batch.xy_m[:, None] + future_times_s()[:, None] * batch.velocity_mps[:, None])
 
 
@@ -52,14 +52,14 @@ class Idm:
     range_m: float = 250.0
     """Largest distance to a leader."""
     off_lane_limit_mps: float = 50.0 / 3.6
-    """Speed limit of vehicles in no lane: that of an urban road."""
+    """Speed limit for vehicles in no lane: that of an urban road."""
     standing_mps: float = 0.1
-    """Least desired speed of people on foot and on bicycles, for whom no speed limit tells how fast they like to go."""
+    """Least desired speed of pedestrians and cyclists, whose desired speed no speed limit tells."""
     least_gap_m: float = 0.1
-    """Least gap that the model gets; the measured gap is negative where the bumpers overlap."""
+    """Smallest gap that the model accepts; the measured gap is negative where vehicles overlap."""
 
     def acceleration(self, speed_mps: Floats, desired_mps: Floats, gap_m: Floats, closing_mps: Floats) -> Floats:
-        """Acceleration of the model; all arrays of shape ``(N,)``, the gap inf on a free road.
+        """Acceleration of the model; all arrays of shape ``(N,)``; an infinite gap means a free road.
 
         Args:
             speed_mps: Speed of the follower.
@@ -104,7 +104,7 @@ class Idm:
 
 
 _SAME_TURN_RAD = 0.1
-"""Movements count as equally straight where their turns differ by less; the smaller lateral shift then decides."""
+"""Movements whose turns differ by less count as equally straight; then the smaller lateral shift decides."""
 
 
 def straight_successors(network: RoadNetwork) -> Indices:
@@ -138,17 +138,17 @@ def _bend(network: RoadNetwork, lane: Lane, movement: Connection) -> tuple[bool,
 
 @dataclass(frozen=True)
 class LanePaths:
-    """P paths, each straight on from one lane."""
+    """P paths, each straight ahead from one lane."""
 
     path_of_lane: npt.NDArray[np.intp]
-    """Path that starts at each lane of the network, −1 where there is none; shape ``(L,)``."""
+    """Path that starts at each lane of the network, −1 if none does; shape ``(L,)``."""
     curves: tuple[Polyline, ...]
     """Centre line of each path, from its first lane's start."""
     start_m: Floats
-    """Distance along path p at which lane l starts, inf where p does not use it; shape ``(P, L)``."""
+    """Distance along path p at which lane l begins, infinite if p does not use it; shape ``(P, L)``."""
 
     def points(self, path: npt.NDArray[np.intp], arc_m: Floats, offset_m: Floats) -> Floats:
-        """Places along paths.
+        """Positions along paths.
 
         Args:
             path: Path of each of N vehicles, shape ``(N,)``.
@@ -166,7 +166,7 @@ class LanePaths:
 
 
 def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: float) -> LanePaths:
-    """Paths straight on from lanes, each of which occurs once.
+    """Paths straight ahead from some lanes, each given once.
 
     A path reaches ``reach_m`` beyond the end of its first lane, as far as lanes follow.
     """
@@ -188,7 +188,7 @@ def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: floa
 
 
 def drive_along(batch: SampleBatch, places: LanePlaces, paths: LanePaths, travelled_m: Floats) -> Floats:
-    """Places after distances, shape ``(N, T)``: along the path from the sample's lane, straight ahead in none.
+    """Positions of vehicles after distances of shape ``(N, T)``: along the path of their lane, else straight ahead.
 
     Arguments as of ``leaders_of``; returns shape ``(N, T, 2)``.
     """
@@ -203,7 +203,7 @@ def drive_along(batch: SampleBatch, places: LanePlaces, paths: LanePaths, travel
 
 
 def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> tuple[Floats, Floats]:
-    """The nearest vehicle of each sample whose centre is ahead within the range.
+    """Find the leader of each sample: the nearest vehicle whose centre is ahead within the range.
 
     The leader of a sample in a lane is in this lane or in those that follow straight on. The leader of a sample in
     no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter. ``places`` are those
@@ -235,7 +235,7 @@ def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m
 
 
 def _straight_ahead(actors: ObservedActors, follower: Rows, other: Rows) -> tuple[Floats, Floats]:
-    """Distances along the headings to the others' centres, inf outside the strip, and their speeds along them."""
+    """Distances to the others' centres along the headings, infinite outside the strip, and their speeds along them."""
     cos, sin = np.cos(actors.yaw_rad[follower, -1]), np.sin(actors.yaw_rad[follower, -1])
     x, y = (actors.xy_m[other, -1] - actors.xy_m[follower, -1]).T
     vx, vy = actors.velocity_mps[other, -1].T
@@ -245,7 +245,7 @@ def _straight_ahead(actors: ObservedActors, follower: Rows, other: Rows) -> tupl
 
 @dataclass(frozen=True)
 class IdmPredictor:
-    """Car following on the lane's path, the leader at constant velocity, the desired speed max(v, speed limit).
+    """Car following along the lane's path: the leader keeps its velocity, the desired speed is max(v, speed limit).
 
     People on foot and on bicycles desire their present speed.
 
@@ -257,7 +257,7 @@ class IdmPredictor:
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """One hypothesis for each sample."""
+        """Give one hypothesis per sample."""
         actors, idm = batch.actors, self.idm
         places = locate(batch.network, actors.xy_m[:, -1], actors.yaw_rad[:, -1], actors.sumo_lane)
         lane = places.lane[batch.target]
@@ -266,7 +266,7 @@ class IdmPredictor:
         gap_m, leader_mps = leaders_of(batch, places, paths, idm.range_m)
         limits = [road_lane.speed_limit_mps for road_lane in batch.network.lanes]
         speed = batch.speed_mps
-        # NO_LANE is −1 and takes the last limit, that of vehicles in no lane.
+        # NO_LANE is −1 and selects the last limit, which is for vehicles in no lane.
         desired = np.maximum(speed, np.array([*limits, idm.off_lane_limit_mps])[lane])
         unmotorised = np.isin(actors.actor_class[batch.target], (ActorClass.PEDESTRIAN, ActorClass.BICYCLE))
         desired[unmotorised] = np.maximum(speed[unmotorised], idm.standing_mps)

@@ -1,4 +1,4 @@
-"""Checks that a predictor answers from the past alone.
+"""Checks that a predictor uses only the past.
 
 A predictor gets all frames of an episode at once. On a sample of frames it is asked again with that frame alone, and,
 where its answer then differs, with the frames up to that one: a predictor may look back, but never ahead.
@@ -14,15 +14,15 @@ from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses, Predi
 from siren_ros.scoring.evaluation.prediction.samples import SampleBatch
 
 CHECKED_FRAMES: Final = 3
-"""Frames of each episode, spread over it; never the last one, after which nothing comes."""
+"""Number of checked frames per episode, spread over it, without the last frame, after which nothing follows."""
 TOLERANCE_M: Final = 0.01
-"""Networks round differently in batches of other sizes."""
+"""Tolerance, because networks round differently in batches of other sizes."""
 _LEAST_PROBABILITY: Final = 0.01
-"""Hypotheses below it are not compared path by path: rounding may drop them."""
+"""Hypotheses with a smaller probability are not compared one by one, because rounding may drop them."""
 
 
 class CausalityError(InputError):
-    """A predictor whose answer changes with what happens later."""
+    """Raised for a predictor whose answer depends on later frames."""
 
     def __init__(self, model: str, step: int, away_m: float) -> None:
         where = f"answers at step {step} that move by {away_m:.2g} m with the later frames"
@@ -56,7 +56,7 @@ def causal_answer(model: str, predictor: Predictor, batch: SampleBatch) -> tuple
 
 
 def _frames(batch: SampleBatch) -> list[int]:
-    """Frames with samples, evenly spread; the last one of the batch is left out."""
+    """Frames with samples, evenly spread, without the last one of the batch."""
     with_samples = np.unique(batch.actors.frame[batch.target])
     before_the_last: Rows = with_samples[with_samples < len(batch.step) - 1]
     if not len(before_the_last):
@@ -70,7 +70,7 @@ def _answer(model: str, predictor: Predictor, batch: SampleBatch) -> Hypotheses:
 
 
 def _apart_m(first: Hypotheses, second: Hypotheses) -> float:
-    """Largest distance of two answers to the same samples: of their mean paths, and of each path from the nearest one.
+    """Largest distance between two answers: between their mean paths, and from each path to the nearest one.
 
     Equally probable hypotheses may change their order.
     """

@@ -1,4 +1,4 @@
-"""Charts of scores with the style that charts share, and pictures of samples on the map.
+"""Draws charts of scores in a common style, and pictures of samples on the map.
 
 A picture of a template shows its best, median and worst sample of each model.
 """
@@ -29,14 +29,14 @@ from siren_ros.scoring.pictures.plot_parts import draw_roads, draw_scale_bar, dr
 
 DPI: Final = 150
 SMALL_PT: Final = 8
-"""Text of legends, ticks and titles of panels."""
+"""Size of the text in legends, ticks and titles of panels."""
 TITLE_PT: Final = 9
 _COLOURS: Final = ("#e08e1b", "#1a86b8", "#12855f", "#c2358f", "#6b4fc0", "#7a5230", "#4fb3bf", "#9aa51c", "#5c6b73")
-"""Distinct from each other, from the roads and from the EMV's red."""
+"""Colours of models, distinct from each other, from the roads and from the EMV's red."""
 
 
 def colour_of_model(models: Sequence[str], model: str) -> str:
-    """The same colour in every chart of a report."""
+    """Colour of a model, the same in all charts of a report."""
     return _COLOURS[list(models).index(model) % len(_COLOURS)]
 
 
@@ -48,7 +48,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def quiet(axes: Axes) -> None:
-    """Thin lines, no box."""
+    """Style axes with thin lines and without a box."""
     axes.grid(color="#e3e5e8", linewidth=0.7)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -59,12 +59,12 @@ def quiet(axes: Axes) -> None:
 
 
 def legend(axes: Axes) -> None:
-    """Small, without a box."""
+    """Draw a small legend without a box."""
     axes.legend(frameon=False, fontsize=SMALL_PT)
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Writes a figure as PNG.
+    """Write a figure as PNG.
 
     Raises:
         InputError: The file cannot be written.
@@ -74,7 +74,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def draw_horizon(table: ScoreTable) -> Figure:
-    """Mean distance of the most probable paths from the truth over time, a line for each model with samples."""
+    """Mean distance of the most probable paths from the truth over time; one line per model with samples."""
     figure = new_figure(6.4, 4.0)
     axes = figure.add_subplot()
     quiet(axes)
@@ -95,7 +95,7 @@ def draw_horizon(table: ScoreTable) -> Figure:
 
 
 def draw_reliability(table: ScoreTable) -> Figure | None:
-    """A reliability diagram of the models that state probabilities; None where no model does."""
+    """Reliability diagram of the models that give probabilities; None if no model does."""
     stating = [model for model, samples in table.samples.items() if samples.reliability[0].any()]
     if not stating:
         return None
@@ -109,7 +109,7 @@ def draw_reliability(table: ScoreTable) -> Figure | None:
         colour = colour_of_model(table.models, model)
         label = f"{model} (error {calibration_error(reliability).value:.2f})"
         axes.plot(probability / count, best / count, color=colour, linewidth=1.5, label=label)
-        # The area of a dot, in pt², shows the share of the hypotheses that it stands for.
+        # The area of a dot, in pt², is proportional to its share of the hypotheses.
         axes.scatter(probability / count, best / count, s=8.0 + 90.0 * np.sqrt(count / count.sum()), color=colour)
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(0.0, 1.0)
@@ -121,26 +121,26 @@ def draw_reliability(table: ScoreTable) -> Figure | None:
 
 
 MOVED_MIN_M: Final = 5.0
-"""A vehicle that stands is predicted by anybody: only samples that move farther are drawn."""
+"""Only samples that move at least this far are drawn: every model predicts a standing vehicle well."""
 RANKS: Final = ("best", "median", "worst")
 
 
 @dataclass(frozen=True)
 class ChosenSample:
-    """One sample of one model."""
+    """One sample of one model that is drawn."""
 
     model: str
     template: str
     rank: str
     episode: int
-    """Position of its episode."""
+    """Position of its episode in the table."""
     step: int
     actor_id: int
     ade_m: float
 
 
 def chosen_samples(table: ScoreTable) -> Iterator[ChosenSample]:
-    """Three samples for each template and model by ADE, among those that move; none where none moves."""
+    """Best, median and worst moving sample for each template and model, by ADE."""
     for group in table.of_kind(GroupKind.TEMPLATE):
         for model, samples in table.samples.items():
             rows = np.flatnonzero(group.episodes[samples.episode] & (samples.moved_m >= MOVED_MIN_M))
@@ -161,7 +161,7 @@ PATH_PT: Final = 1.6
 _PAST_LAYER: Final = 7.0
 _TRUTH_LAYERS: Final = (7.2, 7.3)
 _PATH_LAYERS: Final = (7.4, 7.5)
-"""Above the roads and the vehicles; of a line, and of the mark at its end."""
+"""Drawing layers above the roads and the vehicles: of a line, and of the mark at its end."""
 _FAINTEST: Final = 0.15
 _MARGIN_M: Final = 8.0
 _SIDE_MIN_M: Final = 40.0
@@ -179,7 +179,7 @@ class SamplePanel:
 
 
 def draw_sample(axes: Axes, panel: SamplePanel, colour: str) -> None:
-    """Draws the map around the sample; the opacity of a hypothesis is its probability relative to the first."""
+    """Draw the map around the sample; a hypothesis's opacity is its probability relative to the first one's."""
     chosen, batch, truth = panel.chosen, panel.samples.batch, panel.samples.future_xy_m[0]
     here = batch.xy_m[0]
     past = batch.actors.xy_m[batch.target[0]][batch.actors.observed[batch.target[0]]]
@@ -204,7 +204,7 @@ def draw_sample(axes: Axes, panel: SamplePanel, colour: str) -> None:
 
 
 def _frame(axes: Axes, points: Floats) -> None:
-    """A square around the points, with equal scales."""
+    """Set the axes to a square around the points, with equal scales."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = max(float((high - low).max()) / 2.0 + _MARGIN_M, _SIDE_MIN_M / 2.0)
     x, y = (low + high) / 2.0
@@ -225,7 +225,10 @@ _RIGHT: Final = 0.995
 
 
 def draw_template(template: str, panels: Sequence[SamplePanel], models: Sequence[str]) -> Figure:
-    """A row for each model with panels, a column for each rank; all models of the report set the colours."""
+    """Draw the panels of a template: a row per model, a column per rank.
+
+    All models of the report decide the colours.
+    """
     shown = [model for model in models if any(panel.chosen.model == model for panel in panels)]
     height_in = _PANEL_IN * len(shown) + _HEAD_IN
     figure = Figure(figsize=(_PANEL_IN * len(RANKS), height_in), dpi=DPI, facecolor="white")
@@ -256,7 +259,7 @@ def draw_template(template: str, panels: Sequence[SamplePanel], models: Sequence
 
 
 def write_charts(folder: Path, table: ScoreTable) -> None:
-    """Error over the horizon, and calibration where a model states probabilities."""
+    """Write the charts: error over time, and calibration if a model gives probabilities."""
     save(draw_horizon(table), folder / "horizon.png")
     reliability = draw_reliability(table)
     if reliability is not None:
@@ -264,7 +267,7 @@ def write_charts(folder: Path, table: ScoreTable) -> None:
 
 
 def write_sample_pictures(folder: Path, table: ScoreTable, job: ScoringJob) -> None:
-    """A picture for each template; reads the bags of the chosen samples again, each once."""
+    """Write a picture for each template; it reads the bags of the drawn samples again, each once."""
     by_episode: dict[int, list[ChosenSample]] = defaultdict(list)
     for sample in chosen_samples(table):
         by_episode[sample.episode].append(sample)

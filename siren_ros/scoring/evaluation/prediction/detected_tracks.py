@@ -1,4 +1,4 @@
-"""The tracks of a detector in place of the logged states: its boxes, followed by the tracker that all share.
+"""Replaces logged states by a detector's tracks: its boxes, followed by the common tracker.
 
 A track belongs to the vehicle that it is nearest to at a frame; what it was before is that vehicle's reported past,
 also where it followed another one. Class, size, lamps and signals are the record's.
@@ -26,49 +26,49 @@ from siren_ros.scoring.evaluation.detection.tracking import tracks_of
 from siren_ros.scoring.evaluation.prediction.track_noise import SPEED_CHANGE_FRAMES, Reporter
 
 _GATE_M: Final = 2.5
-"""A vehicle that is farther from every track is not reported (the tracker's own gate)."""
+"""A vehicle farther than this from every track is not reported (the tracker's own gate)."""
 _OWN_M: Final = 1.0
-"""The vehicle with the LiDAR is where its footprint's centre is as near to its stated place."""
+"""An actor nearer than this to the LiDAR's carrier, as stated, is the carrier itself."""
 _GOES_ON_FRAMES: Final = 10
-"""A track goes on without boxes for 1 s, as the tracker keeps it."""
+"""Number of frames (1 s) for which a track continues without boxes, as in the tracker."""
 _PAST_FRAMES: Final = 50
-"""What a young track was before its first box is its motion there, taken backwards."""
+"""Number of frames for which a new track's past is extrapolated backwards from its motion."""
 _HEADS_MPS: Final = 1.0
-"""A vehicle that is faster heads where it goes; a box alone does not tell front from rear."""
+"""Above this speed a vehicle's heading is its direction of motion; a box does not tell front from rear."""
 
 
 @dataclass(frozen=True)
 class BoxTracks:
-    """The boxes of an episode with their tracks, in the order of time; arrays have one row for each box."""
+    """The boxes of an episode with their tracks, in the order of time; arrays have one row per box."""
 
     step: Rows
     track: Rows
     xy_m: Floats
-    """In the ``map`` frame, shape ``(N, 2)``."""
+    """Position in the ``map`` frame, shape ``(N, 2)``."""
     yaw_rad: Floats
     velocity_mps: Floats
-    """Of the track, shape ``(N, 2)``."""
+    """Velocity of the track, shape ``(N, 2)``."""
 
 
 @dataclass(frozen=True)
 class DetectedRows:
-    """The rows of tracks, one for each track and frame at which it lasts."""
+    """Rows of the tracks: one for each track and each frame at which it exists."""
 
     rows: StateRows
     of_track: Rows
-    """Row of each track at each frame, −1 where it does not last; shape ``(T, F)``."""
+    """Row of each track at each frame, −1 where it does not exist; shape ``(T, F)``."""
     track_of: Rows
     """Track of each actor at each frame, −1 for none; shape ``(A, F)``."""
 
     def points(self, _points: Rows, _table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
-        """As of ``ReportedRows``."""
+        """Rows of the points of a history, as ``ReportedRows.points``."""
         track, at = self.track_of[actor, frame], frame[:, None] + offsets
         inside = (track[:, None] >= 0) & (at >= 0)
         return np.where(inside, self.of_track[track[:, None], np.maximum(at, 0)], -1)
 
 
 def detected_by(detector: str, bag: Path) -> Reporter:
-    """Reports what a detector's tracks are in a bag with LiDAR.
+    """Reporter of a detector's tracks in a bag with LiDAR.
 
     Raises:
         BagError: The bag is damaged or has no LiDAR.
@@ -94,7 +94,7 @@ def detected_by(detector: str, bag: Path) -> Reporter:
 
 
 def with_own(tracks: BoxTracks, rows: StateRows, step: Rows, vehicle_m: Floats) -> BoxTracks:
-    """The tracks with that of the vehicle with the LiDAR, which knows its own motion.
+    """Add the track of the vehicle with the LiDAR, which knows its own motion.
 
     Args:
         tracks: Of its detector.
@@ -122,7 +122,7 @@ def with_own(tracks: BoxTracks, rows: StateRows, step: Rows, vehicle_m: Floats) 
 
 
 def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows:
-    """What tracks tell of the logged rows.
+    """Replace the logged rows by the rows of tracks.
 
     Args:
         tracks: Of the episode.
@@ -159,15 +159,15 @@ def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows
 
 
 def _lasting(step: Rows, frames: int) -> slice:
-    """The frames at which a track is reported: from its first box on, until it has had none for a second."""
+    """The frames at which a track is reported: from its first box until 1 s after its last one."""
     first, last = -(-int(step[0]) // LOG_PERIOD_STEPS), int(step[-1]) // LOG_PERIOD_STEPS
     return slice(first, min(last + 1 + _GOES_ON_FRAMES, frames))
 
 
 def _motion(tracks: BoxTracks, boxes: Rows, frames: Rows) -> Floats:
-    """Place, velocity, heading and acceleration of a track at some frames, shape ``(K, 6)``."""
+    """Position, velocity, heading and acceleration of a track at some frames, shape ``(K, 6)``."""
     step, at = tracks.step[boxes], frames * LOG_PERIOD_STEPS
-    box = np.maximum(np.searchsorted(step, at, side="right") - 1, 0)  # the last one, or the first of all
+    box = np.maximum(np.searchsorted(step, at, side="right") - 1, 0)  # the latest box so far, or the very first one
     velocity = tracks.velocity_mps[boxes][box]
     place = tracks.xy_m[boxes][box] + ((at - step[box]) * STEP_S)[:, None] * velocity
     yaw = _headings(tracks.yaw_rad[boxes], tracks.velocity_mps[boxes])[box]
@@ -178,7 +178,7 @@ def _motion(tracks: BoxTracks, boxes: Rows, frames: Rows) -> Floats:
 
 
 def _headings(yaw_rad: Floats, velocity_mps: Floats) -> Floats:
-    """Headings of a track's boxes: turned round where they point against its motion or against the heading before."""
+    """Headings of a track's boxes, turned around where they oppose its motion or the previous heading."""
     headings = yaw_rad.copy()
     for row, (vx_mps, vy_mps) in enumerate(velocity_mps.tolist()):
         known = np.arctan2(vy_mps, vx_mps) if np.hypot(vx_mps, vy_mps) > _HEADS_MPS else headings[max(row - 1, 0)]

@@ -1,4 +1,4 @@
-"""Whether a vehicle could drive a predicted path: accelerations that tyres carry, bends that a car can turn."""
+"""Checks whether a vehicle could drive a predicted path: acceleration within grip, bends within the turning circle."""
 
 from typing import Final
 
@@ -10,23 +10,24 @@ from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.samples import FRAME_PERIOD_S, FUTURE_STRIDE_FRAMES, ScoredSamples
 
 ACCELERATION_MAX_MPS2: Final = 0.9 * 9.81
-"""Of the whole vector: tyres on dry asphalt carry 0.8 to 0.9 g (J. Y. Wong, Theory of Ground Vehicles, ch. 1)."""
+"""Largest total acceleration: tyres on dry asphalt carry 0.8 to 0.9 g (J. Y. Wong, Theory of Ground Vehicles, ch.
+1)."""
 RADIUS_MIN_M: Final = 6.4
-"""Of the centre's way: turning radius of the design passenger car (AASHTO, Green Book 2018, table 2-2)."""
+"""Smallest radius of the centre's path: design passenger car (AASHTO, Green Book 2018, table 2-2)."""
 _TURNING_MIN_MPS: Final = 1.0
-"""Slower than this, the direction of a leg is not certain enough for a bend."""
+"""Bends are checked only above this speed; below it the direction of a segment is not certain enough."""
 _POINT_S: Final = FRAME_PERIOD_S * FUTURE_STRIDE_FRAMES
 
 
 def infeasible(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
-    """1 where the most probable path exceeds an acceleration or a bend at any time, else 0; shape ``(N,)``.
+    """1 where the most probable path exceeds a limit of acceleration or curvature, else 0; shape ``(N,)``.
 
     The path begins with the vehicle's recorded velocity.
     """
     batch = samples.batch
     places = np.concatenate((batch.xy_m[:, None], hypotheses.xy_m[:, 0]), axis=1)
     velocity = np.diff(places, axis=1) / _POINT_S
-    # A leg's velocity is that of its middle: the first one is half a period after the present.
+    # The velocity of a segment belongs to its middle, so the first change takes half a period.
     gained = np.diff(np.concatenate((batch.velocity_mps[:, None], velocity), axis=1), axis=1)
     gained[:, 0] *= 2.0
     acceleration = np.hypot(gained[..., 0], gained[..., 1]) / _POINT_S

@@ -1,4 +1,4 @@
-"""Joint errors: how far a prediction of a whole frame is from what happened to all its vehicles together.
+"""Joint errors: how far the prediction of a whole frame is from the true motion of all its vehicles.
 
 Argoverse 2 calls a set of one path for each vehicle a *world* (``av2``: ``compute_world_fde``, ``compute_world_ade``):
 its error is the mean over the vehicles. The models here predict each vehicle by itself, so world k has every vehicle's
@@ -14,16 +14,16 @@ from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.samples import ScoredSamples
 
 WORLDS: Final = 6
-"""k of Argoverse 2's multi-world metrics."""
+"""Number of worlds in Argoverse 2's multi-world metrics."""
 
 
 def world_min_ade_6(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
-    """Least mean distance over the vehicles of a frame and over time, of six worlds, in metres; as ``_of_frames``."""
+    """Error of the best of six worlds: mean distance over a frame's vehicles and over time, in metres."""
     return _of_frames(_distances(hypotheses, samples).mean(axis=-1), samples)
 
 
 def world_min_fde_6(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
-    """Least mean distance over the vehicles of a frame at the horizon, of six worlds, in metres; as ``_of_frames``."""
+    """Error of the best of six worlds: mean distance over a frame's vehicles at the horizon, in metres."""
     return _of_frames(_distances(hypotheses, samples)[..., -1], samples)
 
 
@@ -33,7 +33,7 @@ def _distances(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
 
 
 def _of_frames(errors: Floats, samples: ScoredSamples) -> Floats:
-    """The error of the best world at the first sample of each frame, NaN at the others, so that a frame counts once.
+    """Put the error of the best world at the first sample of each frame and NaN at the others: a frame counts once.
 
     Errors have the shape ``(N, k)``, the answer ``(N,)``.
     """

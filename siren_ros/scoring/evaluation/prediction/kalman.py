@@ -1,4 +1,4 @@
-"""An interacting-multiple-model Kalman filter: constant velocity and constant acceleration, weighed by the history.
+"""Interacting-multiple-model Kalman filter: constant velocity and constant acceleration, weighted by the history.
 
 Source: H. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33 (1988) 780.
 """
@@ -14,26 +14,26 @@ from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Sampl
 from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise
 
 _STATES: Final = 6
-"""Position, velocity, acceleration, each x and y."""
+"""State: position, velocity, acceleration, each with x and y."""
 _MEASURED: Final = 4
-"""Position and velocity."""
+"""Measurement: position and velocity, each with x and y."""
 
 
 @dataclass(frozen=True)
 class Imm:
-    """The filter's settings; the measurement errors are those of a tracker (``TrackNoise``)."""
+    """Settings of the filter; the measurement errors are those of a tracker (``TrackNoise``)."""
 
     position_m: float = TrackNoise.position_m
     velocity_mps: float = TrackNoise.velocity_mps
     accelerations_mps2: float = 1.0
-    """Unmodelled acceleration of the model of constant velocity."""
+    """Unmodelled acceleration in the constant-velocity model."""
     jerk_mps3: float = 2.0
-    """Unmodelled jerk of the model of constant acceleration."""
+    """Unmodelled jerk in the constant-acceleration model."""
     stays: float = 0.95
-    """Probability that a vehicle keeps its model from one point of the history to the next."""
+    """Probability that a vehicle keeps its motion model from one point of the history to the next."""
 
     def transition(self, period_s: float) -> Floats:
-        """Of both models, shape ``(2, 6, 6)``: the first one forgets the acceleration."""
+        """Transition matrices of both models, shape ``(2, 6, 6)``; the first model sets the acceleration to zero."""
         unit = np.eye(2)
         step, half = period_s * unit, 0.5 * period_s**2 * unit
         nothing = np.zeros((2, 2))
@@ -42,7 +42,7 @@ class Imm:
         return np.stack((moving, gaining))
 
     def process_noise(self, period_s: float) -> Floats:
-        """Of both models, shape ``(2, 6, 6)``: white acceleration and white jerk over a period."""
+        """Process noise of both models over a period, shape ``(2, 6, 6)``: white acceleration and white jerk."""
         unit = np.eye(2)
         by_acceleration = np.concatenate((0.5 * period_s**2 * unit, period_s * unit, 0.0 * unit))
         by_jerk = np.concatenate((period_s**3 / 6.0 * unit, 0.5 * period_s**2 * unit, period_s * unit))
@@ -55,7 +55,7 @@ class Imm:
 
 
 def filtered(imm: Imm, measured: Floats, period_s: float) -> tuple[Floats, Floats]:
-    """States of both models at the last point of a history, ``(N, 2, 6)``, and the models' probabilities, ``(N, 2)``.
+    """Filter a history: final states of both models, ``(N, 2, 6)``, and the models' probabilities, ``(N, 2)``.
 
     ``measured`` are positions and velocities, shape ``(N, H, 4)``.
     """
@@ -69,7 +69,7 @@ def filtered(imm: Imm, measured: Floats, period_s: float) -> tuple[Floats, Float
     share = np.full((count, 2), 0.5)
     for point in range(1, measured.shape[1]):
         expected = share @ change
-        mixing = change[None] * share[:, :, None] / expected[:, None]  # from i to j
+        mixing = change[None] * share[:, :, None] / expected[:, None]  # indices: from model i to model j
         mixed = np.einsum("nij,nis->njs", mixing, state)
         apart = state[:, :, None] - mixed[:, None]
         mixed_spread = np.einsum(
@@ -92,13 +92,13 @@ def filtered(imm: Imm, measured: Floats, period_s: float) -> tuple[Floats, Float
 
 @dataclass(frozen=True)
 class ImmPredictor:
-    """Two hypotheses, one for each model, with the models' probabilities. A vehicle that brakes stops."""
+    """Predicts one hypothesis per motion model, with the model's probability. A braking vehicle stops."""
 
     imm: Imm = field(default_factory=Imm)
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """The hypotheses of every sample."""
+        """Give the hypotheses of every sample."""
         actors, rows = batch.actors, batch.target
         origin = batch.xy_m[:, None]
         measured = np.concatenate((actors.xy_m[rows] - origin, actors.velocity_mps[rows]), axis=-1)

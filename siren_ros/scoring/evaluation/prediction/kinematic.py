@@ -1,4 +1,4 @@
-"""Predictors that continue the present motion of a vehicle: constant acceleration, constant turn rate.
+"""Predictors that continue the present motion: constant acceleration, constant turn rate.
 
 Acceleration and turn rate are slopes over the last second of the history: a tracker measures neither.
 """
@@ -13,42 +13,42 @@ from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, SampleBatch, future_times_s
 
 _SLOPE_POINTS: Final = 6
-"""Last points of the history for a slope: 1 s."""
+"""Number of history points (1 s) for a slope."""
 _SUBSTEPS: Final = 20
-"""Per 0.2 s of the prediction."""
+"""Integration steps per 0.2 s of the prediction."""
 
 
 def slope(values: Floats, times_s: Floats) -> Floats:
-    """Slope of the last second of a history by least squares, per second; values ``(N, H)``, the answer ``(N,)``."""
+    """Slope per second over the last second of a history, by least squares; values ``(N, H)``, result ``(N,)``."""
     times = times_s[-_SLOPE_POINTS:] - times_s[-_SLOPE_POINTS:].mean()
     return np.asarray(values[:, -_SLOPE_POINTS:] @ times / (times @ times))
 
 
 def acceleration_of(batch: SampleBatch) -> Floats:
-    """Change of the samples' speed over the last second, in m/s², shape ``(N,)``."""
+    """Acceleration of the samples over the last second, in m/s², shape ``(N,)``."""
     speed = np.hypot(*np.moveaxis(batch.actors.velocity_mps[batch.target], -1, 0))
     return slope(speed, batch.window.times_s)
 
 
 def turn_rate_of(batch: SampleBatch) -> Floats:
-    """Change of the samples' heading over the last second, in rad/s, shape ``(N,)``."""
+    """Turn rate of the samples over the last second, in rad/s, shape ``(N,)``."""
     return slope(np.unwrap(batch.actors.yaw_rad[batch.target], axis=1), batch.window.times_s)
 
 
 def fine_times_s() -> Floats:
-    """Middles of the steps in which predictions are integrated, shape ``(T · substeps,)``."""
+    """Midpoints of the integration steps, shape ``(T · substeps,)``."""
     step = future_times_s()[0] / _SUBSTEPS
     return (np.arange(len(future_times_s()) * _SUBSTEPS) + 0.5) * step
 
 
 def integrated(rates: Floats) -> Floats:
-    """Sums of rates at ``fine_times_s`` up to each predicted time; ``(N, T · substeps, …)`` gives ``(N, T, …)``."""
+    """Integrate rates at ``fine_times_s`` up to each predicted time; ``(N, T · substeps, …)`` gives ``(N, T, …)``."""
     step = future_times_s()[0] / _SUBSTEPS
     return np.asarray(np.cumsum(rates, axis=1)[:, _SUBSTEPS - 1 :: _SUBSTEPS] * step)
 
 
 def speeds_of(speed_mps: Floats, gained_mps: Floats) -> Floats:
-    """Speeds at ``fine_times_s``, not below 0: the present ones plus what is gained, which only grows or only falls.
+    """Speeds at ``fine_times_s``, at least 0: present speed plus its gain, which must be monotonic.
 
     Shapes ``(N,)`` and ``(N, T · substeps)``.
     """
@@ -66,7 +66,7 @@ class TurnRate:
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """One hypothesis for each sample."""
+        """Give one hypothesis per sample."""
         times = fine_times_s()
         speed = speeds_of(batch.speed_mps, acceleration_of(batch)[:, None] * times)
         course = np.where(batch.speed_mps > 0.0, np.arctan2(*batch.velocity_mps.T[::-1]), batch.yaw_rad)

@@ -1,4 +1,4 @@
-"""Predictors that follow the lane: at constant speed, with constant acceleration, with one that decays.
+"""Predictors that follow the lane with constant speed, constant acceleration, or decaying acceleration.
 
 A vehicle keeps its offset from the centre line and goes straight on at junctions; one in no lane goes straight ahead.
 """
@@ -16,20 +16,20 @@ from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Sampl
 from siren_ros.simulation.roads.road_network import NO_LANE
 
 DECAY_S: Final = 1.0
-"""An acceleration falls to 1/e in this time."""
+"""Time constant: an acceleration falls to 1/e in this time."""
 _REACH_M: Final = 250.0
 
 
 @dataclass(frozen=True)
 class LaneFollowing:
-    """Along the lane with the acceleration a₀ of the last second, a(t) = a₀ exp(−t / decay), at most to a stop."""
+    """Follows the lane with the acceleration a₀ of the last second, a(t) = a₀ exp(−t / decay), until a stop."""
 
     decay_s: float
-    """0 for constant speed, inf for constant acceleration."""
+    """Time constant of the decay; 0 gives constant speed, infinity constant acceleration."""
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """One hypothesis for each sample."""
+        """Give one hypothesis per sample."""
         times = fine_times_s()
         gain_s = times if np.isinf(self.decay_s) else 0.0 * times
         if 0.0 < self.decay_s < np.inf:
@@ -53,5 +53,5 @@ def make_ca_lane() -> LaneFollowing:
 
 
 def make_decay_lane() -> LaneFollowing:
-    """An acceleration along the lane that decays over one second."""
+    """Decaying acceleration along the lane, with a time constant of one second."""
     return LaneFollowing(DECAY_S)

@@ -1,4 +1,4 @@
-"""Metrics of trajectory prediction (paper, supplement "Evaluation Metrics"): a function for each, and the table of all.
+"""Metrics of trajectory prediction (paper, supplement "Evaluation Metrics"): one function each, and the table.
 
 The truth has shape ``(N, T, 2)``; every function gives a value for each sample, shape ``(N,)``. Of a sample, the
 *best* hypothesis is the one among the six most probable that ends nearest to the truth. The probabilities of the six
@@ -23,25 +23,25 @@ from siren_ros.scoring.evaluation.statistics import identity
 
 
 class MetricValue(NamedTuple):
-    """A metric over some samples."""
+    """Value of a metric over some samples."""
 
     value: float | None
-    """None without samples."""
+    """The value; None without samples."""
     samples: int
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric: its name in files, its heading in tables, and its functions."""
+    """A metric with its name in files, its heading in tables, and its functions."""
 
     name: str
     label: str
     of_samples: Callable[[Hypotheses, ScoredSamples], Floats]
-    """A value for each sample, shape ``(N,)``; NaN for a sample that the metric says nothing about."""
+    """Gives a value per sample, shape ``(N,)``; NaN for samples to which the metric does not apply."""
     of_mean: Callable[[Floats], Floats] = identity
-    """What is done to the mean over samples: the root, of squares."""
+    """Applied to the mean over samples: for example the root of a mean of squares."""
     of_frames: bool = False
-    """Whether it says something of all vehicles of a frame together, and nothing of some of them."""
+    """Whether the metric judges all vehicles of a frame together, so that it does not apply to some of them."""
 
     def value(self, of_samples: Floats) -> MetricValue:
         """The metric over some samples, from their values."""
@@ -85,14 +85,14 @@ def distances(hypotheses_xy_m: Floats, truth: Floats) -> Floats:
 
 
 def brier_min_fde_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
-    """Distance of the best hypothesis at the horizon plus (1 − p)² of its probability: Argoverse 2's ranking metric."""
+    """Final distance of the best hypothesis plus (1 − p)² for its probability: Argoverse 2's ranking metric."""
     best = best_of_six(hypotheses, truth)
     end = distances(hypotheses.xy_m[:, :BEST_OF, -1:], truth[:, -1:])[..., 0]
     return end[best] + (1.0 - probability_of_six(hypotheses)[best]) ** 2
 
 
 def brier_score(hypotheses: Hypotheses, truth: Floats) -> Floats:
-    """Sum of (p − y)² over the six, y 1 for the best and 0 for the others (G. Brier, Mon. Weather Rev. 78 (1950) 1).
+    """Sum of (p − y)² over the six, y = 1 for the best, else 0 (G. Brier, Mon. Weather Rev. 78 (1950) 1).
 
     NaN for every sample of a predictor with a single hypothesis: it makes no statement.
     """
@@ -109,17 +109,17 @@ def probability_of_six(hypotheses: Hypotheses) -> Floats:
 
 
 def best_of_six(hypotheses: Hypotheses, truth: Floats) -> Flags:
-    """Which hypothesis of the six is the best, the first of equal ones; one in each row, ``(N, min(k, 6))``."""
+    """Which of the six hypotheses is the best, the first of equal ones; one True per row, ``(N, min(k, 6))``."""
     end = distances(hypotheses.xy_m[:, :BEST_OF, -1:], truth[:, -1:])[..., 0]
     return np.asarray(np.arange(end.shape[1]) == end.argmin(axis=1)[:, None])
 
 
 BINS: Final = 10
-"""Of equal width over probabilities from 0 to 1."""
+"""Number of bins of equal width over probabilities from 0 to 1."""
 
 
 def reliability_of(hypotheses: Hypotheses, truth: Floats) -> Floats:
-    """Counts the six most probable hypotheses of each sample by their probability, shape ``(3, BINS)``.
+    """Count the six most probable hypotheses of each sample by probability bin, shape ``(3, BINS)``.
 
     The rows are the hypotheses in each bin, the sum of their probabilities, and how many were the best of their sample;
     counts of several episodes add up. A single hypothesis is no statement and not counted, nor are hypotheses of
@@ -136,7 +136,7 @@ def reliability_of(hypotheses: Hypotheses, truth: Floats) -> Floats:
 
 
 def calibration_error(reliability: Floats) -> MetricValue:
-    """Mean distance between stated probability and frequency, weighted by the bins' counts; counts hypotheses.
+    """Mean difference between stated probability and observed frequency, weighted by the bins' counts.
 
     The "expected calibration error" of M. Naeini, G. Cooper, M. Hauskrecht, AAAI 2015.
     """
@@ -146,7 +146,7 @@ def calibration_error(reliability: Floats) -> MetricValue:
 
 
 MISS_M: Final = 2.0
-"""Argoverse 2's threshold."""
+"""Distance of a miss, Argoverse 2's threshold."""
 
 
 def missed_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
@@ -155,7 +155,7 @@ def missed_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
 
 
 STILL_M: Final = 0.1
-"""Between two points of a path, 0.2 s apart: a shorter leg does not turn the vehicle."""
+"""A segment of a path (0.2 s) that is shorter than this does not change the heading."""
 
 
 def colliding(hypotheses: Hypotheses, batch: SampleBatch) -> Floats:
@@ -179,7 +179,10 @@ def colliding(hypotheses: Hypotheses, batch: SampleBatch) -> Floats:
 
 
 def _headings(path: Floats, batch: SampleBatch) -> Floats:
-    """Heading at each point, shape ``(N, T)``: of the leg that leads there, of the one before where it is short."""
+    """Heading at each point, shape ``(N, T)``: that of the segment before it.
+
+    A short segment keeps the last heading.
+    """
     legs = np.diff(np.concatenate((batch.xy_m[:, None], path), axis=1), axis=1)
     moves = np.hypot(legs[..., 0], legs[..., 1]) > STILL_M
     heading = np.arctan2(legs[..., 1], legs[..., 0])
@@ -192,7 +195,7 @@ def _headings(path: Floats, batch: SampleBatch) -> Floats:
 
 @compiled
 def _mark(path: Any, cos: Any, sin: Any, half: Any, first: Any, end: Any, hit: Any) -> None:
-    """Set ``hit`` to 1 for all samples whose boxes overlap another one's of their frame."""
+    """Set ``hit`` to 1 for samples whose box overlaps that of another sample of their frame."""
     for frame in range(len(first)):
         for a in range(first[frame], end[frame]):
             for b in range(a + 1, end[frame]):
@@ -221,7 +224,7 @@ SCENE_METRICS: Final = (
     Metric("wrong_way_rate", "wrong way", wrong_way),
     Metric("infeasible_rate", "infeasible", infeasible),
 )
-"""Of frames as a whole, of the road, and of what a vehicle can do."""
+"""Metrics of whole frames, of the road, and of a vehicle's limits."""
 METRICS: Final = (
     Metric("ade_m", "ADE", _by_truth(ade)),
     Metric("fde_m", "FDE", _by_truth(fde)),
@@ -236,4 +239,4 @@ METRICS: Final = (
 )
 """Every metric of the evaluation, in the order of reports."""
 METRIC_OF: Final = {metric.name: metric for metric in METRICS}
-"""By name."""
+"""Metrics by name."""

@@ -1,4 +1,4 @@
-"""Reads predictions from a Parquet file: our schema, or that of Argoverse 2's challenge."""
+"""Reads predictions from a Parquet file with our schema, or with that of Argoverse 2's challenge."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -21,30 +21,33 @@ from siren_ros.scoring.evaluation.prediction.samples import ARGOVERSE_WINDOW, WI
 from siren_ros.scoring.evaluation.prediction.submission import PERIODS_S, SubmittedRows, on_grid, refuse
 
 WINDOW_KEY: Final = b"window"
-"""Key of the file's metadata that says which samples the model answers: a name of ``WINDOWS``."""
+"""Key in the file's metadata: the window, a name of ``WINDOWS``, of the samples that the model predicts."""
 _OWN: Final = ("episode", "actor", "step", "mode", "probability", "x", "y")
 _ARGOVERSE: Final = ("scenario_id", "track_id", "probability", "predicted_trajectory_x", "predicted_trajectory_y")
 _SCENARIO: Final = re.compile(r"(?P<episode>.+)-v(?P<actor>\d+)-f(?P<frame>\d+)")
-"""As ``siren export argoverse2`` names scenarios: ``S2-L2-seed0-town-v12-f000049``."""
+"""Name of a scenario by ``siren export argoverse2``: ``S2-L2-seed0-town-v12-f000049``."""
 _AV: Final = "AV"
-"""Track id of the EMV with the sensors."""
+"""Track id of the EMV with the sensors, in Argoverse 2's scenarios."""
 ROWS_OF_FRAME: Final = 1_000
-"""Most hypotheses for a frame of an episode: more than six for each of a hundred vehicles."""
+"""Largest number of hypotheses per frame of an episode: more than six for each of a hundred vehicles."""
 MOST_ROW_BYTES: Final = 10_000
-"""Of a hypothesis: two lists of at most 80 numbers, and names."""
+"""Largest size of a hypothesis: two lists of at most 80 numbers, and names."""
 
 
 def most_rows(bags: Iterable[Path]) -> int:
-    """The rows that a file of predictions can have for some bags, by the number of their frames; 0 for no bag."""
+    """Largest number of rows of a file of predictions for some bags, from the number of their frames.
+
+    0 without bags.
+    """
     counts = 0
     for bag in bags:
-        with suppress(BagError):  # it is an error where it is scored
+        with suppress(BagError):  # the error is reported where the bag is scored
             counts += read_message_counts(bag).get(ACTORS.name, 0)
     return ROWS_OF_FRAME * (counts // LOG_PERIOD_STEPS)
 
 
 def read_prediction_file(path: Path, rows: int) -> SubmittedRows:
-    """The hypotheses of a file, on the common grid. Nothing is known yet of the episodes that they belong to.
+    """Read the hypotheses of a file on the common grid. The episodes are not checked yet.
 
     Args:
         path: The file.
@@ -95,7 +98,7 @@ def _read_own(source: str, table: pa.Table) -> SubmittedRows:
 
 
 def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
-    """As ``av2`` writes a ``ChallengeSubmission``. Tracks other than a scenario's focal one are not read."""
+    """Read the format of ``av2``'s ``ChallengeSubmission``; only the focal track of each scenario is read."""
     scenario = table["scenario_id"].cast(pa.string()).to_pylist()
     matches = [_SCENARIO.fullmatch(name) for name in scenario]
     foreign = np.array([match is None for match in matches], dtype=np.bool_)
@@ -116,7 +119,7 @@ def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
         xy_m=_paths(source, table, *_ARGOVERSE[-2:], lambda row: f"scenario {scenario[row]}, track {track[row]}"),
         window=ARGOVERSE_WINDOW,
     ).select(np.array(by_id, dtype=np.bool_) | np.array(by_av, dtype=np.bool_))
-    # The hypotheses of each sample are numbered in the order of the file.
+    # Hypotheses of a sample are numbered in the order of the file.
     episode = np.unique(rows.episode, return_inverse=True)[1]
     sample = np.unique(np.stack((episode, rows.actor_id, rows.step)), axis=1, return_inverse=True)[1].ravel()
     order = np.argsort(sample, kind="stable")

@@ -1,4 +1,4 @@
-"""Trajectory predictors: what they answer, their protocol, and the table of all."""
+"""Trajectory predictors: their result type, their protocol, and the table of all predictors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,29 +14,29 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 
 SUM_TOLERANCE: Final = 1e-3
-"""How far the probabilities of a sample may sum up from 1: models answer in single precision."""
+"""Allowed difference of a sample's sum of probabilities from 1, since models compute in single precision."""
 
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """k predicted paths for each of N samples, the most probable first. ``checked`` says what must hold."""
+    """k predicted paths for each of N samples, most probable first; ``checked`` verifies the conditions."""
 
     xy_m: Floats
     """Positions on the common grid, frame ``map``, shape ``(N, k, FUTURE_POINTS, 2)``."""
     probability: Floats
-    """Shape ``(N, k)``; of each sample not increasing, and the sum is 1."""
+    """Probabilities of each sample's paths, shape ``(N, k)``, decreasing, with the sum 1."""
 
     def __len__(self) -> int:
         return len(self.xy_m)
 
     @staticmethod
     def certain(xy_m: Floats) -> "Hypotheses":
-        """One hypothesis for each sample, from paths of shape ``(N, FUTURE_POINTS, 2)``."""
+        """Make one hypothesis per sample from paths of shape ``(N, FUTURE_POINTS, 2)``."""
         return Hypotheses(xy_m[:, None], np.ones((len(xy_m), 1)))
 
     @staticmethod
     def ranked(xy_m: Floats, probability: Floats) -> "Hypotheses":
-        """Sorts hypotheses by their probability, equal ones in the given order, and makes the sum exactly 1.
+        """Sort hypotheses by probability, equal ones in the given order, and scale the sum to exactly 1.
 
         Args:
             xy_m: Shape ``(N, k, FUTURE_POINTS, 2)``.
@@ -48,12 +48,12 @@ class Hypotheses:
         return Hypotheses(paths_m, ranked / ranked.sum(axis=1, keepdims=True))
 
     def select(self, samples: Flags | Rows) -> "Hypotheses":
-        """Some of the samples, given as a mask or as indices."""
+        """Select some of the samples by a mask or by indices."""
         return Hypotheses(self.xy_m[samples], self.probability[samples])
 
 
 def checked(model: str, hypotheses: Hypotheses, samples: int) -> Hypotheses:
-    """The hypotheses as double precision.
+    """Check hypotheses and convert them to double precision.
 
     Raises:
         InputError: A wrong shape, values that are not finite, negative probabilities, probabilities that increase, or
@@ -84,14 +84,14 @@ class Predictor(Protocol):
 
     @property
     def window(self) -> HistoryWindow:
-        """The past that the predictor needs; a sample has this past and the common future."""
+        """The history that the predictor needs; only vehicles with this history and the common future are samples."""
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """The hypotheses of every sample of the batch, in its order."""
+        """Predict all samples of the batch, in its order."""
 
 
 LABEL: Final = ":"
-"""Separates a model from its label: ``csp:mine`` is the model ``csp``, in a row of its own."""
+"""Separator of model and label: ``csp:mine`` is the model ``csp`` with a row of its own."""
 
 
 class Checkpoint(Enum):
@@ -104,20 +104,20 @@ class Checkpoint(Enum):
 
 @dataclass(frozen=True)
 class PredictorKind:
-    """One line of the table of predictors."""
+    """One entry of the table of predictors."""
 
     summary: str
     maker: str
-    """Where its constructor is: ``module:name``, loaded when the predictor is asked for. It takes the file of the
-    weights, or None for its own ones; the constructor of a predictor without weights takes nothing."""
+    """Constructor as ``module:name``, loaded when the predictor is used. It takes the file of the weights, or None for
+    the shipped ones; without weights it takes nothing."""
     checkpoint: Checkpoint = Checkpoint.NONE
     extra: str = ""
-    """Extra of the package that brings what the constructor imports; empty where nothing more is needed."""
+    """Extra of the package with the constructor's dependencies; empty if it needs none."""
     simple: bool = False
-    """Whether nothing of it is learned. Claims are made against the best of these."""
+    """Whether the predictor has no learned part. Claims are made against the best of these."""
 
     def make(self, name: str, checkpoint: Path | None = None) -> Predictor:
-        """The predictor.
+        """Make the predictor.
 
         Raises:
             InputError: It takes no checkpoint, needs one, or the packages of its extra are not installed.
@@ -162,17 +162,17 @@ PREDICTORS: Final[Mapping[str, PredictorKind]] = {
     "stdan": PredictorKind("dynamic attention", f"{_PUBLISHED}:make_stdan", Checkpoint.REQUIRED, "models"),
     "bat": PredictorKind("behaviour-aware", f"{_PUBLISHED}:make_bat", Checkpoint.REQUIRED, "models"),
 }
-"""Every predictor, by the user's name for it."""
+"""All predictors by name."""
 
 
 def is_simple(model: str) -> bool:
-    """Whether a model, with or without a label, is a simple baseline; what other programs predicted is none."""
+    """Whether a model, with or without a label, is a simple baseline; predictions of other programs are not."""
     kind = PREDICTORS.get(model.partition(LABEL)[0])
     return kind is not None and kind.simple
 
 
 def predictors_named(names: Sequence[str], checkpoints: Mapping[str, Path] | None = None) -> dict[str, Predictor]:
-    """The predictors of some names of the table, in their order; a name may have a label (``csp:mine``).
+    """Make predictors by name, in the given order; a name may have a label (``csp:mine``).
 
     ``checkpoints`` are files of weights by the names, with their labels.
 

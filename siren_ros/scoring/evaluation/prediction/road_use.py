@@ -1,4 +1,4 @@
-"""Whether predicted paths stay on the road and go the right way; from a raster of the road network."""
+"""Checks whether predicted paths stay on the road and follow its direction, with a raster of the road network."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,33 +16,37 @@ from siren_ros.scoring.evaluation.prediction.samples import ScoredSamples
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 
 CELL_M: Final = 0.5
-"""A place counts as on the road up to one cell outside it."""
+"""Cell size of the raster; places up to one cell outside the road count as on it."""
 _SPACING_M: Final = 0.4
 _SECTORS: Final = 8
 _STILL_M: Final = 0.1
-"""A shorter leg of a path has no direction."""
+"""A segment of a path that is shorter than this has no direction."""
 
 
 @dataclass(frozen=True)
 class RoadRaster:
-    """The road as cells: where it is, and in which directions one may drive there."""
+    """The road as cells: where it is, and which driving directions are allowed."""
 
     low_m: Floats
-    """Corner of the first cell, shape ``(2,)``."""
+    """Lower corner of the first cell, shape ``(2,)``."""
     road: Flags
-    """Lanes, shoulders and junctions, shape ``(X, Y)``."""
+    """Whether a cell is on lanes, shoulders or junctions, shape ``(X, Y)``."""
     directions: Codes
-    """Bit k: a lane's heading is within 90° of k · 45°; all bits in junctions, 0 off the lanes. Shape ``(X, Y)``."""
+    """Allowed directions: bit k means that a lane's heading is within 90° of k · 45°; all bits in junctions, 0 off the
+    lanes. Shape ``(X, Y)``."""
 
     def cells(self, xy_m: Floats) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Cells of places, shape ``(…, 2)``; places outside the raster take an outer cell, which is no road."""
+        """Cells of positions with shape ``(…, 2)``.
+
+        Positions outside the raster get a border cell, which is not road.
+        """
         at = np.floor((xy_m - self.low_m) / CELL_M).astype(np.intp)
         return np.clip(at[..., 0], 0, self.road.shape[0] - 1), np.clip(at[..., 1], 0, self.road.shape[1] - 1)
 
 
 @lru_cache(maxsize=MAPS_KEPT)
 def road_raster(network: RoadNetwork) -> RoadRaster | None:
-    """The raster of a map; None for one without lanes."""
+    """The raster of a map; None for a map without lanes."""
     lanes = [lane for lane in network.lanes if lane.kind in DRIVEN_KINDS]
     if not lanes:
         return None
@@ -76,7 +80,7 @@ def _bits(heading_rad: Floats) -> Codes:
 
 
 def _grown(cells: Flags) -> Flags:
-    """One cell more on all sides."""
+    """Extend an area of cells by one cell on all sides."""
     grown = cells.copy()
     for axis in (0, 1):
         for shift in (-1, 1):
@@ -85,7 +89,7 @@ def _grown(cells: Flags) -> Flags:
 
 
 def off_road(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
-    """1 where the centre leaves lanes, shoulders and junctions on the most probable path, else 0; shape ``(N,)``.
+    """1 where the most probable path's centre leaves lanes, shoulders and junctions, else 0; shape ``(N,)``.
 
     NaN where it is not on the road at the present.
     """
@@ -97,7 +101,7 @@ def off_road(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
 
 
 def wrong_way(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
-    """1 where the most probable path leads against all lanes of a place, more than 90°, else 0; shape ``(N,)``.
+    """1 where the most probable path differs by more than 90° from all lanes at a place, else 0; shape ``(N,)``.
 
     Junctions have no wrong way. NaN where the vehicle itself stands against its lane at the present, as while it passes
     on the other side.

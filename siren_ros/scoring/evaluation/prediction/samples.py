@@ -25,18 +25,18 @@ from siren_ros.simulation.world.mirror_image import SIDES_EXCHANGED
 from siren_ros.simulation.world.traffic_state import Indices
 
 FRAME_PERIOD_S: Final = LOG_PERIOD_STEPS * STEP_S
-"""States are logged at 10 Hz; a *frame* is one logged step, and windows start at every frame."""
+"""Time between *frames*, the logged steps (10 Hz). Windows start at every frame."""
 FUTURE_POINTS: Final = 25
 FUTURE_STRIDE_FRAMES: Final = 2
-"""The common grid of all methods: 5 s of future, a point every 0.2 s."""
+"""Frames between points of the common grid of all methods: 5 s of future, a point every 0.2 s."""
 
 LAST_FUTURE_STEP: Final = FUTURE_POINTS * FUTURE_STRIDE_FRAMES * LOG_PERIOD_STEPS
-"""Steps from the present to the horizon."""
+"""Number of steps from the present to the horizon."""
 
 
 @dataclass(frozen=True)
 class HistoryWindow:
-    """The past that a predictor observes, the present included; counted in frames of 0.1 s.
+    """The history that a predictor observes, including the present, in frames of 0.1 s.
 
     The default is 3 s at 0.2 s (NGSIM's convention), which CSP, STDAN, BAT and the references CV and IDM use.
     """
@@ -44,7 +44,7 @@ class HistoryWindow:
     points: int = 16
     stride_frames: int = 2
     future_frames: int = FUTURE_POINTS * FUTURE_STRIDE_FRAMES
-    """Frames after the present that must be logged: a sample whose truth ends earlier is none."""
+    """Frames after the present that must be logged; a vehicle whose track ends earlier gives no sample."""
 
     @property
     def offsets(self) -> npt.NDArray[np.int64]:
@@ -58,9 +58,9 @@ class HistoryWindow:
 
 
 ARGOVERSE_WINDOW: Final = HistoryWindow(points=50, stride_frames=1, future_frames=60)
-"""Argoverse 2's scenarios of 11 s: what predictors trained on it observe (5 s at 0.1 s) and predict (6 s)."""
+"""Window of Argoverse 2's scenarios (11 s): predictors trained on it observe 5 s at 0.1 s and predict 6 s."""
 WINDOWS: Final = {"ngsim": HistoryWindow(), "argoverse2": ARGOVERSE_WINDOW}
-"""By name."""
+"""Windows by name."""
 
 
 def future_offsets() -> npt.NDArray[np.int64]:
@@ -74,25 +74,25 @@ def future_times_s() -> Floats:
 
 
 class Population(StrEnum):
-    """Whose windows are samples, and which vehicles are seen."""
+    """Which vehicles give samples, and which are visible to predictors."""
 
     REGION = "region"
-    """Vehicles in the interaction region around the EMV, as if no other was logged: taken for the paper's, which
-    does not say whom it logs."""
+    """Vehicles in the interaction region around the EMV, as if no other were logged. This is assumed for the paper,
+    which does not say whom it logs."""
     ALL = "all"
-    """Every vehicle, wherever on the map it is."""
+    """All vehicles anywhere on the map."""
 
 
 @dataclass(frozen=True)
 class ObservedActors(Brief):
-    """All actors at the frames of a batch, with their past: M rows, sorted by frame and then by actor.
+    """All actors at the frames of a batch with their history: M rows, sorted by frame and then by actor.
 
     H points of history, the present last and always observed; the other values of a point that was not observed
     are 0. Frame ``map``, footprint centres.
     """
 
     frame: Rows
-    """Position in ``SampleBatch.step`` of each row, shape ``(M,)``."""
+    """Index of each row's frame in ``SampleBatch.step``, shape ``(M,)``."""
     actor_id: Ids
     actor_class: Codes
     """``ActorClass`` of each row, shape ``(M,)``."""
@@ -100,19 +100,19 @@ class ObservedActors(Brief):
     length_m: Floats
     width_m: Floats
     lights: Codes
-    """``Lights`` shown and sounded at the present, beacon and siren among them; shape ``(M,)``."""
+    """``Lights`` that are on at the present, including beacon and siren; shape ``(M,)``."""
     observed: Flags
-    """Shape ``(M, H)``."""
+    """Whether a point of the history was observed, shape ``(M, H)``."""
     xy_m: Floats
-    """Shape ``(M, H, 2)``."""
+    """Positions, shape ``(M, H, 2)``."""
     velocity_mps: Floats
     """Recorded velocity, shape ``(M, H, 2)``."""
     yaw_rad: Floats
-    """Shape ``(M, H)``."""
+    """Headings, shape ``(M, H)``."""
     accel_mps2: Floats
-    """Along the heading, shape ``(M, H)``."""
+    """Acceleration along the heading, shape ``(M, H)``."""
     past_sumo_lane: Indices
-    """SUMO's lane at each point, NO_LANE off the road and where it is not known; shape ``(M, H)``."""
+    """SUMO's lane at each point, NO_LANE off the road or if unknown; shape ``(M, H)``."""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -125,7 +125,7 @@ class ObservedActors(Brief):
 
 @dataclass(frozen=True)
 class SampleBatch(Brief):
-    """All samples of one episode: N vehicles, each at one present, without their future.
+    """All samples of one episode without their future: N vehicles, each at one present frame.
 
     A sample is a row of ``actors``; its neighbours are the other rows of the same frame.
     """
@@ -135,19 +135,19 @@ class SampleBatch(Brief):
     step: npt.NDArray[np.int64]
     """Step of each of the F frames, increasing."""
     frame_offset: Rows
-    """Shape ``(F + 1,)``: frame f's actors are the rows ``frame_offset[f]:frame_offset[f + 1]``."""
+    """Offsets of shape ``(F + 1,)``: the actors of frame f are the rows ``frame_offset[f]:frame_offset[f + 1]``."""
     actors: ObservedActors
     target: Rows
-    """Row of ``actors`` of each sample, shape ``(N,)``."""
+    """Row of each sample in ``actors``, shape ``(N,)``."""
     signals: Mapping[str, Codes] = field(default_factory=dict)
-    """What each traffic light shows at the frames, by its id: the letters of SUMO's state string as ASCII codes, one
-    column for each link; shape ``(F, links)``, 0 at frames at which the state is not known."""
+    """State of each traffic light at the frames, by its id: letters of SUMO's state string as ASCII codes, one column
+    per link; shape ``(F, links)``, 0 where the state is unknown."""
 
     def __len__(self) -> int:
         return len(self.target)
 
     def between(self, first: int, end: int) -> "SampleBatch":
-        """The frames ``first:end`` with their samples, in memory of their own: nothing of the others can be reached."""
+        """Copy the frames ``first:end`` with their samples; the copy has no access to other frames."""
         rows = slice(int(self.frame_offset[first]), int(self.frame_offset[end]))
         actors = {name: values[rows].copy() for name, values in vars(self.actors).items()}
         actors["frame"] = actors["frame"] - first
@@ -163,7 +163,10 @@ class SampleBatch(Brief):
 
     @property
     def right_hand(self) -> "SampleBatch":
-        """The batch itself where traffic keeps right, else its mirror image, for what has learned from such traffic."""
+        """The batch itself if traffic keeps right, otherwise its mirror image.
+
+        Models that were trained on right-hand traffic use it.
+        """
         if not self.network.left_hand:
             return self
         actors = self.actors
@@ -207,7 +210,7 @@ class SampleBatch(Brief):
         return self.actors.yaw_rad[self.target, -1]
 
     def neighbours(self) -> tuple[Rows, Rows]:
-        """All pairs of a sample and another actor of its frame: sample numbers and rows of ``actors``.
+        """All pairs of a sample and another actor of its frame: sample indices and rows of ``actors``.
 
         Sorted by sample and then by actor.
         """
@@ -223,7 +226,7 @@ class SampleBatch(Brief):
 
 @dataclass(frozen=True)
 class ScoredSamples(Brief):
-    """A batch, and the true future, which predictors do not get."""
+    """A batch together with the true future, which predictors do not get."""
 
     batch: SampleBatch
     future_xy_m: Floats
@@ -233,7 +236,7 @@ class ScoredSamples(Brief):
         return len(self.batch)
 
     def select(self, samples: Rows) -> "ScoredSamples":
-        """Some of the samples, given as increasing indices; all vehicles stay neighbours."""
+        """Select some of the samples by increasing indices; all vehicles remain as neighbours."""
         return ScoredSamples(replace(self.batch, target=self.batch.target[samples]), self.future_xy_m[samples])
 
 
@@ -245,7 +248,7 @@ def samples_of(
     people: bool = False,
     reporter: Reporter | None = None,
 ) -> ScoredSamples:
-    """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
+    """Make one sample for each vehicle, including the EMV, and each frame whose whole window was logged.
 
     With the population of the region only states within it count as logged, those of neighbours too. People on foot and
     on two wheels have samples of their own (``people``), with everybody as neighbours. Samples of vehicles have no
@@ -299,7 +302,7 @@ def samples_of(
 
 
 def _row_table(rows: StateRows, ids: Ids) -> Rows:
-    """Row of each actor at each frame, −1 where it is not there; shape ``(A, F)``."""
+    """Row of each actor at each frame, −1 if it is absent; shape ``(A, F)``."""
     frame = rows.step // LOG_PERIOD_STEPS
     count = int(frame.max()) + 1 if len(frame) else 0
     table = np.full((len(ids), count), -1, dtype=np.intp)
@@ -308,7 +311,7 @@ def _row_table(rows: StateRows, ids: Ids) -> Rows:
 
 
 def _present_frames(table: Rows, offsets: npt.NDArray[np.int64]) -> Flags:
-    """Where every point of the window around a frame is logged, shape of the table."""
+    """Where every point of the window around a frame is logged; same shape as the table."""
     count = table.shape[1]
     present = np.zeros(table.shape, dtype=np.bool_)
     first, end = int(-offsets.min()), count - int(offsets.max())
@@ -320,7 +323,7 @@ def _present_frames(table: Rows, offsets: npt.NDArray[np.int64]) -> Flags:
 
 
 def _points(table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
-    """Rows of the points at offsets from actors' frames, −1 where nothing is logged; ``(len(actor), len(offsets))``."""
+    """Rows of the points at offsets from actors' frames, −1 if not logged; ``(len(actor), len(offsets))``."""
     frames = frame[:, None] + offsets
     inside = (frames >= 0) & (frames < table.shape[1])
     rows = table[actor[:, None], np.where(inside, frames, 0)] if table.size else np.full(frames.shape, -1)

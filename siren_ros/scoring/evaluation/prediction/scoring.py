@@ -1,4 +1,4 @@
-"""Scores predictors on episodes: every model with every metric on each of its samples, many bags side by side.
+"""Scores predictors on episodes: every model with every metric on each sample, many bags in parallel.
 
 A sample has a category: what its vehicle does in the window.
 """
@@ -40,30 +40,30 @@ from siren_ros.simulation.world.actors import Mode
 
 
 class Category(IntEnum):
-    """Each sample has one."""
+    """Category of a sample; each sample has one."""
 
     EMV = 0
     YIELDING = 1
-    """A civilian whose window of 5 s holds a step of a yield response; it may begin there."""
+    """A civilian that yields at some step of its 5 s window; it may begin in the window."""
     HELD = 2
     """A civilian that stands in the hold of a pull-over at the present."""
     OTHER = 3
 
 
 class Trait(IntFlag):
-    """A sample has any of these."""
+    """Traits of a sample; a sample may have several."""
 
     MOVING = 1
     """Faster than ``MOVING_MPS`` at the present."""
     BEGINS = 2
-    """A yield response, or the way back from one, begins after the present and within the horizon."""
+    """A yield, or the return from one, begins after the present and within the horizon."""
 
 
 MOVING_MPS: Final = 1.0
 
 
 def categories_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
-    """Category of each sample of an episode, shape ``(N,)``; from the recorded modes, present and future."""
+    """Category of each sample of an episode, shape ``(N,)``, from recorded modes of present and future."""
     rows = record.rows
     category = np.full(len(batch), Category.OTHER, dtype=np.uint8)
     if not len(batch):
@@ -78,7 +78,7 @@ def categories_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
 
 
 def traits_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
-    """``Trait`` of each sample of an episode, shape ``(N,)``; from recorded speeds and modes, present and future."""
+    """``Trait`` of each sample of an episode, shape ``(N,)``, from recorded speeds and modes of present and future."""
     rows = record.rows
     traits = np.zeros(len(batch), dtype=np.uint8)
     if not len(batch):
@@ -94,7 +94,7 @@ def traits_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
 
 
 def _window_rows(rows: StateRows, batch: SampleBatch) -> tuple[Rows, Rows]:
-    """Of each sample, at least one, the row of its present, and the row after its horizon."""
+    """For each sample the row of its present, and the row after its horizon; at least one sample."""
     actor, step = batch.actor_id, batch.sample_step
     span = int(rows.step.max()) + LAST_FUTURE_STEP + 1
     keys = rows.actor_id.astype(np.int64) * span + rows.step
@@ -104,25 +104,26 @@ def _window_rows(rows: StateRows, batch: SampleBatch) -> tuple[Rows, Rows]:
 
 @dataclass(frozen=True)
 class ModelScores(Brief):
-    """The scores of one model on N samples; of an episode they are sorted by step and then by actor."""
+    """Scores of one model on N samples; within an episode they are sorted by step and then by actor."""
 
     step: npt.NDArray[np.int64]
-    """The present of each sample, shape ``(N,)``."""
+    """Step of each sample's present, shape ``(N,)``."""
     actor_id: Ids
     category: Codes
-    """``Category`` of each sample; of people their ``ActorClass``."""
+    """``Category`` of each sample; for people their ``ActorClass``."""
     traits: Codes
     """``Trait`` of each sample; 0 for people."""
     moved_m: Floats
-    """Distance between the true places at the present and at the horizon, shape ``(N,)``."""
+    """Distance between the true positions at the present and at the horizon, shape ``(N,)``."""
     values: Mapping[str, Floats]
-    """By metric, shape ``(N,)``; NaN where it says nothing."""
+    """Values by metric, shape ``(N,)``; NaN where a metric does not apply."""
     distance_sum_m: Floats
-    """Of the most probable paths from the truth, at each time of the grid; shape ``(FUTURE_POINTS,)``."""
+    """Sum of the distances of the most probable paths from the truth, at each time of the grid; shape
+    ``(FUTURE_POINTS,)``."""
     reliability: Floats
-    """Of all hypotheses, as ``reliability_of`` counts them."""
+    """Counts of all hypotheses by probability, as ``reliability_of``."""
     population_size: int
-    """Number of samples of the population; more than N where predictions are missing."""
+    """Number of samples of the population; it is larger than N where predictions are missing."""
 
     def __len__(self) -> int:
         return len(self.step)
@@ -137,27 +138,28 @@ class EpisodeScores(Brief):
     """The scores of every model on one episode."""
 
     name: str
-    """Of the episode: the bag's folder."""
+    """Name of the episode: its bag's folder."""
     template: str
     level: EmergencyLevel
     seed: int
     map_name: str
     population: Population
     parameters: Mapping[str, float]
-    """The template's numbers: ``emv.speed_mps``."""
+    """Values of the template's parameters, such as ``emv.speed_mps``."""
     models: Mapping[str, ModelScores]
     people: Mapping[str, ModelScores] = field(default_factory=dict)
-    """The same models on people on foot and on two wheels; empty for an episode without them."""
+    """Scores of the same models on pedestrians and riders; empty for an episode without them."""
     standing: Mapping[str, Split] = field(default_factory=dict)
-    """How the episode stands to what each trained model has seen; without models that do not say what they saw."""
+    """Whether the episode was part of each trained model's training; models that do not know are missing."""
     noise: str = ""
-    """What the predictors got: a name of ``NOISES`` or a detector, empty for the logged states."""
+    """Input of the predictors: a name of ``NOISES`` or a detector; empty for the logged states."""
     causal_frames: Mapping[str, int] = field(default_factory=dict)
-    """Frames on which each model was asked again without the later ones; 0 for submissions, which cannot be asked."""
+    """Number of frames on which each model was checked without later frames; 0 for submissions, which cannot be
+    checked."""
 
     @property
     def samples(self) -> int:
-        """Least number of samples of a model; models with different histories have different samples."""
+        """Smallest number of samples of a model; models with different histories have different numbers."""
         return min((len(scores) for scores in self.models.values()), default=0)
 
 
@@ -170,7 +172,7 @@ def score_episode(
     noise: str = "",
     bag: Path | None = None,
 ) -> EpisodeScores:
-    """Scores every predictor, and every submission, on an episode: on its vehicles, and apart on its people.
+    """Score every predictor and every submission on an episode: on its vehicles, and separately on its people.
 
     With ``noise``, a name of ``NOISES`` or a detector, predictors get what a tracker would report; the truth stays. A
     detector needs the bag.
@@ -225,7 +227,7 @@ def _scores_of(record: EpisodeRecord, answers: "Answers", people: bool) -> Model
 
 
 def reporter_named(noise: str, bag: Path | None) -> Reporter | None:
-    """What reports the tracks of ``--noise``; None for the logged states.
+    """The reporter for ``--noise``; None for the logged states.
 
     Raises:
         BagError: The bag has no LiDAR, which a detector needs, or is damaged.
@@ -240,17 +242,17 @@ def reporter_named(noise: str, bag: Path | None) -> Reporter | None:
 
 @dataclass(frozen=True)
 class Answers:
-    """What one model predicts in an episode."""
+    """Predictions of one model in an episode."""
 
     model: str
     samples: ScoredSamples
-    """Those that there are hypotheses for."""
+    """Samples that have hypotheses."""
     hypotheses: Hypotheses
-    """One row for each sample."""
+    """Hypotheses, one row per sample."""
     population_size: int
     """Number of samples of the population."""
     causal_frames: int = 0
-    """Frames on which they were checked against those without the later frames."""
+    """Number of frames on which the hypotheses were checked without later frames."""
 
 
 def _answers_of(
@@ -262,7 +264,7 @@ def _answers_of(
     *,
     people: bool = False,
 ) -> Iterator[Answers]:
-    """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``.
+    """Hypotheses of all models, one model after the other; arguments and errors are those of ``score_episode``.
 
     Those for people are what a submission has of them.
     """
@@ -288,30 +290,30 @@ def _answers_of(
 
 
 def _keys(batch: SampleBatch) -> npt.NDArray[np.int64]:
-    """A number for each sample, by its step and its actor."""
+    """A unique number for each sample, from its step and its actor."""
     return batch.sample_step * 2**32 + batch.actor_id
 
 
 @dataclass(frozen=True)
 class ScoringJob:
-    """What is scored on every bag."""
+    """What to score on every bag."""
 
     models: tuple[str, ...]
     checkpoints: tuple[tuple[str, Path], ...] = ()
     submissions: Mapping[str, Submission] | None = None
     recorded: str = ""
-    """Name of the row for the predictions that the bags hold themselves; empty where they are not scored."""
+    """Row name for predictions recorded in the bags; empty if they are not scored."""
     allow_missing: bool = False
-    """Of the recorded ones; submissions say it themselves."""
+    """Whether recorded predictions may be incomplete; submissions have a setting of their own."""
     population: Population = Population.REGION
     noise: str = ""
-    """What the predictors get, as ``EpisodeScores.noise``."""
+    """Input of the predictors, as ``EpisodeScores.noise``."""
     processes: int = 1
 
 
 @dataclass(frozen=True)
 class BagResult:
-    """What became of a bag: its scores, or the error."""
+    """Result for one bag: its scores, or the error."""
 
     bag: Path
     scores: EpisodeScores | None
@@ -321,7 +323,7 @@ class BagResult:
 def score_bags(
     job: ScoringJob, bags: Sequence[Path], progress: Callable[[], None] = lambda: None
 ) -> tuple[BagResult, ...]:
-    """Scores every bag in processes; one that cannot be read does not keep the others from being scored.
+    """Score every bag in parallel processes; an unreadable bag does not stop the others.
 
     ``progress`` is called after each bag.
 
@@ -333,14 +335,14 @@ def score_bags(
     for submission in submissions.values():
         submission.check_episodes(names)
     _predictors(job.models, job.checkpoints)
-    rest = replace(job, submissions=None)  # each worker gets the part of its bag alone
+    rest = replace(job, submissions=None)  # each worker gets only its own bag's part
     calls = [(bag, rest, _parts(submissions, of_bag)) for bag, of_bag in zip(bags, names, strict=True)]
     with ProcessPool(min(job.processes, len(bags) // 2)) as pool:
         return tuple(pool.map(_score_bag, calls, progress))
 
 
 def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[EpisodeRecord, Mapping[str, Answers]]:
-    """An episode and what some of the models predict in it, once more: scores do not keep paths.
+    """Predict one episode again with some of the models, because scores do not keep paths.
 
     Raises:
         SirenError: As for ``BagResult.error``.
@@ -356,7 +358,7 @@ def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[Ep
 
 
 def _names(bag: Path) -> tuple[str, ...]:
-    """What predictions may call the episode: the folder, and as exports name it, with or without underscores."""
+    """Names that predictions may use for the episode: the folder, and the export's name with or without underscores."""
     try:
         with open_source(bag) as source:
             episode = source.description
@@ -372,14 +374,14 @@ def _parts(submissions: Mapping[str, Submission], names: tuple[str, ...]) -> Map
 
 @cache
 def _predictors(models: tuple[str, ...], checkpoints: tuple[tuple[str, Path], ...]) -> Mapping[str, Predictor]:
-    """Made once in each process: some load weights."""
+    """Make the predictors once per process, because some load weights."""
     return predictors_named(models, dict(checkpoints)) if models else {}
 
 
 def _opened(
     job: ScoringJob, bag: Path, submitted: Mapping[str, EpisodePredictions]
 ) -> tuple[EpisodeRecord, Mapping[str, Predictor], Mapping[str, EpisodePredictions]]:
-    """An episode, the predictors, and what was submitted for it, the predictions that the bag holds included."""
+    """An episode, the predictors, and the submissions for it, including predictions recorded in the bag."""
     predictors = _predictors(job.models, job.checkpoints)
     with open_source(bag) as source:
         if job.recorded:

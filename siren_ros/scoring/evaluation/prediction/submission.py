@@ -1,4 +1,4 @@
-"""Predictions that a user hands in: checked rows of hypotheses, from a file or a topic of a bag, sample by sample."""
+"""Checks predictions that a user submits, from a file or from a topic of a bag, and sorts them by sample."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, Histo
 Integers = npt.NDArray[np.int64]
 
 PERIODS_S: Final = {25: 0.2, 30: 0.2, 50: 0.1, 60: 0.1, 80: 0.1}
-"""Time between the points of a path, by their number: 5 or 6 s at 0.2 s, 5, 6 or 8 s at 0.1 s."""
+"""Time between the points of a path, by the number of points: 5 or 6 s at 0.2 s, 5, 6 or 8 s at 0.1 s."""
 
 
 @dataclass(frozen=True)
@@ -26,35 +26,35 @@ class SubmittedRows:
     """R hypotheses, one row each."""
 
     source: str
-    """File or topic, for errors."""
+    """File or topic, for error messages."""
     episode: npt.NDArray[np.object_]
     """Name of the episode, shape ``(R,)``."""
     actor_id: Integers
     step: Integers
-    """The present."""
+    """Step of the present, shape ``(R,)``."""
     mode: Integers
     """Number of the hypothesis within its sample."""
     probability: Floats
     xy_m: Floats
-    """On the common grid, frame ``map``, shape ``(R, FUTURE_POINTS, 2)``."""
+    """Positions on the common grid, frame ``map``, shape ``(R, FUTURE_POINTS, 2)``."""
     window: HistoryWindow
-    """Which samples the model answers."""
+    """Window that decides which samples the model predicts."""
 
     def __len__(self) -> int:
         return len(self.episode)
 
     def named(self, row: int) -> str:
-        """A row in words."""
+        """Description of a row for error messages."""
         return f"episode {self.episode[row]}, actor {self.actor_id[row]}, step {self.step[row]}, mode {self.mode[row]}"
 
     def select(self, rows: Rows | Flags) -> "SubmittedRows":
-        """Some of the rows."""
+        """Select some of the rows."""
         arrays: dict[str, Any] = {name: values for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **{name: values[rows] for name, values in arrays.items()})
 
 
 def refuse(source: str, wrong: Flags, what: str, named: Callable[[int], str], allowed: str) -> None:
-    """Refuses rows of a source that are wrong (shape ``(R,)``): what is wrong, a row in words, what would be right.
+    """Refuse a source if some rows, shape ``(R,)``, are wrong; the other arguments give the error's text.
 
     Raises:
         InputError: With their number and the first, where one is wrong.
@@ -65,7 +65,7 @@ def refuse(source: str, wrong: Flags, what: str, named: Callable[[int], str], al
 
 
 def on_grid(xy_m: Floats) -> Floats:
-    """Paths on the common grid, from paths of a length of ``PERIODS_S``.
+    """Convert paths of a length in ``PERIODS_S`` to the common grid.
 
     Every time of the grid is a time of these paths, so nothing is interpolated: of 60 points at 0.1 s, every second
     up to 5 s.
@@ -81,35 +81,35 @@ def on_grid(xy_m: Floats) -> Floats:
 
 
 FAR_M: Final = 100.0
-"""No vehicle is farther away than this 0.2 s later: such positions are not in the frame ``map``."""
+"""A position farther away than this after 0.2 s is impossible, so it is not in the frame ``map``."""
 
 
 @dataclass(frozen=True)
 class EpisodePredictions:
-    """What a submission says of one episode: S samples with their hypotheses, sorted by step and then by actor."""
+    """Predictions of one model in one episode: S samples with hypotheses, sorted by step and then by actor."""
 
     source: str
-    """File or topic, for errors."""
+    """File or topic, for error messages."""
     window: HistoryWindow
-    """Which samples the model answers."""
+    """Window that decides which samples the model predicts."""
     actor_id: Integers
     step: Integers
     hypotheses: Hypotheses
     allow_missing: bool = False
-    """Whether samples without a prediction are left out, instead of refused."""
+    """Whether samples without a prediction are left out instead of causing an error."""
     allow_unknown: bool = False
-    """Whether predictions of vehicles outside the population are left out, instead of refused."""
+    """Whether predictions of vehicles outside the population are left out instead of causing an error."""
 
     def __len__(self) -> int:
         return len(self.step)
 
     def select(self, samples: Rows) -> "EpisodePredictions":
-        """Some of the samples, given as increasing indices."""
+        """Select some of the samples by increasing indices."""
         chosen = self.actor_id[samples], self.step[samples], self.hypotheses.select(samples)
         return EpisodePredictions(self.source, self.window, *chosen, self.allow_missing, self.allow_unknown)
 
     def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
-        """The samples of an episode that are predicted, and their hypotheses.
+        """Match the predictions with an episode's samples; returns the predicted samples and their hypotheses.
 
         Raises:
             InputError: Predictions of samples that the episode does not have, samples without a prediction, unless
@@ -138,19 +138,19 @@ class EpisodePredictions:
 
 @dataclass(frozen=True)
 class Submission:
-    """Everything that one model predicted."""
+    """All predictions of one model."""
 
     episodes: Mapping[str, EpisodePredictions]
-    """By the name of the episode."""
+    """Predictions by the name of the episode."""
     elsewhere: EpisodePredictions
-    """What the model says of every other episode: nothing."""
+    """Empty predictions, for every other episode."""
 
     def of_episode(self, names: Iterable[str]) -> EpisodePredictions:
-        """The part of an episode that has several names; empty where there are no predictions."""
+        """Predictions of an episode that has several names; empty if there are none."""
         return next((self.episodes[name] for name in names if name in self.episodes), self.elsewhere)
 
     def check_episodes(self, known: Sequence[Iterable[str]]) -> None:
-        """Refuses predictions of episodes that are not scored, unless missing ones are allowed, too.
+        """Check that predictions belong to scored episodes, unless missing ones are allowed.
 
         Args:
             known: The names of each scored episode.
@@ -173,7 +173,7 @@ class Submission:
 
 
 def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: bool = False) -> Submission:
-    """Checks submitted hypotheses, and puts those of each sample together.
+    """Check submitted hypotheses and group them by sample.
 
     Samples may have different numbers of hypotheses; the lacking ones get the probability 0.
 
@@ -225,7 +225,7 @@ _EPISODE: Final = "recorded"
 
 
 def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> EpisodePredictions:
-    """The predictions of an episode, checked.
+    """Read the recorded predictions of an episode, and check them.
 
     A program in the loop does not know which vehicles will stay in the population: samples of others are left out.
 

@@ -1,4 +1,4 @@
-"""What a tracker would report in place of the logged states: wrong positions, velocities, headings, gaps, other ids.
+"""Simulates a tracker in place of logged states: errors of position, velocity and heading, gaps, exchanged ids.
 
 The errors of a vehicle are correlated in time, and are the same in all windows that hold the same frame. The truth, and
 which samples there are, do not change.
@@ -17,14 +17,14 @@ from siren_ros.data.record.tracks import FRAME_S
 from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
 
 SPEED_CHANGE_FRAMES: Final = 5
-"""A tracker does not measure accelerations: they are changes of the noisy speed over 0.5 s."""
+"""Frames (0.5 s) over which acceleration is computed from noisy speed, because a tracker does not measure it."""
 _SWAPS_APART_FRAMES: Final = 80
-"""A window of 8 s holds at most one swap of a vehicle."""
+"""Least number of frames between two swaps of a vehicle, so that a window of 8 s has at most one."""
 
 
 @dataclass(frozen=True)
 class TrackNoise:
-    """Magnitudes of the errors; standard deviations are of normal errors that do not change within ``correlation_s``.
+    """Magnitudes of the errors. Standard deviations are of normal errors with the correlation time ``correlation_s``.
 
     Positions and velocities: a detector's mean errors (nuScenes' ATE and AVE, the length of a two-dimensional error)
     are 1.25 standard deviations of one axis. The shipped detector has an ATE of 0.29 m, the shipped tracker an AVE of
@@ -35,26 +35,26 @@ class TrackNoise:
     """
 
     position_m: float = 0.23
-    """Of each axis."""
+    """Standard deviation of the position on each axis."""
     velocity_mps: float = 0.24
-    """Of each axis."""
+    """Standard deviation of the velocity on each axis."""
     yaw_rad: float = 0.1
-    """Of the heading."""
+    """Standard deviation of the heading."""
     correlation_s: float = 0.5
-    """The errors' correlation falls to 1/e in this time, as behind a Kalman filter."""
+    """Time in which the correlation of the errors falls to 1/e, as behind a Kalman filter."""
     dropouts_per_s: float = 0.05
-    """The tracker then reports the last velocity continued."""
+    """Rate of gaps, in which the tracker continues with the last velocity."""
     dropout_s: float = 0.5
-    """Mean duration."""
+    """Mean duration of a gap."""
     swaps_per_s: float = 0.01
-    """Exchanges of the ids of two vehicles: from then on each has the other's past."""
+    """Rate at which two vehicles exchange their ids; from then on each has the other's history."""
     swap_reach_m: float = 5.0
-    """Only vehicles whose centres are this near exchange ids."""
+    """Largest distance of two vehicles that exchange ids."""
     draw: int = 0
-    """Other numbers give other errors of the same magnitudes to the same episode."""
+    """Number of the random draw; other numbers give other errors of the same size."""
 
     def scaled(self, factor: float, draw: int) -> "TrackNoise":
-        """A better or worse tracker: magnitudes and rates times a factor."""
+        """A better or worse tracker: all magnitudes and rates multiplied by a factor."""
         scaled = ("position_m", "velocity_mps", "yaw_rad", "dropouts_per_s", "swaps_per_s")
         return replace(self, draw=draw, **{name: factor * getattr(self, name) for name in scaled})
 
@@ -65,34 +65,34 @@ NOISES: Final = MappingProxyType(
         "velocity": TrackNoise(position_m=0.0, yaw_rad=0.0, velocity_mps=0.3, dropouts_per_s=0.0, swaps_per_s=0.0),
     }
 )
-"""By name: a tracker's errors, and errors of the velocity alone."""
+"""Noise by name: a tracker's errors, and errors of the velocity alone."""
 
 
 class ReportedRows(Protocol):
-    """Rows in place of a record's, and which of them are the points of a history."""
+    """Rows that replace a record's rows, and which of them are the points of a history."""
 
     @property
     def rows(self) -> StateRows:
-        """What is reported."""
+        """The reported rows."""
 
     def points(self, points: Rows, table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
-        """Rows of the points of a history, as of ``TrackedRows``; −1 in the last column of who is not reported."""
+        """Rows of the points of a history, as in ``TrackedRows``; −1 at the present of actors that are not reported."""
 
 
 Reporter = Callable[[EpisodeRecord, StateRows, Rows], ReportedRows]
-"""Reports an episode's logged rows, which stand in a table by actor and frame, −1 where an actor is not there."""
+"""Makes the reported rows of an episode from its logged rows and their table by actor and frame (−1: absent)."""
 
 
 @dataclass(frozen=True)
 class TrackedRows:
-    """The rows of a record as a tracker reports them, in the order of the record."""
+    """The rows of a record as a tracker reports them, in the record's order."""
 
     rows: StateRows
     swaps: tuple[tuple[int, int, int], ...]
-    """Frame from which on two vehicles have each other's past, and both columns of the table of rows."""
+    """Exchanges of ids: the frame from which on they hold, and the two columns in the table of rows."""
 
     def points(self, points: Rows, table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
-        """Rows of the points of a history, with the ids exchanged.
+        """Rows of the points of a history after the exchanges of ids.
 
         Args:
             points: Rows of the points without exchanges, −1 where nothing is logged, shape ``(M, H)``.
@@ -112,7 +112,7 @@ class TrackedRows:
 
 
 def with_noise(noise: TrackNoise) -> Reporter:
-    """Reports rows with errors, which are drawn by the episode's seed."""
+    """Reporter that adds errors; the episode's seed decides them."""
 
     def report(record: EpisodeRecord, rows: StateRows, table: Rows) -> ReportedRows:
         about = record.description
@@ -123,7 +123,7 @@ def with_noise(noise: TrackNoise) -> Reporter:
 
 
 def tracked(rows: StateRows, table: Rows, noise: TrackNoise, random: np.random.Generator) -> TrackedRows:
-    """Rows as a tracker reports them; ``table`` has the row of each actor at each frame, as in ``TrackedRows``."""
+    """Simulate a tracker on rows; ``table`` has the row of each actor at each frame, as in ``TrackedRows``."""
     there = table >= 0
     xy_m = _on_grid(rows.xy_m, table) + noise.position_m * _errors(table.shape, noise, random)
     velocity = _on_grid(np.stack((rows.vx_mps, rows.vy_mps), axis=-1), table)
@@ -147,14 +147,14 @@ def tracked(rows: StateRows, table: Rows, noise: TrackNoise, random: np.random.G
 
 
 def _on_grid(values: Floats, table: Rows) -> Floats:
-    """Values of rows, ``(M, C)``, at each actor and frame, ``(A, F, C)``; 0 where there is none."""
+    """Rearrange values of rows, ``(M, C)``, by actor and frame, ``(A, F, C)``; 0 where there is no row."""
     if not len(values):
         return np.zeros((*table.shape, values.shape[1]))
     return np.where((table >= 0)[..., None], values[table], 0.0)
 
 
 def _errors(shape: tuple[int, ...], noise: TrackNoise, random: np.random.Generator) -> Floats:
-    """Normal errors of the deviation 1 on two axes, correlated along the frames; shape ``(A, F, 2)``."""
+    """Normal errors with standard deviation 1 on two axes, correlated over the frames; shape ``(A, F, 2)``."""
     kept = float(np.exp(-FRAME_S / noise.correlation_s))
     errors = random.normal(size=(*shape, 2))
     for frame in range(1, shape[1]):
@@ -163,7 +163,7 @@ def _errors(shape: tuple[int, ...], noise: TrackNoise, random: np.random.Generat
 
 
 def _dropouts(there: Flags, noise: TrackNoise, random: np.random.Generator) -> Flags:
-    """Where the tracker does not see a vehicle that it saw a frame before, shape ``(A, F)``."""
+    """Where the tracker loses a vehicle that it saw in the frame before, shape ``(A, F)``."""
     begins = random.random(there.shape) < noise.dropouts_per_s * FRAME_S
     goes_on = random.random(there.shape) < np.exp(-FRAME_S / noise.dropout_s)
     lost = np.zeros(there.shape, dtype=np.bool_)

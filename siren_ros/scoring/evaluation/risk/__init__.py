@@ -1,1 +1,1 @@
-"""Vision-language risk understanding: labels of videos from the record, answers of models, and their scores."""
+"""Vision-language risk understanding: labels of videos, answers of models, and their scores."""

@@ -1,4 +1,4 @@
-"""Controls against guessing: the same questions with pictures that tell less. Who really looks does worse with them."""
+"""Controls against guessing: the same questions with less information in the pictures."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
@@ -17,14 +17,14 @@ _GREY: Final = 128
 
 
 class Control(StrEnum):
-    """What is taken away."""
+    """Kind of control: what is removed from the pictures."""
 
     BLANK = "blank"
-    """Grey pictures: what is left is the question."""
+    """Grey pictures; only the question remains."""
     SHUFFLED = "shuffled"
-    """The pictures in another order: what is left is what they show without motion."""
+    """Pictures in random order; their content without motion remains."""
     ONE_FRAME = "one_frame"
-    """The middle picture alone."""
+    """Only the middle picture."""
     TEXT_ONLY = "text_only"
     """No pictures."""
 
@@ -47,13 +47,13 @@ CHANGES: Final[Mapping[Control, Callable[[Sequence[Picture], str], list[Picture]
     Control.SHUFFLED: _shuffled,
     Control.ONE_FRAME: _one_frame,
 }
-"""What becomes of a video's pictures, by control; the text is the video's id, from which the order is drawn."""
+"""Function that changes a video's pictures, by control. Its text is the video's id, which decides the random order."""
 
 
 def sequence_answers(
     videos: VideoSet, model: SequenceModel, controls: Collection[Control]
 ) -> dict[Control, dict[str, RiskClass | None]]:
-    """The answers of the sequence model to the changed films of a set, which have as many pictures as before.
+    """Answers of the sequence model to changed films of a set; the number of pictures stays the same.
 
     A film is read once for all controls.
 

@@ -1,4 +1,4 @@
-"""Reference labels: Normal, Near-Miss or Collision, from the conflicts that a camera on the EMV saw."""
+"""Reference labels Normal, Near-Miss or Collision, from conflicts that a camera on the EMV saw."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
@@ -25,7 +25,7 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 
 class RiskClass(IntEnum):
-    """The outcome of a scene, by severity (paper, "Risk understanding")."""
+    """Outcome of a scene, by severity (paper, "Risk understanding")."""
 
     NORMAL = 0
     NEAR_MISS = 1
@@ -33,7 +33,7 @@ class RiskClass(IntEnum):
 
     @property
     def title(self) -> str:
-        """As the paper and answer files write it: Normal, Near-Miss or Collision."""
+        """Name as in the paper and in answer files: Normal, Near-Miss or Collision."""
         return _TITLES[self]
 
 
@@ -42,7 +42,7 @@ TITLES = tuple(risk.title for risk in RiskClass)
 
 
 def risk_class(title: str) -> RiskClass:
-    """The class of a title; case, spaces, hyphens and underscores do not matter.
+    """Class of a title; case, spaces, hyphens and underscores are ignored.
 
     Raises:
         InputError: Another word.
@@ -55,7 +55,7 @@ def risk_class(title: str) -> RiskClass:
 
 
 def most_severe(classes: Iterable[RiskClass]) -> RiskClass:
-    """The paper's max-severity rule over the predictions of one video.
+    """The most severe class among the predictions of one video (the paper's max-severity rule).
 
     Raises:
         ValueError: No class at all.
@@ -64,7 +64,7 @@ def most_severe(classes: Iterable[RiskClass]) -> RiskClass:
 
 
 def in_view(encounters: Encounters, mount: Mount, horizontal_fov_rad: float, range_m: float) -> Flags:
-    """Whether a part of each pair's other vehicle lies within the view of a camera on the subject, shape ``(N,)``.
+    """Whether a part of the other vehicle is in the view of a camera on the subject, for each pair, shape ``(N,)``.
 
     A vehicle is in view where a corner of its footprint lies within the horizontal field of view (its full angle) and
     within the range from the camera, which is mounted in the subject's ``base_link``. Objects between are not
@@ -84,11 +84,11 @@ def in_view(encounters: Encounters, mount: Mount, horizontal_fov_rad: float, ran
 
 
 MOST_MPS2: Final = 100.0
-"""Stands for a deceleration that nothing reaches; JSON has no infinity."""
+"""Replaces an infinite deceleration, because JSON has no infinity."""
 VIEW_RANGE_M: Final = 80.0
-"""Beyond this a car is a few pixels wide in a picture of 800 pixels and 100 degrees."""
+"""Range of view: beyond it a car is a few pixels wide in a picture of 800 pixels and 100 degrees."""
 SEEN_BEFORE_STEPS: Final = 40
-"""A conflict counts if the camera saw the other vehicle at any time of the two seconds up to it."""
+"""A conflict counts only if the camera saw the other vehicle within this many steps (2 s) before it."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,10 @@ class Camera:
 
 @dataclass(frozen=True)
 class Moments:
-    """Pairs of the EMV and a seen vehicle on a collision course; arrays of shape ``(N,)`` sorted by actor and step."""
+    """Pairs of the EMV and a visible vehicle on a collision course.
+
+    Arrays of shape ``(N,)`` sorted by actor and step.
+    """
 
     step: Steps
     actor_id: Ids
@@ -110,7 +113,7 @@ class Moments:
     required_deceleration_mps2: Floats
     gap_m: Floats
     braked_mps2: Floats
-    """Hardest braking of the two, from two seconds before until they would touch.
+    """Hardest braking of the two, from two seconds before until the predicted contact.
 
     It is 0 where keeping the speed on the ways that both took leads to no contact, so that nobody had to brake. NaN in
     sets of earlier versions.
@@ -120,26 +123,26 @@ class Moments:
         return len(self.step)
 
     def at(self, rows: Flags) -> "Moments":
-        """Some of the rows."""
+        """Select some of the rows."""
         return Moments(*(getattr(self, column.name)[rows] for column in fields(Moments)))
 
 
 @dataclass(frozen=True)
 class SeenEncroachment:
-    """The least PET of the EMV and a seen vehicle."""
+    """The smallest PET of the EMV and a visible vehicle."""
 
     actor_id: int
     step: int
     time_s: float
     braked_mps2: float | None = None
-    """Hardest braking of the two in the two seconds before the second one came; None in sets of earlier versions."""
+    """Hardest braking of the two in the 2 s before the second one arrived; None in sets of earlier versions."""
     needed_mps2: float | None = None
-    """Braking with which the second one would have stopped short of the place when the first one left it."""
+    """Braking with which the second vehicle could have stopped before the place, when the first one left it."""
 
 
 @dataclass(frozen=True)
 class SeenContact:
-    """A contact of the EMV with a seen vehicle."""
+    """A contact of the EMV with a visible vehicle."""
 
     actor_id: int
     step: int
@@ -155,7 +158,7 @@ class Evidence:
     contacts: tuple[SeenContact, ...]
 
     def within(self, first_step: int, end_step: int) -> "Evidence":
-        """The part from a step to the one before another."""
+        """The part from the first step up to, but not including, the end step."""
         inside = (self.moments.step >= first_step) & (self.moments.step < end_step)
         return Evidence(
             self.moments.at(inside),
@@ -165,7 +168,7 @@ class Evidence:
 
 
 def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple[int, int]) -> Evidence:
-    """The conflicts between an EMV and the others in its camera's view, within a window of an episode.
+    """Find the conflicts between an EMV and the vehicles in its camera's view, within a window of an episode.
 
     Others are civilians and further EMVs.
 
@@ -193,7 +196,7 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
 
 
 def _recently(visible: Flags, actor_id: Ids, step: Steps) -> Flags:
-    """Whether each pair's actor was visible at one of its last SEEN_BEFORE_STEPS."""
+    """Whether each pair's actor was visible at one of the last SEEN_BEFORE_STEPS steps."""
     last = np.full(len(step), -np.inf)
     last[visible] = step[visible]
     first = np.flatnonzero(np.append(True, actor_id[1:] != actor_id[:-1]))
@@ -224,13 +227,13 @@ def _way(record: EpisodeRecord, actor_id: int, steps: tuple[int, int]) -> StateR
 
 
 def _hardest_braking(way: StateRows, step: int, until_step: float) -> float:
-    """From two seconds before a step until another one."""
+    """Hardest braking from two seconds before a step until another step."""
     late = (way.step <= until_step) & (way.step > step - SEEN_BEFORE_STEPS)
     return float(max(0.0, -way.accel_mps2[late].min(initial=0.0)))
 
 
 def _needed_to_stop(second: StateRows, pet: Encroachment) -> float:
-    """v² / (2·s), with the speed when the first one left and the way from there to where both were."""
+    """Braking v² / (2·s) of the second vehicle to stop before the place, at the moment when the first one left it."""
     between = second.select((second.step >= pet.step - round(pet.time_s / STEP_S)) & (second.step <= pet.step))
     way_m = float(np.hypot(*np.diff(between.xy_m, axis=0).T).sum())
     speed_mps = float(between.speed_mps[0])
@@ -245,14 +248,14 @@ def _contacts(
         if emv_id not in pair or not steps[0] <= event.step < steps[1]:
             continue
         other = next(iter(pair - {emv_id}))
-        # A contact stops both; the step itself may be the first at which they touch.
+        # A contact stops both vehicles, so the step of the contact may be the first at which they touch.
         if {(other, event.step), (other, event.step - 1)} & seen_at:
             yield SeenContact(other, event.step, float(event.detail["impact_speed_mps"]))
 
 
 @dataclass(frozen=True)
 class RiskThresholds:
-    """Limits from which on an interaction is a near-miss. The paper publishes none; each has its source.
+    """Thresholds of a near-miss. The paper publishes none; each has its source.
 
     A collision has no threshold: every contact is one, as the paper derives its labels from collision events and the
     models are told that touching is a collision.
@@ -261,29 +264,30 @@ class RiskThresholds:
     time_to_collision_s: float = 1.5
     """TTC below which a conflict is serious (Hayward 1972; van der Horst 1990: 1.5 s)."""
     time_to_collision_for_s: float = 0.2
-    """Duration without interruption, so that a flicker of one step is none."""
+    """Least duration of a short TTC without interruption, so that a single step does not count."""
     closing_mps: float = 1.0
-    """Slower closing is manoeuvring in a queue."""
+    """Least closing speed; slower vehicles manoeuvre in a queue."""
     post_encroachment_s: float = 1.0
     """PET below which an encroachment is serious (Allen, Shin and Cooper 1978; Peesapati et al. 2018: 1 s)."""
     required_deceleration_mps2: float = 3.4
     """DRAC above which a driver brakes uncomfortably (AASHTO Green Book: 3.4 m/s² is what most drivers accept)."""
     gap_m: float = 10.0
-    """Farther away a high DRAC still leaves a way out."""
+    """Largest gap at which a high DRAC counts; at larger gaps drivers can still evade."""
     braked_mps2: float = 0.0
-    """A conflict counts where one of the two braked at least so hard; 0: always."""
+    """A conflict counts only if one of the two braked at least this hard; 0 counts all."""
     needed_mps2: float = 0.0
-    """A short PET also counts where the second one could not have stopped short of the place with less; 0: always."""
+    """A short PET also counts only if the second driver needed at least this braking to stop before the place; 0 counts
+    all."""
 
     def counts(self, pet: SeenEncroachment) -> bool:
-        """Whether a PET makes a near-miss: it is short, and the passing was not a controlled one."""
+        """Whether a PET makes a near-miss: it is short, and the second driver did not pass in a controlled way."""
         evaded = pet.braked_mps2 is None or pet.braked_mps2 >= self.braked_mps2
         by_chance = pet.needed_mps2 is None or pet.needed_mps2 >= self.needed_mps2
         return pet.time_s < self.post_encroachment_s and (evaded or by_chance)
 
 
 DEFINITIONS: Final = {"paper": RiskThresholds(), "near_crash": RiskThresholds(braked_mps2=3.4, needed_mps2=8.45)}
-"""What a near-miss is.
+"""Definitions of a near-miss by name.
 
 ``paper``: each short TTC or PET and each high DRAC is one; the set of 105 videos has these labels. ``near_crash``: a
 driver had to brake hard, too (a near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The 100-Car Naturalistic
@@ -306,20 +310,20 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True)
 class RiskLabel:
-    """A class, and the moment that decided it."""
+    """A class with the moment that decided it."""
 
     risk: RiskClass
     reason: Reason = Reason.NOTHING
     actor_id: int = 0
     """The other vehicle; 0 without a conflict."""
     step: int = 0
-    """Of the episode; 0 without a conflict."""
+    """Step of the episode; 0 without a conflict."""
     value: float = 0.0
-    """The measure's: seconds, m/s² or m/s."""
+    """Value of the measure in seconds, m/s² or m/s."""
 
 
 def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
-    """The label of a window: the most severe finding, and of equal ones the earliest."""
+    """Label a window by its most severe finding; of equal ones the earliest decides."""
     findings = [
         *(
             RiskLabel(RiskClass.COLLISION, Reason.CONTACT, contact.actor_id, contact.step, contact.impact_mps)
@@ -341,7 +345,7 @@ def _short_times(moments: Moments, thresholds: RiskThresholds) -> Iterator[RiskL
     short &= (moments.closing_mps > thresholds.closing_mps) & _evaded(moments, thresholds)
     for actor_id in np.unique(moments.actor_id[short]).tolist():
         rows = np.flatnonzero((moments.actor_id == actor_id) & short)
-        # Steps are whole, so that a run of four is 0.2 s; the small amount is for the division's last digit.
+        # Durations are whole steps: four steps are 0.2 s. The small amount absorbs rounding.
         run_s = longest_run_s(np.ones(len(rows), dtype=np.bool_), moments.step[rows])
         if run_s >= thresholds.time_to_collision_for_s - 1e-9:
             least = rows[np.argmin(moments.time_to_collision_s[rows])]

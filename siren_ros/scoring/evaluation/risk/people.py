@@ -1,4 +1,4 @@
-"""People's answers to a set: a page on which a person labels its videos, what the files say, and how far they agree.
+"""People's answers to a set: a page for labelling, reading of its files, and the agreement of people.
 
 The page is blind: neither names nor order of its files tell template, class or number of a video. Name and order follow
 from the rater's name, so that a file of answers needs no key.
@@ -28,21 +28,21 @@ from siren_ros.scoring.evaluation.statistics import jackknife
 
 _PAGE: Final = "rating"
 PEOPLE: Final = "people"
-"""Row of the class that most people chose."""
+"""Name of the row with the class that most people chose."""
 QUESTION: Final = (
     "Normal: nobody comes close to a crash. Near-Miss: a crash is close; the ways of two vehicles meet within about a "
     "second, or somebody has to brake or swerve hard. Collision: the emergency vehicle touches another road user."
 )
-"""The same classes as in the question to models."""
+"""Explanation of the classes, the same as in the question to models."""
 
 
 def blind_name(rater: str, video_id: str) -> str:
-    """What the page of a person calls a video."""
+    """Name of a video on a person's page."""
     return sha256(f"{rater}/{video_id}".encode()).hexdigest()[:12]
 
 
 def write_rating_page(videos: VideoSet, rater: str, folder: Path, *, pictures: bool = False) -> Path:
-    """Writes ``index.html`` and the files that it shows into a new or empty folder, and returns the page.
+    """Write ``index.html`` and its files into a new or empty folder; returns the page.
 
     Args:
         videos: The set.
@@ -76,7 +76,7 @@ def write_rating_page(videos: VideoSet, rater: str, folder: Path, *, pictures: b
 
 
 def _shown(videos: VideoSet, key: str, folder: Path, name: str, *, pictures: bool) -> list[str]:
-    """Writes what the page shows of a video, and names the files."""
+    """Write the files that the page shows for a video; returns their names."""
     video = videos.videos[key]
     source = videos.folder / video.file
     if not pictures:
@@ -94,7 +94,7 @@ def _shown(videos: VideoSet, key: str, folder: Path, name: str, *, pictures: boo
 
 
 def read_rating(path: Path, videos: VideoSet) -> tuple[str, dict[str, RiskClass | None]]:
-    """The name of a person and the answers by the set's own ids; videos without an answer are left out.
+    """Read a person's file: the name, and the answers by the set's ids; videos without an answer are left out.
 
     Raises:
         InputError: Not a file of the page, or one of another set.
@@ -139,7 +139,7 @@ def cohens_kappa(first: Answers, second: Answers) -> Interval:
 
 
 def _kappa(counts: Floats) -> Floats:
-    """Of tables of shape ``(R, 3, 3)``; NaN where chance agrees always."""
+    """Compute κ from tables of shape ``(R, 3, 3)``; NaN where chance alone always agrees."""
     total = np.maximum(counts.sum(axis=(1, 2)), 1.0)
     agreed = np.trace(counts, axis1=1, axis2=2) / total
     chance = (counts.sum(axis=1) * counts.sum(axis=2)).sum(axis=1) / total**2
@@ -148,7 +148,7 @@ def _kappa(counts: Floats) -> Floats:
 
 
 def agreement(videos: VideoSet, ratings: Mapping[str, Answers]) -> dict[tuple[str, str], Interval]:
-    """κ of each pair of people, and of each person with the labels, by their names."""
+    """κ of each pair of people, and of each person with the labels, by names."""
     labels: Answers = {key: video.label.risk for key, video in videos.videos.items()}
     everybody = {**ratings, "labels": labels}
     return {pair: cohens_kappa(everybody[pair[0]], everybody[pair[1]]) for pair in combinations(everybody, 2)}

@@ -1,4 +1,4 @@
-"""One HTML page of a set of risk videos: each plays next to its label, its measures over time and the answers.
+"""One HTML page of a set of risk videos: each video with its label, its measures over time and the answers.
 
 Also the confusion matrices of a model as a picture.
 """
@@ -22,11 +22,11 @@ from siren_ros.scoring.evaluation.risk.scoring import UNREADABLE, Answers, Model
 from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet
 
 FRAME_S: Final = 0.1
-"""From one frame of a video to the next."""
+"""Time between frames of a video."""
 
 
 class Dot(NamedTuple):
-    """One event: a time in the video and a value."""
+    """An event in a chart: a time in the video and a value."""
 
     at_s: float
     value: float
@@ -34,24 +34,24 @@ class Dot(NamedTuple):
 
 @dataclass(frozen=True)
 class Curves:
-    """Measures at each step of a video's window; NaN where nobody is on a collision course."""
+    """Measures at each step of a video's window; NaN where no vehicle is on a collision course."""
 
     time_s: Floats
-    """Shape ``(N,)``, from 0 at the first frame."""
+    """Time since the first frame, shape ``(N,)``."""
     time_to_collision_s: Floats
-    """Least of all civilians that count, shape ``(N,)``."""
+    """Smallest TTC among the civilians that count, shape ``(N,)``."""
     required_deceleration_mps2: Floats
-    """Greatest of those that are near enough to count, shape ``(N,)``."""
+    """Largest DRAC among the civilians near enough to count, shape ``(N,)``."""
     encroachments: tuple[Dot, ...]
-    """PET of each civilian whose place the EMV came through, or the other way round."""
+    """PET of each civilian whose path the EMV crossed."""
     contacts: tuple[Dot, ...]
-    """Impact speeds in m/s."""
+    """Contacts with their impact speeds in m/s."""
     moment_s: float | None
-    """Time of the conflict that decided the label; None without one."""
+    """Time of the conflict that decided the label; None if there is none."""
 
 
 def curves_of(video: RiskVideo, thresholds: RiskThresholds) -> Curves:
-    """The curves of a video; slower closing and farther vehicles than the labels' thresholds are left out."""
+    """Compute the curves of a video; the thresholds leave out slow closing and far vehicles, as for labels."""
     count = round(video.frames * FRAME_S / STEP_S)
     moments, first = video.evidence.moments, video.first_step
     inside = (moments.step >= first) & (moments.step < first + count)
@@ -83,25 +83,25 @@ _ENCROACHMENT_MAX_S: Final = 5.0
 
 @dataclass(frozen=True)
 class Chart:
-    """One measure over the time of a video; coordinates in a box of WIDTH by HEIGHT, y downwards."""
+    """Chart of one measure over a video; coordinates in a box of WIDTH by HEIGHT, y downwards."""
 
     title: str
     unit: str
     top: float
-    """Value at the upper edge; greater ones are drawn there."""
+    """Value at the upper edge; larger values are drawn there."""
     limit: float
-    """Value from which on the measure counts as a near-miss."""
+    """Threshold of a near-miss."""
     limit_y: float
     path: str
-    """Of the SVG path; empty without a value."""
+    """SVG path of the curve; empty without values."""
     dots: tuple[tuple[float, float, str], ...]
-    """x, y and the text of each."""
+    """Dots with x, y and text."""
     extreme: str
-    """The most critical value and its time, in words."""
+    """The most critical value and its time, as text."""
 
 
 def charts_of(curves: Curves, thresholds: RiskThresholds) -> tuple[Chart, ...]:
-    """TTC, PET and DRAC of a video."""
+    """Charts of TTC, PET and DRAC of a video."""
     time_s = curves.time_s
     across = WIDTH / (len(time_s) * (time_s[1] - time_s[0]))
 
@@ -130,7 +130,7 @@ def _text_of(at_s: float, value: float, unit: str) -> str:
 
 
 def _svg_path(x: Floats, values: Floats, top: float) -> str:
-    """Moves and lines; the pen is lifted where a value is missing. Single values become a short stroke."""
+    """SVG path of a curve with gaps where a value is missing; a single value becomes a short line."""
     parts, drawing = [], False
     for at, value in zip(x.tolist(), values.tolist(), strict=True):
         if not np.isfinite(value):
@@ -162,20 +162,20 @@ class Answer:
 
     model: str
     title: str
-    """Of the class; "unreadable", or "none" where the model has not answered."""
+    """Title of the class, "unreadable", or "none" without an answer."""
     right: bool
 
 
 @dataclass(frozen=True)
 class Card:
-    """The page's card of one video."""
+    """Content of the page's card for one video."""
 
     video_id: str
     template: str
     label: str
     reason: str
     source: str
-    """Address of the file from the page; empty where it is missing."""
+    """Address of the video file relative to the page; empty if the file is missing."""
     length_s: float
     moment_s: float | None
     charts: tuple[Chart, ...]
@@ -185,12 +185,12 @@ class Card:
 
     @property
     def right(self) -> str:
-        """Numbers of the models that are right, for the filter."""
+        """Numbers of the models that answered correctly, for the page's filter."""
         return " ".join(str(number) for number, answer in enumerate(self.answers) if answer.right)
 
 
 def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], models: Sequence[ModelScores]) -> None:
-    """Writes the page: one HTML file that needs no network; the videos stay where they are.
+    """Write the page: one HTML file that needs no network; the videos stay where they are.
 
     The answers are by the models' names; the page has the order of the scores.
 
@@ -217,7 +217,7 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
 
 
 def card_of(videos: VideoSet, video_id: str, answers: Mapping[str, Answers], folder: Path) -> Card:
-    """What the page in a folder shows of a video."""
+    """Make the card of a video for a page in a folder."""
     video = videos.videos[video_id]
     curves = curves_of(video, videos.thresholds)
     file = videos.folder / video.file
@@ -247,12 +247,12 @@ _COLUMNS: Final = 4
 _PANEL_IN: Final = (3.1, 2.9)
 _TITLE_PT, _TEXT_PT, _ANSWERS_PT = 10, 8, 7
 _DARK: Final = 0.6
-"""Share from which on a number is white."""
+"""Share above which numbers are written in white."""
 _DPI: Final = 110
 
 
 def save_confusions(model: ModelScores, path: Path) -> None:
-    """Draws all confusion matrices of a model; shades are shares of each label's videos, numbers are counts."""
+    """Draw all confusion matrices of a model; shades are shares of each label's videos, numbers are counts."""
     groups = [("all templates", model.overall), *model.by_template.items()]
     rows = -(-len(groups) // _COLUMNS)
     figure = Figure(figsize=(_PANEL_IN[0] * _COLUMNS, _PANEL_IN[1] * rows), layout="constrained")

@@ -1,4 +1,4 @@
-"""Answers to a set of videos (of files that any program can write, and of references) and their scores.
+"""Scores answers to a set of videos, from files of any program or from references.
 
 Scores come from confusion matrices, overall and by template, lie between 0 and 1 and have intervals. A score that would
 divide by nothing is not valid, and 0 as in the paper.
@@ -24,15 +24,15 @@ from siren_ros.scoring.evaluation.risk.video_set import VideoSet, missing_files
 from siren_ros.scoring.evaluation.statistics import BlockSums
 
 Answers = Mapping[str, RiskClass | None]
-"""Final answer by video; None where the model answered and nothing could be read from it."""
+"""Final answer by video; None if nothing could be read from the model's answer."""
 
 UNREADABLE = "unreadable"
-"""Stands in a file of answers in place of a class where nothing could be read from the model's text."""
+"""Value in a file of answers for a text from which no class could be read."""
 _FORMATS = 'JSON {"S1_000": "Normal", …} or CSV with the columns video and class'
 
 
 def read_answers(path: Path) -> dict[str, RiskClass | None]:
-    """One final class for each video.
+    """Read a file of answers: one final class per video.
 
     Raises:
         InputError: A file that cannot be read, a video twice, or a class that is not known (with the first offender).
@@ -54,7 +54,7 @@ def read_answers(path: Path) -> dict[str, RiskClass | None]:
 
 
 def checked_answers(answers: Answers, videos: Collection[str], *, allow_missing: bool) -> dict[str, RiskClass | None]:
-    """The answers to the videos of a set.
+    """Check answers against the videos of a set.
 
     Raises:
         InputError: Answers to videos that the set does not have, or videos without an answer unless they are allowed;
@@ -91,14 +91,14 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
 
 
 def majority(videos: VideoSet) -> Answers:
-    """The most frequent class of the set for every video; of equally frequent ones the least severe."""
+    """Reference: the most frequent class of the set for every video; of equally frequent ones the least severe."""
     counts = Counter(video.label.risk for video in videos.videos.values())
     answer = min(counts, key=lambda risk: (-counts[risk], risk), default=RiskClass.NORMAL)
     return dict.fromkeys(videos.videos, answer)
 
 
 def template_prior(videos: VideoSet) -> Answers:
-    """The most frequent class of each template in the set: what who knows the template alone can answer."""
+    """Reference: the most frequent class of each template, the best answer from the template alone."""
     answers: dict[str, RiskClass | None] = {}
     for template in {video.template for video in videos.videos.values()}:
         of_template = {key: video for key, video in videos.videos.items() if video.template == template}
@@ -107,12 +107,12 @@ def template_prior(videos: VideoSet) -> Answers:
 
 
 def oracle(videos: VideoSet) -> Answers:
-    """The class that the recorded measures give: the upper bound, which sees the simulator's state."""
+    """Reference: the class from the recorded measures, an upper bound that uses the simulator's state."""
     return {key: label_of(video.evidence, videos.thresholds).risk for key, video in videos.videos.items()}
 
 
 def sequence(videos: VideoSet) -> Answers:
-    """The answers of the shipped network, which sees the pictures; videos whose file is missing have none."""
+    """Reference: answers of the shipped network, which sees the pictures; videos without a file have none."""
     missing = missing_files(videos)
     present = {key: video for key, video in videos.videos.items() if key not in missing}
     return load_sequence_model().answers(replace(videos, videos=present))
@@ -124,18 +124,19 @@ REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {
     "sequence": sequence,
     "oracle": oracle,
 }
-"""Rows of every table, by name."""
+"""References by name; they are rows of every table."""
 
 
 Confusion = npt.NDArray[np.int64]
-"""Counts of videos, shape ``(3, 4)``: row the reference class, column the answer, the last one for no usable answer."""
+"""Counts of videos, shape ``(3, 4)``: rows are reference classes, columns answers; the last column is unreadable
+answers."""
 
 NO_ANSWER: Final = len(RiskClass)
-"""Column of the videos whose answer could not be read. They count as wrong, and as no answer of any class."""
+"""Column of unreadable answers. They count as wrong, and as an answer of no class."""
 
 
 def confusion(reference: Sequence[RiskClass], answers: Sequence[RiskClass | None]) -> Confusion:
-    """Counts of each reference class and answer; None is an answer that could not be read."""
+    """Count answers by reference class; None is an unreadable answer."""
     counts = np.zeros((len(RiskClass), len(RiskClass) + 1), dtype=np.int64)
     columns = [NO_ANSWER if answer is None else answer for answer in answers]
     np.add.at(counts, (np.array(reference, dtype=np.intp), np.array(columns, dtype=np.intp)), 1)
@@ -143,17 +144,17 @@ def confusion(reference: Sequence[RiskClass], answers: Sequence[RiskClass | None
 
 
 def accuracy(counts: Confusion) -> Interval:
-    """Share of right answers."""
+    """Share of correct answers."""
     return share_interval(int(np.trace(counts)), int(counts.sum()))
 
 
 def precision(counts: Confusion, risk: RiskClass) -> Interval:
-    """Share of the answers of a class that are right; not valid where the class was never answered."""
+    """Share of correct answers among the answers of a class; not valid if the class was never answered."""
     return share_interval(int(counts[risk, risk]), int(counts[:, risk].sum()))
 
 
 def recall(counts: Confusion, risk: RiskClass) -> Interval:
-    """Share of the videos of a class that were recognised; not valid where there are none."""
+    """Share of a class's videos that were recognised; not valid if there are none."""
     return share_interval(int(counts[risk, risk]), int(counts[risk].sum()))
 
 
@@ -189,11 +190,11 @@ SCORES: Final[Mapping[str, Callable[[Confusion], Interval]]] = {
         for risk in RiskClass
     },
 }
-"""Every score by its name in tables and files."""
+"""Scores by their name in tables and files."""
 
 
 def correct_by_class(videos: VideoSet, answers: Answers) -> BlockSums:
-    """Right answers as sums over videos, with the classes as strata: their mean is the balanced accuracy.
+    """Correct answers as sums over videos with the classes as strata: their mean is the balanced accuracy.
 
     ``answers`` has one for each video of the set.
     """
@@ -204,24 +205,24 @@ def correct_by_class(videos: VideoSet, answers: Answers) -> BlockSums:
 
 @dataclass(frozen=True)
 class ModelScores:
-    """A model's scores on a set."""
+    """Scores of a model on a set."""
 
     name: str
     videos: int
-    """Of the set."""
+    """Number of videos in the set."""
     answered: int
-    """Videos that have an answer; the others do not count."""
+    """Number of videos with an answer; the others do not count."""
     overall: Confusion
     by_template: Mapping[str, Confusion]
 
     @property
     def scores(self) -> Mapping[str, Interval]:
-        """Every score overall, by name."""
+        """All scores over the whole set, by name."""
         return {name: score(self.overall) for name, score in SCORES.items()}
 
 
 def score_answers(name: str, videos: VideoSet, answers: Answers) -> ModelScores:
-    """Scores a model's answers; ``answers`` holds ids of the set only."""
+    """Score a model's answers; ``answers`` may contain only ids of the set."""
     answered = [(video, answers[key]) for key, video in sorted(videos.videos.items()) if key in answers]
 
     def counts(template: str | None = None) -> Confusion:

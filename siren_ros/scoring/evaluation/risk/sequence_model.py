@@ -1,4 +1,4 @@
-"""The reference that sees pictures and is no language model: a small network on each second frame of a video.
+"""A reference that sees pictures but is no language model: a small network on every second frame of a video.
 
 It sees grey pictures, five a second, without the sky, a fifth of the size.
 """
@@ -20,22 +20,22 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.splits import EpisodeIdentity, SeenEpisodes, Split, counted_standings
 
 SmallFrames = npt.NDArray[np.uint8]
-"""Grey values of a film, shape ``(T, HEIGHT, WIDTH)``."""
+"""A film in grey values, shape ``(T, HEIGHT, WIDTH)``."""
 
 EVERY: Final = 2
-"""Of the video's frames at 10 Hz each second one is used."""
+"""Every second frame of a 10 Hz video is used."""
 WIDTH: Final = 160
 HEIGHT: Final = 60
 _VIEW: Final = (800, 600)
-"""Width and height that the share below is stated for: those of the paper's front camera."""
+"""Width and height of the paper's front camera, for which the rows below are given."""
 _ROWS: Final = (200, 500)
-"""Rows of it that are used: from above the horizon at 300 to where the road is 1.7 m ahead of the camera."""
+"""Rows that are used: from above the horizon at 300 to where the road is 1.7 m ahead of the camera."""
 _GREY: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
-"""Luma of ITU-R BT.601, as H.264 stores it."""
+"""Weights of red, green and blue in grey (luma of ITU-R BT.601, as in H.264)."""
 
 
 def reduced(rgb: npt.NDArray[np.uint8]) -> SmallFrames:
-    """One picture of the front camera, shape ``(height, width, 3)``, as one of shape ``(HEIGHT, WIDTH)``.
+    """Reduce one picture of the front camera, ``(height, width, 3)``, to ``(HEIGHT, WIDTH)``.
 
     Raises:
         InputError: A picture whose size is no multiple of the small one in the camera's proportions.
@@ -44,7 +44,7 @@ def reduced(rgb: npt.NDArray[np.uint8]) -> SmallFrames:
 
 
 def read_small_frames(path: Path, frames: int) -> SmallFrames:
-    """Each second frame of an MP4 file that must have that many frames, reduced.
+    """Read every second frame of an MP4 file, which must have the given number of frames, and reduce them.
 
     Raises:
         InputError: No such video, not a video, one of another length, or of a size that cannot be reduced.
@@ -69,40 +69,40 @@ def _reduced_grey(grey: npt.NDArray[np.float32]) -> SmallFrames:
 
 
 def stacked(films: Sequence[SmallFrames]) -> SmallFrames:
-    """Films of equal length as one array, shape ``(N, T, HEIGHT, WIDTH)``."""
+    """Join films of equal length to one array, shape ``(N, T, HEIGHT, WIDTH)``."""
     return np.stack(list(films))
 
 
 SHIPPED: Final = Path("risk", "sequence.onnx")
-"""Place of the weights below the parameter files."""
+"""Place of the shipped weights below the parameter files."""
 INPUT: Final = "frames"
 OUTPUT: Final = "probability"
 _DECIDES: Final = ("seed", "map", "values")
-"""Of a request, what decides the split of its episode with its template."""
+"""Fields of a request that decide its episode's split, besides the template."""
 FRAMES_VERSION: Final = 1
-"""Of the network's input; weights of another version are refused."""
+"""Version of the network's input; weights of other versions are refused."""
 
 
 @dataclass(frozen=True)
 class SequenceModel:
-    """Estimates how likely a film shows a near-miss or worse, and how likely a collision."""
+    """Estimates the probability that a film shows at least a near-miss, and that it shows a collision."""
 
     network: NetworkFile
 
     def probabilities(self, frames: SmallFrames) -> tuple[float, float]:
-        """Of one film, shape ``(T, HEIGHT, WIDTH)``: of a near-miss or worse, and of a collision."""
+        """Probabilities for one film, ``(T, HEIGHT, WIDTH)``: at least a near-miss, and a collision."""
         (shares,) = self.network.session.run([OUTPUT], {INPUT: frames[None]})
         return float(shares[0, 0]), float(shares[0, 1])
 
     def answer(self, frames: SmallFrames) -> RiskClass:
-        """The more severe class first: each probability is held against one half."""
+        """Class of one film: collision is tested first, each against a probability of one half."""
         near, hit = self.probabilities(frames)
         if hit > 0.5:
             return RiskClass.COLLISION
         return RiskClass.NEAR_MISS if near > 0.5 else RiskClass.NORMAL
 
     def standings(self, videos: VideoSet) -> dict[Split, int]:
-        """How many episodes of a set stand how to the training; empty where the card does not list its episodes."""
+        """Number of a set's episodes by their relation to the training; empty if the card lists no episodes."""
         seen = SeenEpisodes.of_card(self.network.card)
         if seen is None:
             return {}
@@ -117,7 +117,7 @@ class SequenceModel:
     def answers(
         self, videos: VideoSet, progress: Callable[[str], None] = lambda _: None
     ) -> dict[str, RiskClass | None]:
-        """The answers to all videos of a set; ``progress`` is called with each video's id.
+        """Answers to all videos of a set; ``progress`` is called with each video's id.
 
         Raises:
             InputError: A video is missing or of another length.
@@ -130,7 +130,7 @@ class SequenceModel:
 
 
 def load_sequence_model(path: Path | None = None) -> SequenceModel:
-    """The model that ships with the project, or one of ``siren train risk``.
+    """Load the shipped model, or one of ``siren train risk``.
 
     Raises:
         InputError: No such file, or not a network of this task.

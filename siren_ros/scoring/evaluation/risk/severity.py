@@ -1,4 +1,4 @@
-"""How severe a video is as two numbers, and how well answers guess them: the least TTC and the speed of the contact."""
+"""Severity of a video as two numbers (smallest TTC, contact speed), and how well answers estimate them."""
 
 import csv
 from collections.abc import Mapping
@@ -20,21 +20,22 @@ from siren_ros.scoring.judging.surrogate_safety import HORIZON_S
 
 @dataclass(frozen=True)
 class Severity:
-    """Of one video."""
+    """Severity of one video."""
 
     least_ttc_s: float
-    """Least TTC with who closes in faster than the labels' limit; ``HORIZON_S`` where nobody does, 0 with a contact."""
+    """Smallest TTC with vehicles that close faster than the labels' limit; ``HORIZON_S`` without one, 0 with a
+    contact."""
     contact_mps: float
-    """Speed of the hardest contact; 0 without one."""
+    """Speed of the hardest contact; 0 without a contact."""
 
 
 MEASURES: Final = {"least_ttc_s": "least TTC in s", "contact_mps": "speed of the contact in m/s"}
 Severities = Mapping[str, Severity]
-"""By video."""
+"""Severities by video."""
 
 
 def severity_of(evidence: Evidence, thresholds: RiskThresholds) -> Severity:
-    """The two numbers of a video from what the record holds."""
+    """Severity of a video from its recorded evidence."""
     closing = evidence.moments.closing_mps > thresholds.closing_mps
     least = float(evidence.moments.time_to_collision_s[closing].min(initial=HORIZON_S))
     contact = max((hit.impact_mps for hit in evidence.contacts), default=0.0)
@@ -42,12 +43,12 @@ def severity_of(evidence: Evidence, thresholds: RiskThresholds) -> Severity:
 
 
 def severities_of(videos: VideoSet) -> Severities:
-    """The true ones of a set."""
+    """The true severities of a set."""
     return {key: severity_of(video.evidence, videos.thresholds) for key, video in videos.videos.items()}
 
 
 def template_means(videos: VideoSet) -> Severities:
-    """The means of each template: what who knows the template alone can answer."""
+    """Means of each template: the best estimate from the template alone."""
     truth = severities_of(videos)
     means = {}
     for template in {video.template for video in videos.videos.values()}:
@@ -57,7 +58,7 @@ def template_means(videos: VideoSet) -> Severities:
 
 
 def read_severities(path: Path) -> Severities:
-    """Guesses of both numbers: JSON ``{"S1_000": {"least_ttc_s": 1.2, "contact_mps": 0.0}}``, or CSV with columns.
+    """Read estimates of both numbers: JSON ``{"S1_000": {"least_ttc_s": 1.2, "contact_mps": 0.0}}``, or CSV.
 
     Empty where the file has none, as a file of classes alone.
 
@@ -84,16 +85,19 @@ def read_severities(path: Path) -> Severities:
 
 @dataclass(frozen=True)
 class SeverityScore:
-    """How well one of the numbers was guessed."""
+    """Quality of the estimates of one number."""
 
     error: Interval
     """Mean absolute error, with the interval over videos."""
     rank_correlation: float | None
-    """Spearman's ρ with the truth; None where all guesses are equal."""
+    """Spearman's ρ with the truth; None if all estimates are equal."""
 
 
 def score_severities(videos: VideoSet, given: Severities) -> Mapping[str, SeverityScore]:
-    """By measure; the contact's speed over the videos with a contact alone. Videos without a guess do not count."""
+    """Score estimates by measure.
+
+    Videos without an estimate do not count; contact speed counts only videos with a contact.
+    """
     truth = severities_of(videos)
     keys = sorted(set(truth) & set(given))
     scores = {}

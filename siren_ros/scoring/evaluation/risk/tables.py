@@ -1,4 +1,4 @@
-"""The risk task's tables next to the paper's, all scores as JSON, and as CSV."""
+"""Tables of the risk task beside the paper's, and all scores as JSON and CSV."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -24,10 +24,11 @@ PAPER_SCORES: Final[Mapping[str, Mapping[str, float]]] = {
         "Qwen3.5-9B": (70.48, 70.48, 82.68, 0.00, 0.00, 0.00, 0.00),
     }.items()
 }
-"""Score by model and name, as shares. The paper prints percentages of 105 videos."""
+"""The paper's scores by model and name, as shares; it prints percentages of 105 videos."""
 
 PAPER_BALANCE: Final = (74, 25, 6)
-"""Normal, Near-Miss, Collision. The paper does not print it; no other balance of 105 videos gives all its numbers."""
+"""Number of videos per class (Normal, Near-Miss, Collision) in the paper. The paper does not print it; no other split
+of 105 videos gives all its numbers."""
 
 _OVERALL: Final = {"accuracy": "accuracy", "balanced accuracy": "balanced_accuracy", "macro F1": "macro_f1"}
 _OF_CLASSES: Final = {
@@ -35,14 +36,14 @@ _OF_CLASSES: Final = {
     for risk in RiskClass
     for short, score in (("P", "precision"), ("R", "recall"), ("F1", "f1"))
 }
-"""Title and score of the columns."""
+"""Column titles with the names of their scores."""
 _PAPER_VIDEOS: Final = "105"
 _TRIVIAL: Final = frozenset({"majority", "template_prior", "oracle"})
-"""References whose matrices follow from the labels."""
+"""References whose confusion matrices follow from the labels."""
 
 
 def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
-    """Scores in percent, with the paper's rows below ours where asked, and confusion matrices.
+    """Tables of scores in percent, with the paper's rows below ours on request, and confusion matrices.
 
     They are made from the content of ``scores.json`` (``scores_as_json``), so that a page of stored scores shows the
     tables of the terminal.
@@ -51,7 +52,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     answers = ("label", *(f"answered {title}" for title in content["classes"]), "unreadable")
 
     def labelled(counts: Sequence[Sequence[int]]) -> Iterator[Row]:
-        """Rows of a confusion matrix behind their labels."""
+        """Rows of a confusion matrix with their labels in front."""
         for title, row in zip(content["classes"], counts, strict=True):
             yield (title, *row)
 
@@ -102,7 +103,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
 
 
 def table_of_changes(videos: VideoSet) -> Table:
-    """How the labels of a set change with their thresholds."""
+    """Table of how a set's labels change with their thresholds."""
     rows = changes_of_labels(videos)
     head = ("threshold", "value", *TITLES, "changed")
     shown = tuple((row.name, None if row.value == 1.0 else row.value, *row.counts, row.changed) for row in rows)
@@ -110,7 +111,7 @@ def table_of_changes(videos: VideoSet) -> Table:
 
 
 def table_of_severity(videos: VideoSet, given: Mapping[str, Severities]) -> Table:
-    """How well the numbers are guessed, by model; the mean of each template is a guess, too."""
+    """Table of how well models estimate severity; the mean of each template is an estimate, too."""
     rows = []
     for name, guesses in ({"template_prior": template_means(videos)} | dict(given)).items():
         scores = score_severities(videos, guesses)
@@ -120,13 +121,13 @@ def table_of_severity(videos: VideoSet, given: Mapping[str, Severities]) -> Tabl
 
 
 def table_of_agreement(kappas: Mapping[tuple[str, str], Interval]) -> Table:
-    """How far people agree with each other and with the labels."""
+    """Table of the agreement of people with each other and with the labels."""
     rows = tuple((*pair, kappa) for pair, kappa in kappas.items())
     return Table("agreement", "Agreement (Cohen's κ)", ("first", "second", "κ"), rows)
 
 
 def _percent(model: Mapping[str, Any], columns: Mapping[str, str]) -> Iterator[Cell]:
-    """Scores of a model; precision and recall, from which F1 follows, have no interval there."""
+    """Cells of a model's scores; precision and recall have no interval, since F1 follows from them."""
     for title, score in columns.items():
         percent = interval_of_json(model["scores"].get(score)).scaled(100.0)
         without_interval = title.startswith(("P ", "R "))
@@ -138,7 +139,7 @@ def _paper_percent(scores: Mapping[str, float], columns: Mapping[str, str]) -> I
 
 
 def csv_of_scores(models: Sequence[ModelScores]) -> str:
-    """One row for each model, group (all or a template) and score; without value where not valid."""
+    """CSV with one row per model, group (all or a template) and score; the value is empty if not valid."""
     rows = []
     for model in models:
         for group, counts in (("all", model.overall), *model.by_template.items()):
@@ -152,7 +153,7 @@ def csv_of_scores(models: Sequence[ModelScores]) -> str:
 
 
 def scores_as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
-    """Everything: scores with intervals, and the confusion matrices (rows labels; columns answers, then unreadable)."""
+    """All scores with intervals, and confusion matrices (rows: labels; columns: answers, then unreadable)."""
     return {
         "classes": list(TITLES),
         "models": {

@@ -1,4 +1,4 @@
-"""A folder of risk videos: each video with its label and the evidence of the label; the frames of a video file."""
+"""A folder of risk videos: each video with its label and the label's evidence; frames of video files."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ from siren_ros.scoring.evaluation.risk.labels import (
 )
 
 VIDEO_FRAMES: Final = 190
-"""Of each video, at 10 Hz (paper, "Risk understanding")."""
+"""Number of frames of a video, at 10 Hz (paper, "Risk understanding")."""
 SET_FILE: Final = "videos.json"
 EVIDENCE_FILE: Final = "evidence.parquet"
 _MOMENT_COLUMNS: Final = {
@@ -43,7 +43,7 @@ _MOMENT_COLUMNS: Final = {
 }
 
 _SHARED: Final = ("template", "file", "frames", "first_step")
-"""Fields of a video with the same names in the set's file."""
+"""Fields of a video that have the same names in the set's file."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +51,17 @@ class RiskVideo:
     """One video of a set."""
 
     video_id: str
-    """Such as ``S4_007``; unique in the set."""
+    """Id such as ``S4_007``, unique in the set."""
     template: str
     file: str
     """Path of the MP4 file, relative to the set's folder."""
     frames: int
     first_step: int
-    """Step of the episode at the first frame."""
+    """Step of the episode at the video's first frame."""
     label: RiskLabel
     evidence: Evidence
     request: Mapping[str, Any]
-    """The request of the episode, so that it can be made again."""
+    """The episode's request, from which it can be made again."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class VideoSet:
     thresholds: RiskThresholds
 
     def moved(self, folder: Path) -> "VideoSet":
-        """The set's files in another folder, with the videos where they are."""
+        """The set with its files in another folder; the videos stay where they are."""
         videos = {
             key: replace(video, file=Path(relpath(self.folder / video.file, folder)).as_posix())
             for key, video in self.videos.items()
@@ -81,29 +81,29 @@ class VideoSet:
         return replace(self, folder=folder, videos=videos)
 
     def relabelled(self, thresholds: RiskThresholds) -> "VideoSet":
-        """The same videos with the labels that other thresholds give."""
+        """The same videos with labels by other thresholds."""
         videos = {key: replace(video, label=label_of(video.evidence, thresholds)) for key, video in self.videos.items()}
         return replace(self, videos=videos, thresholds=thresholds)
 
 
 _SHARES: Final = (0.5, 0.75, 1.25, 1.5)
-"""Of a threshold that the table of changes tries."""
+"""Factors on a threshold in the table of changes."""
 
 
 @dataclass(frozen=True)
 class ChangedLabels:
-    """The labels of a set with one other threshold."""
+    """Labels of a set with one changed threshold."""
 
     name: str
     value: float
     counts: tuple[int, ...]
-    """Normal, Near-Miss, Collision."""
+    """Number of videos per class: Normal, Near-Miss, Collision."""
     changed: int
-    """Videos with another class."""
+    """Number of videos with another class than before."""
 
 
 def changes_of_labels(videos: VideoSet) -> tuple[ChangedLabels, ...]:
-    """How the labels change with each threshold, half to one and a half of it, and with each definition."""
+    """How labels change with each threshold, from half to one and a half of it, and with each definition."""
     limits = asdict(videos.thresholds)
     tried = [(f"near-miss: {name}", 1.0, thresholds) for name, thresholds in DEFINITIONS.items()]
     tried += [
@@ -123,7 +123,7 @@ def _changed(videos: VideoSet, name: str, value: float, again: VideoSet) -> Chan
 
 
 def write_set(videos: VideoSet) -> None:
-    """Writes the set's two files into its folder, which holds the MP4 files."""
+    """Write the set's two files into its folder, which contains the MP4 files."""
     content = {
         "thresholds": asdict(videos.thresholds),
         "videos": [_as_json(video) for _, video in sorted(videos.videos.items())],
@@ -135,7 +135,7 @@ def write_set(videos: VideoSet) -> None:
 
 
 def read_set(folder: Path) -> VideoSet:
-    """Reads a set.
+    """Read a set from a folder.
 
     Raises:
         InputError: No set in the folder, files that do not belong together, or a value that is not known.
@@ -146,7 +146,7 @@ def read_set(folder: Path) -> VideoSet:
         most_rows = MOMENTS_OF_VIDEO * len(content["videos"])
         table = plain_json.read_table(folder / EVIDENCE_FILE, most_rows, BYTES_OF_MOMENT)
         moments = _moments_by_video(table)
-        # Sets of earlier versions have the speed from which on a contact was a collision.
+        # Sets of earlier versions contain a speed above which a contact was a collision.
         known = {name: value for name, value in content["thresholds"].items() if name != "impact_mps"}
         thresholds = RiskThresholds(**known)
         videos = [_video(entry, moments.get(str(entry["id"]), _moments({}))) for entry in content["videos"]]
@@ -161,12 +161,12 @@ def read_set(folder: Path) -> VideoSet:
 
 
 def _check(video: RiskVideo, folder: Path) -> None:
-    """Sets are handed on: what one names is shown on pages, so it names films of a set alone."""
+    """Check that a set refers only to its own films, because sets come from others and pages show these files."""
     _check_types("videos", video)
     for part in (video.label, *video.evidence.encroachments, *video.evidence.contacts):
         _check_types(video.video_id, part)
     file = folder / video.file
-    # A relabelled set names the films of the set that it was made from.
+    # A relabelled set refers to the films of its original set.
     owner = file.parent.parent if ".." in Path(video.file).parts else folder
     known = owner.joinpath(SET_FILE).is_file() and file.resolve().is_relative_to(owner.resolve())
     if not known or file.resolve().suffix != ".mp4":
@@ -175,7 +175,7 @@ def _check(video: RiskVideo, folder: Path) -> None:
 
 
 def _check_types(where: str, of: Any) -> None:
-    """ValueError where a field of numbers or texts has a value of another type."""
+    """Check the types of fields; ValueError if a field of numbers or texts has another type."""
     for field in fields(of):
         value = getattr(of, field.name)
         allowed = _TYPES.get(str(getattr(field.type, "__name__", field.type)))
@@ -185,13 +185,13 @@ def _check_types(where: str, of: Any) -> None:
 
 _TYPES: Final[Mapping[str, Any]] = {"str": str, "int": int, "float": (int, float), "bool": bool}
 MOMENTS_OF_VIDEO: Final = 200_000
-"""At most, of one video's evidence: 190 frames, of each some steps with many vehicles."""
+"""Largest number of rows in one video's evidence: 190 frames, each with some steps and many vehicles."""
 BYTES_OF_MOMENT: Final = 256
-"""Of a row of the evidence in memory, at most."""
+"""Upper bound of the memory of a row of the evidence."""
 
 
 def missing_files(videos: VideoSet) -> tuple[str, ...]:
-    """Videos of a set whose file is not there."""
+    """Videos of a set whose file is missing."""
     return tuple(key for key, video in videos.videos.items() if not (videos.folder / video.file).is_file())
 
 
@@ -243,7 +243,7 @@ def _moments(columns: Mapping[str, Any]) -> Moments:
 
 
 def film_frames(path: Path, count: int) -> Iterator[av.VideoFrame]:
-    """Decodes an MP4 file, frame by frame; it must have that many frames.
+    """Decode an MP4 file frame by frame; it must have the given number of frames.
 
     Raises:
         InputError: No such video, not a video, or one of another length, which is known after the last frame.
@@ -265,7 +265,7 @@ BATCH: Final = 8
 
 
 def key_frames(frames: int) -> tuple[int, ...]:
-    """Nine uniform key frames, first and last included: 0, 23, 47, …, 189 of 190.
+    """Indices of nine uniform key frames, including first and last: 0, 23, 47, …, 189 of 190.
 
     Their number and places are this project's choice; the paper does not say which frames its models see.
 
@@ -278,5 +278,5 @@ def key_frames(frames: int) -> tuple[int, ...]:
 
 
 def batches(frames: Sequence[int]) -> tuple[tuple[int, ...], ...]:
-    """The key frames of each question: eight and one, this project's way to the paper's two predictions for a video."""
+    """Key frames of each question, eight and one: this project's way to the paper's two predictions per video."""
     return tuple(tuple(frames[first : first + BATCH]) for first in range(0, len(frames), BATCH))

@@ -1,1 +1,1 @@
-"""The effect of making way on the EMV, on each driver in its way, on the wake and on safety; from the record."""
+"""Measures the effect of making way: on the EMV, on each driver in its way, on traffic behind it, and on safety."""

@@ -1,4 +1,4 @@
-"""The corridor in front of the EMV: how wide a way leads through the traffic ahead, at every half second."""
+"""Measures the corridor ahead of the EMV every half second: how wide a path through the traffic is."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,14 +16,14 @@ from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 EVERY_STEPS: Final = 10
 _CELL_M: Final = 0.1
 _REACH_M: Final = 10.0
-"""Lateral extent of the search on each side of the line."""
+"""Lateral range of the search on each side of the line."""
 _SLOPE: Final = 0.3
-"""Lateral way per metre: what a vehicle can follow at low speed."""
+"""Largest lateral shift per metre, which a vehicle can follow at low speed."""
 _START_M: Final = 0.3
-"""The way begins where the EMV is, within this."""
+"""The path begins within this distance of the EMV."""
 _USED: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 _SEAM_M: Final = 0.1
-"""Neighbouring lanes meet with rounding gaps."""
+"""Tolerance for rounding gaps between neighbouring lanes."""
 _ALIGNED_RAD: Final = np.pi / 4.0
 _ACROSS_M: Final = np.arange(-_REACH_M, _REACH_M + 0.5 * _CELL_M, _CELL_M)
 
@@ -34,9 +34,9 @@ class CorridorSeries:
 
     step: Steps
     width_m: Floats
-    """Of the widest way through the traffic over the look-ahead: its narrowest place."""
+    """Width of the widest path through the traffic over the look-ahead, at its narrowest place."""
     contested: Flags
-    """Whether a vehicle is on the road there; an empty road has no corridor."""
+    """Whether other vehicles are on that part of the road; an empty road has no corridor."""
     needed_m: float
     """Width that the EMV needs: its own and the margins."""
 
@@ -47,7 +47,7 @@ class CorridorSeries:
 
 
 def corridor_series(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> CorridorSeries:
-    """Width of the way ahead at every half second at which the line goes on for the whole look-ahead."""
+    """Compute the corridor at every half second for which the line covers the whole look-ahead."""
     others = [line.place(record, actor) for actor in record.actors if actor not in record.emv_ids]
     sizes = {actor_id: (actor.length_m, actor.width_m) for actor_id, actor in record.actors.items()}
     stations = np.arange(0.0, limits.look_ahead_m + 0.5, 1.0)
@@ -76,13 +76,13 @@ def corridor_series(record: EpisodeRecord, line: EmvLine, limits: YieldThreshold
 
 
 def widest_way_m(free: Flags, start_m: float) -> float:
-    """Width of the widest way over all stations, at its narrowest place.
+    """Width of the widest path through all stations, at its narrowest place.
 
     Args:
         free: Whether a place is free, shape ``(S, C)``: stations of 1 m ahead, cells of 0.1 m across.
         start_m: Where the way begins across the line.
     """
-    # At each cell twice the distance across the line to the nearest place that is not free.
+    # For each cell: twice the lateral distance to the nearest cell that is not free.
     cells = np.arange(free.shape[1])
     left = cells - np.maximum.accumulate(np.where(free, -1, cells), axis=1)
     right = np.minimum.accumulate(np.where(free, free.shape[1], cells)[:, ::-1], axis=1)[:, ::-1] - cells
@@ -93,7 +93,7 @@ def widest_way_m(free: Flags, start_m: float) -> float:
 
 @compiled
 def _follow(best: Array, width: Array, reach: int) -> Array:
-    """The widest way to each cell of the last station; from one to the next it moves by at most ``reach`` cells."""
+    """Widest path to each cell of the last station; between stations it shifts by at most ``reach`` cells."""
     for station in range(1, len(width)):
         before = best.copy()
         for cell in range(len(best)):
@@ -102,7 +102,7 @@ def _follow(best: Array, width: Array, reach: int) -> Array:
 
 
 def _footprint(other: OnLine, row: int, size_m: tuple[float, float], arc_m: Floats) -> Flags:
-    """The cells that a body covers, as it is turned."""
+    """Cells that a vehicle's body covers at its heading."""
     along = arc_m[:, None] - other.arc_m[row]
     across = _ACROSS_M - other.left_m[row]
     cos, sin = np.cos(other.turn_rad[row]), np.sin(other.turn_rad[row])
@@ -111,7 +111,7 @@ def _footprint(other: OnLine, row: int, size_m: tuple[float, float], arc_m: Floa
 
 
 def road_cells(network: RoadNetwork, line: EmvLine, arc_m: Floats) -> Flags:
-    """The road in the line's direction, shoulders included, at places on the line, shape ``(S, C)``.
+    """Road surface in the line's direction, including shoulders, at places on the line, shape ``(S, C)``.
 
     Lanes belong to it as far as one borders on the next, from the line outwards; a road of its own next to it does not.
     """
@@ -138,14 +138,14 @@ def road_cells(network: RoadNetwork, line: EmvLine, arc_m: Floats) -> Flags:
 
 
 def corridor_width_m(series: CorridorSeries) -> Measure:
-    """Median width of the way ahead while somebody is there."""
+    """Median width of the corridor while other vehicles are ahead."""
     if not series.contested.any():
         return Measure.lacking("nobody was ahead of the EMV")
     return Measure(float(np.median(series.width_m[series.contested])))
 
 
 def corridor_continuity(series: CorridorSeries) -> Measure:
-    """Share of the time with somebody ahead at which the EMV fitted through over the whole look-ahead."""
+    """Share of the time with vehicles ahead in which the EMV fits through the whole look-ahead."""
     if not series.contested.any():
         return Measure.lacking("nobody was ahead of the EMV")
     return Measure(float(series.passable[series.contested].mean()))

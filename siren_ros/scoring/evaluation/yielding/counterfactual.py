@@ -1,4 +1,4 @@
-"""Paired counterfactuals: two levels of a seed differ in nothing but the level, so the difference is its effect."""
+"""Paired comparison: two levels of a seed differ only in the level, so their difference is the level's effect."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,17 +14,17 @@ from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 
 OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s", "min_ttc_s", "collisions")
-"""What the level has an effect on."""
+"""Measures that are compared between levels."""
 CONTRASTS: Final = (("L1", "L0"), ("L2", "L1"), ("L3", "L1"), ("L3", "L2"), ("L3", "L0"))
 """Pairs of levels. L1 − L0: the EMV's privileges; L2 − L1: siren and lane changes; L3 − L1: siren and corridor."""
 ALL: Final = "all"
-"""Stands for all templates, each counted once."""
+"""Name for all templates together, which count equally."""
 Pair = tuple[str, str, int, str]
 
 
 @dataclass(frozen=True)
 class Effect:
-    """The first level's outcome minus the second's, over pairs of episodes."""
+    """Difference of an outcome between two levels (first minus second), over pairs of episodes."""
 
     template: str
     outcome: str
@@ -32,9 +32,9 @@ class Effect:
     second: str
     paired: PairedDifference
     cut_off: int
-    """Pairs in which at least one of the two values is a lower bound: the episode ended before."""
+    """Number of pairs in which a value is only a lower bound, because the episode ended early."""
     adjusted_p: float
-    """p-value for all effects on this outcome together (Holm)."""
+    """p-value adjusted for all effects on this outcome (Holm)."""
 
 
 def effects(
@@ -43,7 +43,7 @@ def effects(
     outcomes: Sequence[str] = OUTCOMES,
     seed: int = 0,
 ) -> tuple[Effect, ...]:
-    """Effects of the level, template by template and over all of them.
+    """Compute the effects of the level, per template and over all of them.
 
     The blocks of the intervals are the pairs; episodes without a partner at the other level are left out. A travel time
     is the one up to the episode's end where the EMV has not arrived by then, so that effects on it are understated and
@@ -73,7 +73,7 @@ def effects(
 
 
 def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generator) -> tuple[PairedDifference, int]:
-    """The first sides minus the second ones where both have a value, and in how many pairs one is a lower bound."""
+    """Difference of the sides where both have a value, and the number of pairs with a lower bound."""
     known = {key: sides for key, sides in sides_of.items() if all(side.valid for side in sides)}
     names = sorted({key[0] for key in sides_of})
     stratum = np.array([names.index(key[0]) for key in known], dtype=np.intp)
@@ -85,7 +85,7 @@ def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generat
 
 
 def effect_tables(results: Sequence[Effect]) -> tuple[Table, ...]:
-    """A table for each outcome that has an effect; levels are written as ``L2 − L1``."""
+    """A table per outcome; levels are written as ``L2 − L1``."""
     tables = (
         Table(
             outcome,
@@ -108,7 +108,7 @@ def _row(effect: Effect) -> Row:
 
 
 def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, ScoredEpisode]]:
-    """Episodes by template, map, seed and draw, then by level; of several EMVs the first one.
+    """Episodes by template, map, seed and draw, then by level; of several EMVs only the first.
 
     Raises InputError as ``effects`` does.
     """

@@ -1,4 +1,4 @@
-"""The line that the EMV drove, and would go on to drive; along it the encounters with drivers that it comes up to."""
+"""The line of the EMV (its driven path and its continuation), and its encounters with drivers along this line."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, Lights, rows_of_ids
 
 REACH_M: Final = 45.0
-"""More than a vehicle's length and the corridor's look-ahead."""
+"""Length of the continuation: more than a vehicle's length and the corridor's look-ahead together."""
 _FIRST_M: Final = 1.0
 _STEP_M: Final = 1.0
 
 
 def way_ahead(record: EpisodeRecord, track: StateRows) -> Points:
-    """Points from a track's end onwards, shape ``(K, 2)``, K ≥ 1; at the same distance from the lane's centre line.
+    """Continuation of a track along its lane at the same lateral offset, shape ``(K, 2)``, K ≥ 1.
 
     Where the vehicle is in no lane, or its lane ends, they lead straight on.
     """
@@ -45,7 +45,7 @@ def way_ahead(record: EpisodeRecord, track: StateRows) -> Points:
 
 
 def _route(record: EpisodeRecord, last: StateRows) -> frozenset[int]:
-    """Edges that the vehicle still has ahead; none where SUMO said nothing."""
+    """Edges that remain on the vehicle's route; empty if SUMO gave none."""
     for traffic in reversed(record.traffic):
         if traffic.step == int(last.step[0]):
             row = int(rows_of_ids(traffic.actor_id, last.actor_id)[0])
@@ -54,7 +54,7 @@ def _route(record: EpisodeRecord, last: StateRows) -> frozenset[int]:
 
 
 def _next_lane(network: RoadNetwork, lane: int, edges: frozenset[int]) -> int:
-    """The lane that follows, on the route if one does, otherwise straight on; NO_LANE at the end of the road."""
+    """The next lane, on the route if possible, otherwise straight on; NO_LANE at the end of the road."""
     over = network.connections_over.get(lane, ())
     if over:
         return (*over[0].via, over[0].to_lane)[over[0].via.index(lane) + 1]
@@ -67,28 +67,28 @@ def _next_lane(network: RoadNetwork, lane: int, edges: frozenset[int]) -> int:
 
 SPACING_M = 1.0
 LEAST_WAY_M = 5.0
-"""An EMV that covers less has no line."""
+"""An EMV that drives a shorter distance has no line."""
 _SAME_WAY_RAD = np.pi / 3.0
 
 
 @dataclass(frozen=True)
 class OnLine:
-    """Where an actor is relative to the line; arrays of shape ``(M,)``, one row for each step of ``track``."""
+    """Position of an actor relative to the line; arrays of shape ``(M,)``, one row per step of ``track``."""
 
     track: StateRows
     arc_m: Floats
-    """Of its centre along the line."""
+    """Arc length of its centre along the line."""
     left_m: Floats
-    """Of its centre from the line."""
+    """Lateral distance of its centre from the line, positive to the left."""
     turn_rad: Floats
     """Its heading relative to the line's."""
     half_along_m: Floats
-    """Half the extent of its footprint along the line, as it is turned."""
+    """Half the extent of its footprint along the line, at its heading."""
     half_across_m: Floats
-    """The same across the line."""
+    """Half the extent of its footprint across the line, at its heading."""
 
     def select(self, rows: Flags) -> "OnLine":
-        """Some of the rows."""
+        """Select some of the rows."""
         arrays = (self.arc_m, self.left_m, self.turn_rad, self.half_along_m, self.half_across_m)
         return OnLine(self.track.select(rows), *(values[rows] for values in arrays))
 
@@ -100,19 +100,19 @@ class OnLine:
 
 @dataclass(frozen=True)
 class EmvLine:
-    """The first EMV's line: the way that it drove, and from there on along its lane."""
+    """Line of the first EMV: its driven path, continued along its lane."""
 
     line: Polyline
     emv: OnLine
     driven_m: float
     """Arc length at which the EMV's record ends."""
     length_m: float
-    """Of the EMV's body."""
+    """Length of the EMV's body."""
     width_m: float
 
     @classmethod
     def of(cls, record: EpisodeRecord) -> Self | None:
-        """The line of an episode; None where the EMV does not move.
+        """Line of an episode; None if the EMV does not move.
 
         Raises:
             InputError: The episode has no EMV.
@@ -123,7 +123,7 @@ class EmvLine:
         way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(track.x_m), np.diff(track.y_m)))))
         if not len(track) or way[-1] < LEAST_WAY_M:
             return None
-        # One point per metre: what the pose does at standstill is no line.
+        # One point per metre, because small motions of the pose at standstill are not part of a line.
         marks = np.searchsorted(way, np.arange(0.0, way[-1], SPACING_M))
         driven = Polyline.through(track.xy_m[np.unique(np.append(marks, len(way) - 1))])
         line = Polyline.through(np.concatenate((driven.points, way_ahead(record, track))))
@@ -132,19 +132,19 @@ class EmvLine:
         return cls(line, placed, driven.length_m, body.length_m, body.width_m)
 
     def place(self, record: EpisodeRecord, actor_id: int) -> OnLine:
-        """Another actor relative to the line, at the steps at which the EMV is there too."""
+        """Position of another actor relative to the line, at the steps with both."""
         body = record.actors[actor_id]
         track = record.track(actor_id)
         track = track.select(np.isin(track.step, self.emv.track.step))
         return on_line(self.line, track, body.length_m, body.width_m)
 
     def emv_at(self, other: OnLine) -> OnLine:
-        """The EMV at the steps of another actor's rows."""
+        """Position of the EMV at the steps of another actor's rows."""
         return self.emv.select(np.isin(self.emv.track.step, other.track.step))
 
 
 def on_line(line: Polyline, track: StateRows, length_m: float, width_m: float) -> OnLine:
-    """A track relative to a line."""
+    """Position of a track relative to a line."""
     arc, left = line.project(track.xy_m) if len(track) else (np.empty(0), np.empty(0))
     turn = np.asarray(wrap_angle(track.yaw_rad - line.heading_rad(arc)))
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
@@ -154,20 +154,20 @@ def on_line(line: Polyline, track: StateRows, length_m: float, width_m: float) -
 
 @dataclass(frozen=True)
 class LaneOffsets:
-    """Arrays of shape ``(M,)``, one for each state of a track."""
+    """Lateral position of a driver; arrays of shape ``(M,)``, one value for each state of a track."""
 
     offset_m: Floats
-    """From the centre line of the present lane; of the last one where the driver is in no lane."""
+    """Distance from the centre line of the present lane, or of the last one if the driver is in no lane."""
     lateral_m: Floats
-    """Way to the left since the first state, relative to the road."""
+    """Lateral distance driven to the left since the first state, relative to the road."""
 
     def select(self, rows: Flags) -> "LaneOffsets":
-        """Some of the states."""
+        """Select some of the states."""
         return LaneOffsets(self.offset_m[rows], self.lateral_m[rows])
 
 
 def lane_offsets(record: EpisodeRecord, track: StateRows) -> LaneOffsets:
-    """Offsets of one actor. Where it changes between lanes of one edge, the way across goes on."""
+    """Lateral positions of one actor. A lane change on the same edge continues the lateral distance."""
     places = places_of(record, track)
     known = np.where(places.lane != NO_LANE, np.arange(len(places.lane)), 0)
     lane = places.lane[np.maximum.accumulate(known)]
@@ -187,35 +187,35 @@ def lane_offsets(record: EpisodeRecord, track: StateRows) -> LaneOffsets:
 
 @dataclass(frozen=True)
 class Encounter:
-    """One driver and the EMV behind it. Rows are the steps from the beginning to the end of the episode."""
+    """One driver and the EMV behind it. Rows are the steps from the encounter's beginning to the episode's end."""
 
     actor_id: int
     driver: OnLine
     emv: OnLine
     gap_m: Floats
-    """From the EMV's front to the driver's rear along the line; negative while they are next to each other."""
+    """Gap from the EMV's front to the driver's rear along the line; negative while they are side by side."""
     passed_row: int
-    """First row at which the EMV's rear is ahead of the driver's front; −1 where the EMV does not pass it."""
+    """First row at which the EMV's rear is ahead of the driver's front; −1 if the EMV does not pass."""
     with_siren: bool
-    """Whether the siren sounds at the beginning."""
+    """Whether the siren sounds when the encounter begins."""
     offsets: LaneOffsets
-    """The driver across its road."""
+    """Lateral position of the driver on its road."""
     in_the_way: Flags
     """Whether the driver's body is in the strip that the EMV drives through, at each row."""
 
     @property
     def until_passed(self) -> slice:
-        """Rows before the passing, or all."""
+        """Rows before the EMV has passed, or all."""
         return slice(0, self.passed_row if self.passed_row >= 0 else None)
 
     @property
     def was_in_the_way(self) -> bool:
-        """Whether the driver had to make way: it was in the EMV's strip as the encounter began."""
+        """Whether the driver had to make way: it was in the EMV's strip when the encounter began."""
         return bool(self.in_the_way[0])
 
 
 def encounters_of(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Iterator[Encounter]:
-    """All encounters of an episode, by actor id; at most one for each driver.
+    """Find all encounters of an episode, by actor id; at most one per driver.
 
     An encounter begins when the driver is ahead of the EMV within ``encounter_m``, drives in its direction, and is at
     most ``beside_m`` from its line.

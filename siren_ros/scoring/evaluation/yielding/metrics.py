@@ -1,4 +1,4 @@
-"""The yield metrics: a function for each number of a driver, the EMV, the wake, the civilians and safety; tables."""
+"""The yield metrics: one function per measure of a driver, the EMV, the traffic behind it and safety; their table."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _NOT_IN_THE_WAY = "the driver was not in the EMV's way"
 
 
 def _why_not_asked(encounter: Encounter) -> str:
-    """The reason why a driver need not make way: nobody comes, or it hears nothing; empty where it has to."""
+    """Reason why a driver need not make way (no EMV comes, no siren); empty if it must."""
     if not encounter.was_in_the_way:
         return _NOT_IN_THE_WAY
     return "" if encounter.with_siren else "no siren sounded"
@@ -55,7 +55,7 @@ def response_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
 
 
 def clearance_time_s(encounter: Encounter, _limits: YieldThresholds) -> Measure:
-    """Time from the beginning of the encounter until the driver has left the strip that the EMV drives through.
+    """Time from the beginning of the encounter until the driver has left the EMV's strip.
 
     A driver that drives on ahead of the EMV until its line ends has not cleared it.
     """
@@ -68,7 +68,7 @@ def clearance_time_s(encounter: Encounter, _limits: YieldThresholds) -> Measure:
 
 
 def complied(encounter: Encounter, limits: YieldThresholds) -> Measure:
-    """1 where the way was clear before the EMV was ``clear_before_m`` behind the driver, otherwise 0."""
+    """1 if the way was clear before the EMV was ``clear_before_m`` behind the driver, otherwise 0."""
     if reason := _why_not_asked(encounter):
         return Measure.lacking(reason)
     close = encounter.gap_m <= limits.clear_before_m
@@ -79,7 +79,7 @@ def complied(encounter: Encounter, limits: YieldThresholds) -> Measure:
 
 
 def held_up_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
-    """Time for which the EMV stood or crept closely behind the driver while the driver was in its way."""
+    """Time in which the EMV stood or drove very slowly close behind the driver, while the driver was in its way."""
     if not encounter.was_in_the_way:
         return Measure.lacking(_NOT_IN_THE_WAY)
     close = (encounter.gap_m >= 0.0) & (encounter.gap_m <= limits.held_gap_m)
@@ -88,13 +88,13 @@ def held_up_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
 
 
 def made_way_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
-    """Largest lateral shift on the road until the EMV has passed, in metres; left or right."""
+    """Largest lateral shift on the road before the EMV has passed, in metres, to either side."""
     lateral = encounter.offsets.lateral_m[encounter.until_passed]
     return Measure(float(np.abs(lateral - lateral[0]).max()))
 
 
 def passing_gap_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
-    """Least lateral gap between the two bodies while the EMV passes the driver."""
+    """Smallest lateral gap between the two bodies while the EMV passes the driver."""
     next_to = np.abs(encounter.driver.arc_m - encounter.emv.arc_m) <= (
         encounter.driver.half_along_m + encounter.emv.half_along_m
     )
@@ -106,7 +106,7 @@ def passing_gap_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
 
 
 def recovery_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
-    """Time from the passing until the driver is back in its lane and at its speed before the encounter."""
+    """Time from the EMV's passing until the driver is back in its lane and at its earlier speed."""
     if encounter.passed_row < 0:
         return Measure.lacking("the EMV did not pass the driver")
     after = disturbed_rows(encounter, limits)[encounter.passed_row :]
@@ -123,7 +123,7 @@ def disturbed_rows(encounter: Encounter, limits: YieldThresholds) -> Flags:
 
 
 def _cleared_row(encounter: Encounter) -> int:
-    """Row from which the driver stays out of the strip until it is passed; −1 where there is none."""
+    """First row from which the driver stays out of the strip until the EMV passes; −1 if there is none."""
     before = encounter.in_the_way[encounter.until_passed]
     blocked = np.flatnonzero(before)
     cleared = int(blocked[-1]) + 1 if len(blocked) else 0
@@ -131,11 +131,11 @@ def _cleared_row(encounter: Encounter) -> int:
 
 
 _AT_SITE_M = 30.0
-"""An EMV that comes no nearer to the middle of its site does not pass it."""
+"""An EMV that never comes nearer than this to the middle of its site does not pass it."""
 
 
 def free_speed_mps(record: EpisodeRecord) -> Floats:
-    """The speed that the EMV would have on an empty road, at each of its steps, shape ``(M,)``.
+    """Speed that the EMV would drive on an empty road, at each of its steps, shape ``(M,)``.
 
     It is the template's target speed, on paths across junctions at most the speed at which the turn can be driven, and
     the same at all levels: the delay at L0 includes what obeying the limit and the signals costs.
@@ -150,12 +150,12 @@ def free_speed_mps(record: EpisodeRecord) -> Floats:
 
 
 def lost_shares(record: EpisodeRecord) -> Floats:
-    """The share of each step that the EMV loses against free flow, 1 − v / v_free; negative where it is faster."""
+    """Share of each step that the EMV loses against free flow, 1 − v / v_free; negative where it is faster."""
     return np.asarray(1.0 - record.track(record.emv_ids[0]).speed_mps / free_speed_mps(record))
 
 
 def emv_delay_s(record: EpisodeRecord, _line: EmvLine, _limits: YieldThresholds) -> Measure:
-    """Time that the EMV lost against free flow over the way that it drove: the integral of the shares.
+    """Time that the EMV lost against free flow over its driven path: the integral of ``lost_shares``.
 
     As SUMO's time loss. The acceleration from its start counts, at all levels alike.
     """
@@ -163,7 +163,7 @@ def emv_delay_s(record: EpisodeRecord, _line: EmvLine, _limits: YieldThresholds)
 
 
 def emv_stops(_record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Measure:
-    """How often the EMV came to a stop: slower than ``stop_mps`` after it was faster than ``moving_mps``."""
+    """Number of stops of the EMV: it becomes slower than ``stop_mps`` after it was faster than ``moving_mps``."""
     stops, moving = 0, False
     for speed in line.emv.track.speed_mps.tolist():
         if moving and speed < limits.stop_mps:
@@ -174,17 +174,17 @@ def emv_stops(_record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) ->
 
 
 def emv_standstill_s(_record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Measure:
-    """Time for which the EMV stood."""
+    """Time in which the EMV stood still."""
     return Measure(float(np.count_nonzero(line.emv.track.speed_mps < limits.stop_mps)) * STEP_S)
 
 
 def emv_gap_escape_s(_record: EpisodeRecord, line: EmvLine, _limits: YieldThresholds) -> Measure:
-    """Time for which the EMV drove in the mode ``gap_escape``."""
+    """Time in which the EMV drove in the mode ``gap_escape``."""
     return Measure(float(np.count_nonzero(line.emv.track.mode == Mode.GAP_ESCAPE)) * STEP_S)
 
 
 def site_time_s(record: EpisodeRecord, line: EmvLine, _limits: YieldThresholds) -> Measure:
-    """Time until the EMV is at the middle of its site: of its junction, or half way along its road."""
+    """Time until the EMV reaches the middle of its site: of its junction, or half way along its road."""
     middle = middle_of_site(record.network, record.description.site)
     if middle is None:
         return Measure.lacking("the record names no site")
@@ -200,7 +200,7 @@ _NOBODY = "the EMV passed nobody"
 
 
 def wake_duration_s(encounters: Sequence[Encounter], limits: YieldThresholds) -> Measure:
-    """Longest time from a driver's passing until it has recovered; a lower bound where the episode ends before."""
+    """Longest time from the EMV's passing until a driver has recovered; a lower bound if the episode ends before."""
     times = [recovery_time_s(encounter, limits) for encounter in encounters if encounter.passed_row >= 0]
     if not times:
         return Measure.lacking(_NOBODY)
@@ -258,13 +258,13 @@ def min_gap_m(conflicts: Sequence[PairMeasures]) -> Measure:
 
 
 def collisions(record: EpisodeRecord, actor_id: int | None = None) -> Measure:
-    """Number of collisions: of an actor, or of everybody."""
+    """Number of collisions of one actor, or of all."""
     pairs = [(event.actor_id, event.other_id) for event in record.events_of(EventKind.COLLISION)]
     return Measure(float(sum(actor_id is None or actor_id in pair for pair in pairs)))
 
 
 class YieldScene:
-    """An episode whose EMV moves; its parts are worked out once, when a metric first needs them."""
+    """An episode whose EMV moves. Each part is computed once, when a metric first needs it."""
 
     def __init__(self, record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> None:
         self.record, self.line, self.limits = record, line, limits
@@ -272,16 +272,16 @@ class YieldScene:
 
     @cached_property
     def encounters(self) -> tuple[Encounter, ...]:
-        """The EMV with each driver that it comes up to."""
+        """Encounters of the EMV with drivers."""
         return tuple(encounters_of(self.record, self.line, self.limits))
 
     @cached_property
     def corridor(self) -> CorridorSeries:
-        """The way ahead over time."""
+        """The corridor over time."""
         return corridor_series(self.record, self.line, self.limits)
 
     def conflicts_of(self, actor_id: int | None = None) -> tuple[PairMeasures, ...]:
-        """Surrogate safety measures of an actor, or of the EMV, with everybody."""
+        """Surrogate safety measures of an actor, or of the EMV, with all other actors."""
         subject = self.record.emv_ids[0] if actor_id is None else actor_id
         if subject not in self._conflicts:
             self._conflicts[subject] = pair_measures(*conflict_series(self.record, subject))
@@ -290,12 +290,12 @@ class YieldScene:
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of an episode, or of one driver's encounter with the EMV."""
+    """A metric of an episode, or of one driver's encounter with the EMV."""
 
     name: str
     meaning: str
     compute: Callable[..., Measure]
-    """Takes the ``YieldScene``, and for a driver the ``Encounter``."""
+    """Computes the metric from the ``YieldScene``, and for a driver from the ``Encounter``."""
 
 
 _DriverMark = Callable[[Encounter, YieldThresholds], Measure]
@@ -330,7 +330,7 @@ def _of_emv(mark: Callable[[EpisodeRecord, EmvLine, YieldThresholds], Measure]) 
 def of_drivers(
     scene: YieldScene, mark: _DriverMark, statistic: Callable[[list[float]], np.floating[Any] | float]
 ) -> Measure:
-    """A statistic of a mark over the drivers for whom it has a value."""
+    """A statistic of a driver metric over all drivers for whom it has a value."""
     measures = [mark(encounter, scene.limits) for encounter in scene.encounters]
     known = [measure for measure in measures if measure.valid]
     if not known:
@@ -340,12 +340,12 @@ def of_drivers(
 
 
 def _with(scene: YieldScene, kind: ActorClass) -> tuple[PairMeasures, ...]:
-    """The EMV with the people of a class."""
+    """Surrogate safety measures of the EMV with the people of a class."""
     return tuple(pair for pair in scene.conflicts_of() if scene.record.actors[pair.actor_id].actor_class is kind)
 
 
 def max_drac_mps2(conflicts: Sequence[PairMeasures]) -> Measure:
-    """Greatest required deceleration."""
+    """Largest required deceleration."""
     needed = [pair.required_deceleration_mps2.value for pair in conflicts if pair.required_deceleration_mps2]
     if np.inf in needed:
         return Measure.lacking("they touched")
@@ -362,7 +362,7 @@ PEOPLE_METRICS: Final = tuple(
     for kind, people in NAMES.items()
     for name, meaning, measure in _MEASURES_WITH
 )
-"""Tables have those that have a value."""
+"""Metrics with people; tables show those that have a value."""
 EPISODE_METRICS: Final = (
     Metric("site_time_s", "time until the EMV is at the middle of its site", _of_emv(site_time_s)),
     Metric("emv_delay_s", "time that the EMV lost against free flow", _of_emv(emv_delay_s)),

@@ -1,4 +1,4 @@
-"""The yield metrics of a record (of the episode, and of every driver that the EMV came up to), and means of groups."""
+"""Computes the yield metrics of a record, for the episode and for every driver in an encounter, and group means."""
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ from siren_ros.scoring.evaluation.yielding.thresholds import Measure, YieldThres
 
 @dataclass(frozen=True)
 class DriverMarks:
-    """One driver's marks."""
+    """Metrics of one driver."""
 
     actor_id: int
     began_s: float
@@ -27,7 +27,7 @@ class DriverMarks:
     in_the_way: bool
     with_siren: bool
     under_test: bool
-    """Whether it is the AV under test."""
+    """Whether the driver is the AV under test."""
     marks: dict[str, Measure]
 
 
@@ -39,7 +39,7 @@ class YieldScores:
     drivers: tuple[DriverMarks, ...]
 
     def driver_rows(self) -> list[dict[str, Any]]:
-        """One flat row for each driver; a mark without a value is None."""
+        """One flat row per driver; a metric without a value is None."""
         names = ("actor_id", "began_s", "in_the_way", "with_siren", "under_test")
         return [
             {name: getattr(driver, name) for name in names}
@@ -51,7 +51,7 @@ class YieldScores:
 def score_yielding(
     record: EpisodeRecord, limits: YieldThresholds | None = None, names: Collection[str] | None = None
 ) -> YieldScores:
-    """All yield metrics of an episode and its first EMV; where that does not move none has a value.
+    """Compute all yield metrics of an episode for its first EMV; without motion of the EMV none has a value.
 
     With ``names``, these metrics of the episode alone and no drivers: corridor and encounters are most of the work.
 
@@ -82,7 +82,7 @@ def _marks(scene: YieldScene, encounter: Encounter) -> DriverMarks:
 
 @dataclass(frozen=True)
 class ScoredEpisode:
-    """An episode with its scores, of one of its EMVs."""
+    """An episode with its scores for one of its EMVs."""
 
     bag: str
     template: str
@@ -90,22 +90,22 @@ class ScoredEpisode:
     seed: int
     map_name: str
     draw: str
-    """Values of parameters in place of the seed's own, as the request has them."""
+    """Values of parameters that the request sets instead of the seed."""
     situation_sha256: str
-    """Of all that levels of one seed have in common before the first step."""
+    """Hash of everything that the levels of one seed have in common before the first step."""
     scores: YieldScores
     emv: int = 1
-    """Which of the episode's EMVs, in the order of their ids."""
+    """Number of the EMV in the episode, in the order of ids."""
 
     @classmethod
     def of_each_emv(cls, bag: str, record: EpisodeRecord, names: Collection[str] | None = None) -> tuple[Self, ...]:
-        """The scores of a record for each of its EMVs, the first one first; ``names`` as for ``score_yielding``."""
+        """Scores of a record for each of its EMVs, first one first; ``names`` as in ``score_yielding``."""
         records = (*record.by_emv(),) or (record,)
         return tuple(cls.of(bag, seen, score_yielding(seen, names=names)) for seen in records)
 
     @classmethod
     def of(cls, bag: str, record: EpisodeRecord, scores: YieldScores) -> Self:
-        """The scores of a record's first EMV with what names them."""
+        """Scores of a record's first EMV, with the values that identify the episode."""
         described = record.description
         named = (described.template, described.level.name, described.seed, described.map_name)
         emv = sum(emv_id <= record.emv_ids[0] for emv_id in record.emv_ids)
@@ -113,11 +113,11 @@ class ScoredEpisode:
 
     @property
     def group(self) -> tuple[str, str, str]:
-        """Template, level and map: episodes that share them differ in their seeds and draws."""
+        """Template, level and map. Episodes of one group differ in their seeds and draws."""
         return self.template, self.level, self.map_name
 
     def row(self) -> dict[str, Any]:
-        """The metrics as one flat row; one without a value is None, and ``NAME_lack`` says why."""
+        """The metrics as one flat row; a missing value is None, and ``NAME_lack`` gives the reason."""
         row: dict[str, Any] = self._names | {"map": self.map_name}
         for name, measure in self.scores.metrics.items():
             row[name] = measure.value if measure.valid else None
@@ -125,7 +125,7 @@ class ScoredEpisode:
         return row
 
     def driver_rows(self) -> list[dict[str, Any]]:
-        """One flat row for each driver."""
+        """One flat row per driver."""
         return [self._names | row for row in self.scores.driver_rows()]
 
     @property
@@ -134,7 +134,7 @@ class ScoredEpisode:
 
 
 def situation_sha256(record: EpisodeRecord) -> str:
-    """Hash of the situation that an episode begins in, apart from its level and the EMV's speed.
+    """Hash of the situation at the start of an episode, without its level and the EMV's speed.
 
     At L0 the EMV obeys the speed limit from the start, so its first speed belongs to the level.
     """
@@ -150,7 +150,7 @@ def situation_sha256(record: EpisodeRecord) -> str:
 
 
 def group_means(episodes: Sequence[ScoredEpisode]) -> Mapping[tuple[str, str, str], dict[str, Interval]]:
-    """Mean of every metric over the episodes of each group that have a value, with its interval over episodes."""
+    """Mean of every metric per group, over episodes with a value, with its interval over episodes."""
     groups: dict[tuple[str, str, str], list[ScoredEpisode]] = {}
     for episode in episodes:
         groups.setdefault(episode.group, []).append(episode)
@@ -166,7 +166,7 @@ def _mean(measures: Sequence[Measure]) -> Interval:
 
 
 def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
-    """A table for each template and map: the metrics as rows, the levels as columns.
+    """A table per template and map: metrics as rows, levels as columns.
 
     Further EMVs have tables of their own: two of one episode are not independent.
     """
@@ -198,7 +198,7 @@ def _tables_of(episodes: Sequence[ScoredEpisode], emv: int) -> list[Table]:
 
 
 def under_test_tables(episodes: Sequence[ScoredEpisode]) -> Iterator[Table]:
-    """A table for each AV under test: its marks towards the first EMV, with the reason where there is no value."""
+    """A table per AV under test: its metrics towards the first EMV, with the reason where a value is missing."""
     for episode in (episode for episode in episodes if episode.emv == 1):
         for driver in episode.scores.drivers:
             if driver.under_test:

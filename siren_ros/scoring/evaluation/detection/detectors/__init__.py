@@ -1,1 +1,1 @@
-"""Detectors that run here, on the recorded sweeps."""
+"""Detectors of the library; they run on recorded sweeps."""

@@ -1,4 +1,4 @@
-"""The reference detector without learning: ground removal, clusters, fitted boxes, and a tracker for the velocity."""
+"""The reference detector without learning: it removes the ground, clusters points, fits boxes and tracks them."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -19,10 +19,10 @@ from siren_ros.scoring.evaluation.detection.tracker import Tracker
 
 _TURNS: Final = np.radians(np.arange(0.0, 90.0, 1.0))
 _NEAREST_M: Final = 0.05
-"""Distances to the edge below this count alike."""
+"""Smallest distance to the edge that the criterion distinguishes."""
 _WIDEST_REAR_M: Final = 2.3
 _TYPICAL_M: Final = (4.5, 1.9, 1.55)
-"""Length, width, height that a box has at least: a LiDAR sees one or two sides of a vehicle."""
+"""Least length, width, height of a box, since a LiDAR sees only one or two sides of a vehicle."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class FittedBox:
     size_m: Floats
     """Length, width, height."""
     yaw_rad: float
-    """Of the longer side; its direction is not known, so within a quarter turn of x."""
+    """Heading of the longer side, within a quarter turn of x: a box does not tell front from rear."""
     seen_m: Floats
-    """Length and width of the part that was seen."""
+    """Length and width of the visible part."""
 
 
 def fit_box(points: Floats, ground_m: float) -> FittedBox:
-    """The rectangle whose edges lie closest to the points, made as large as a car away from the sensor.
+    """Fit the rectangle whose edges are closest to the points, and extend it to a car's size, away from the sensor.
 
     Source of the criterion: X. Zhang, W. Xu, C. Dong, J. Dolan, "Efficient L-shape fitting for vehicle detection using
     laser scanners", IV 2017, "closeness".
@@ -57,11 +57,11 @@ def fit_box(points: Floats, ground_m: float) -> FittedBox:
     low = np.array([along[best].min(), across[best].min()])
     high = np.array([along[best].max(), across[best].max()])
     yaw, seen = float(_TURNS[best]), high - low
-    # A side that is no longer than a car is wide is taken for its front or rear.
+    # A side no longer than a car's width is taken as the front or the rear.
     along_first = (seen[0] >= seen[1]) != (seen.max() < _WIDEST_REAR_M)
     typical = np.array(_TYPICAL_M[:2]) if along_first else np.array(_TYPICAL_M[1::-1])
     grown = np.maximum(seen, typical)
-    # The side that faces the sensor was seen; what is missing lies behind it.
+    # The side that faces the sensor was seen, so the box grows on the far side.
     middle = np.where(low + high >= 0.0, low + grown / 2.0, high - grown / 2.0)
     if grown[1] > grown[0]:
         grown, seen, yaw, middle = grown[::-1], seen[::-1], yaw + np.pi / 2.0, np.array([middle[1], -middle[0]])
@@ -73,22 +73,22 @@ def fit_box(points: Floats, ground_m: float) -> FittedBox:
 
 
 _TURNING_MPS: Final = 1.0
-"""From this speed on a vehicle's front is where it moves."""
+"""Above this speed a vehicle's heading is its direction of motion."""
 
 
 def directed_yaw(yaw_rad: Floats, velocity_mps: Floats) -> Floats:
-    """Headings turned round where a vehicle moves backwards along them, shape ``(N,)``."""
+    """Turn headings around where a vehicle moves against them, shape ``(N,)``."""
     forward = np.cos(yaw_rad) * velocity_mps[:, 0] + np.sin(yaw_rad) * velocity_mps[:, 1]
     return np.where(forward < -_TURNING_MPS, yaw_rad + np.pi, yaw_rad)
 
 
 _RANGE_M: Final = 55.0
 _OWN_M: Final = 3.5
-"""Returns nearer than this come from the vehicle that carries the LiDAR."""
+"""Returns nearer than this come from the vehicle with the LiDAR."""
 _GROUND_M: Final = 0.25
 _LEAST_TOP_M: Final = 0.9
 _HIGHEST_M: Final = 3.9
-"""Vehicles end between these heights; hedges lower, poles, trees and walls higher."""
+"""Vehicles end between these heights. Hedges are lower; poles, trees and walls are higher."""
 _MOST_CLEARANCE_M: Final = 0.9
 _PLANE_M: Final = 0.1
 _PLANE_POINTS: Final = 4000
@@ -104,12 +104,12 @@ _MOVING_MPS: Final = 3.0
 _FULL_TRACK: Final = 5
 _LENGTH_M: Final = 2.5
 _WIDTH_M: Final = 1.2
-"""Seen extents from which on a cluster looks like a vehicle."""
+"""Least visible extents of a cluster that looks like a vehicle."""
 _FULL_POINTS: Final = 60.0
 
 
 def detect_classical(episode: EpisodeFrames) -> FoundBoxes:
-    """Vehicles in all labelled sweeps of an episode, in the ``map`` frame.
+    """Detect vehicles in all labelled sweeps of an episode, in the ``map`` frame.
 
     Raises:
         InputError: Open3D is not installed.
@@ -148,7 +148,7 @@ def _open3d() -> Any:
 
 
 def boxes_of_sweep(open3d: Any, points: npt.NDArray[np.void]) -> list[tuple[FittedBox, int]]:
-    """Boxes of one sweep (fields x, y, z) in the LiDAR's frame, each with its number of returns."""
+    """Boxes of one sweep (fields x, y, z) in the LiDAR's frame, each with the number of its returns."""
     places = np.stack([points[name].astype(np.float64) for name in ("x", "y", "z")], axis=-1)
     flat = np.hypot(places[:, 0], places[:, 1])
     places = places[(flat > _OWN_M) & (flat < _RANGE_M)]
@@ -174,7 +174,7 @@ def boxes_of_sweep(open3d: Any, points: npt.NDArray[np.void]) -> list[tuple[Fitt
 
 
 def ground_heights(places: Floats) -> Floats:
-    """Height of the ground at each point: of the plane that most of the points lie on (RANSAC), shape ``(N,)``.
+    """Ground height at each point, from the plane through most of the points (RANSAC), shape ``(N,)``.
 
     Open3D's own search shares its draws between threads, and then no two runs are alike.
     """
@@ -195,7 +195,7 @@ def ground_heights(places: Floats) -> Floats:
 def _in_map(
     frame: int, step: int, boxes: list[tuple[FittedBox, int]], map_from_lidar: Matrix, tracker: Tracker
 ) -> Floats:
-    """Rows of frame, centre, size, yaw, velocity and score, shape ``(N, 11)``."""
+    """Table of frame, centre, size, yaw, velocity and score of each box, shape ``(N, 11)``."""
     centre = np.array([box.centre_m for box, _ in boxes]).reshape(-1, 3) @ map_from_lidar[:3, :3].T
     centre += map_from_lidar[:3, 3]
     turn = np.arctan2(map_from_lidar[1, 0], map_from_lidar[0, 0])
@@ -203,7 +203,7 @@ def _in_map(
     yaw = directed_yaw(np.array([box.yaw_rad for box, _ in boxes]) + turn, velocity)
     size = np.array([box.size_m for box, _ in boxes]).reshape(-1, 3)
     points = np.array([count for _, count in boxes], dtype=np.float64)
-    # Confident of what moves, has been followed for a while, looks as wide as a vehicle and has many returns.
+    # The score is high for boxes that move, were tracked for long, are as wide as a vehicle and have many returns.
     seen = np.array([box.seen_m for box, _ in boxes]).reshape(-1, 2)
     shares = (
         np.minimum(np.hypot(velocity[:, 0], velocity[:, 1]) / _MOVING_MPS, 1.0),

@@ -1,4 +1,4 @@
-"""The project's learned detector: its network's file, its memory of sweeps, and boxes from the network's output."""
+"""The project's learned detector: loads the network, stores past sweeps, and turns the network's output into boxes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -28,16 +28,17 @@ from siren_ros.scoring.evaluation.network_file import open_network
 from siren_ros.simulation.scenario.splits import SeenEpisodes
 
 FORM_VERSION: Final = 1
-"""Of inputs and outputs; a file of another form is refused."""
+"""Version of the network's inputs and outputs; files of another version are refused."""
 INPUTS: Final = ("points", "cell")
 OUTPUTS: Final = ("box", "score", "class_share")
 BOX_COLUMNS: Final = ("x", "y", "z", "length", "width", "height", "sin", "cos", "vx", "vy")
-"""Of ``box``: in the LiDAR's frame, with the centre of the volume and the velocity over ground."""
+"""Columns of the network's output ``box``, in the LiDAR's frame: centre of the volume, size, heading, velocity over
+ground."""
 
 
 @dataclass(frozen=True)
 class DetectorNetwork:
-    """A network that finds boxes, and what is known about it."""
+    """A network that finds boxes, with its card."""
 
     session: Any
     card: Mapping[str, Any]
@@ -45,7 +46,10 @@ class DetectorNetwork:
     class_names: tuple[str, ...]
 
     def run(self, pillars: Pillars) -> tuple[Floats, Floats, Floats]:
-        """Boxes ``(K, 10)``, scores ``(K,)`` and shares of the classes ``(K, C)``, the highest scores first."""
+        """Run the network.
+
+        Gives boxes ``(K, 10)``, scores ``(K,)`` and shares of the classes ``(K, C)``, best first.
+        """
         if not len(pillars):
             return np.zeros((0, len(BOX_COLUMNS))), np.zeros(0), np.zeros((0, len(self.class_names)))
         box, score, share = self.session.run(OUTPUTS, {"points": pillars.points, "cell": pillars.cell})
@@ -53,7 +57,7 @@ class DetectorNetwork:
 
 
 def load_detector(path: Path) -> DetectorNetwork:
-    """Loads a detector, which runs on one processor.
+    """Load a detector, which runs on one processor.
 
     Raises:
         InputError: No such file, no card, weights that are not the card's, or another form.
@@ -69,7 +73,7 @@ def load_detector(path: Path) -> DetectorNetwork:
 
 
 def seen_in_training(weights: Path | None = None) -> SeenEpisodes | None:
-    """The episodes of a detector's training, by its card; weights as of ``detect_pillars``.
+    """Episodes in a detector's training, from its card; ``weights`` as in ``detect_pillars``.
 
     Raises:
         InputError: The weights cannot be used.
@@ -78,7 +82,7 @@ def seen_in_training(weights: Path | None = None) -> SeenEpisodes | None:
 
 
 _OWN_HALF_M: Final = (4.2, 1.35)
-"""Half length and half width of a box that holds every emergency vehicle: returns inside come from the carrier."""
+"""Half length and half width of a box around the carrier; returns inside it come from the carrier itself."""
 
 
 class _Sweep(NamedTuple):
@@ -89,14 +93,14 @@ class _Sweep(NamedTuple):
 
 @dataclass
 class SweepMemory:
-    """Keeps the last sweeps of one sensor."""
+    """Stores the last sweeps of one sensor."""
 
     sweeps: int
-    """How many, the newest included."""
+    """Number of sweeps, including the newest."""
     _held: list[_Sweep] = field(default_factory=list)
 
     def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
-        """Takes the sweep of a step; with a step that is not after the last one, the memory begins anew.
+        """Add the sweep of a step. If the step is not later than the last one, earlier sweeps are deleted.
 
         The points have the fields x, y, z and intensity and are in the LiDAR's frame.
         """
@@ -110,11 +114,11 @@ class SweepMemory:
 
     @property
     def newest(self) -> tuple[int, Matrix] | None:
-        """Step of the newest sweep, and its transform ``map_from_lidar``; None without a sweep."""
+        """Step and transform ``map_from_lidar`` of the newest sweep; None without a sweep."""
         return (self._held[0].step, self._held[0].map_from_lidar) if self._held else None
 
     def points(self) -> Floats32:
-        """All points in the frame of the newest sweep, newest sweep first: x, y, z, intensity, age in seconds."""
+        """All points in the frame of the newest sweep, newest first: x, y, z, intensity, age in seconds."""
         if not self._held:
             return np.zeros((0, 5), dtype=np.float32)
         newest = self._held[0]
@@ -133,24 +137,24 @@ class SweepMemory:
 
 
 SHIPPED: Final = Path("detectors", "pillars.onnx")
-"""Place of the weights below the parameter files."""
+"""Place of the shipped weights below the parameter files."""
 _LEAST_SCORE: Final = 0.03
 _APART_M: Final = 1.8
-"""Centres of two vehicles are farther apart than this, the width of a car."""
+"""Least distance of two vehicles' centres, the width of a car; of two closer boxes one is dropped."""
 
 
 def detector_file(name: str) -> Path:
-    """The ONNX file of a detector that a user names: ``pillars``, which ships, or a path."""
+    """ONNX file of a detector: ``pillars`` is the shipped one, other names are paths."""
     return params_dir() / SHIPPED if name == SHIPPED_DETECTOR else Path(name)
 
 
 @dataclass
 class PillarDetector:
-    """Finds vehicles in the sweeps of one LiDAR, each with those before it, and follows them for their velocities."""
+    """Finds vehicles in the newest sweep of one LiDAR, with earlier sweeps, and tracks them for velocities."""
 
     network: DetectorNetwork
     height_m: float = SENSOR_HEIGHT_M
-    """Of the LiDAR above the ground."""
+    """Height of the LiDAR above the ground."""
     memory: SweepMemory = field(init=False)
     tracker: Tracker = field(default_factory=Tracker)
 
@@ -158,13 +162,13 @@ class PillarDetector:
         self.memory = SweepMemory(self.network.grid.sweeps)
 
     def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
-        """Takes the sweep of a step; see ``SweepMemory.add``."""
+        """Add the sweep of a step; see ``SweepMemory.add``."""
         if self.memory.newest is not None and step <= self.memory.newest[0]:
             self.tracker = Tracker(step=step)
         self.memory.add(step, points, map_from_lidar)
 
     def boxes(self) -> FoundBoxes:
-        """Vehicles in the newest sweep, in the LiDAR's frame of reference; the frame's number is 0."""
+        """Vehicles in the newest sweep, in the LiDAR's frame; their frame number is 0."""
         grid, names = self.network.grid, np.array(self.network.class_names)
         points, lift_m = self.memory.points(), self.height_m - SENSOR_HEIGHT_M
         points[:, 2] += np.float32(lift_m)
@@ -186,7 +190,7 @@ class PillarDetector:
         )
 
     def _velocities(self, centre_m: Floats, stated_mps: Floats) -> Floats:
-        """What the tracker makes of the network's velocities, in the LiDAR's frame of reference."""
+        """Velocities from the tracker, which filters those of the network, in the LiDAR's frame."""
         if self.memory.newest is None:
             return stated_mps
         step, map_from_lidar = self.memory.newest
@@ -196,7 +200,7 @@ class PillarDetector:
 
 
 def apart(centre_m: Floats, score: Floats, least_m: float) -> Flags:
-    """Boxes that stay, because no box with a higher score is nearer than that (CenterPoint's circle NMS)."""
+    """Keep a box unless one with a higher score is nearer than this distance (CenterPoint's circle NMS)."""
     order = np.argsort(-score, kind="stable")
     stays: Flags = np.zeros(len(score), dtype=np.bool_)
     for row in order:
@@ -206,7 +210,7 @@ def apart(centre_m: Floats, score: Floats, least_m: float) -> Flags:
 
 
 def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> FoundBoxes:
-    """Vehicles in all labelled sweeps of an episode, in the ``map`` frame.
+    """Detect vehicles in all labelled sweeps of an episode, in the ``map`` frame.
 
     The weights are an ONNX file with its card; None stands for those that ship.
 

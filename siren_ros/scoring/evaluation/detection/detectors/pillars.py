@@ -1,4 +1,4 @@
-"""Pillars: points of sweeps gathered on a grid from above, as the detector's network gets them.
+"""Sorts the points of sweeps into pillars, the cells of a grid seen from above: the input of the detector's network.
 
 After PointPillars (Lang et al. 2019).
 """
@@ -17,28 +17,31 @@ from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.simulation.world.actors import ActorClass
 
 SHIPPED_DETECTOR: Final = "pillars"
-"""Name of the detector whose weights ship."""
+"""Name of the shipped detector."""
 SENSOR_HEIGHT_M: Final = 1.93
-"""Height above the ground of the LiDAR that networks see; sweeps from other heights are lifted to it."""
+"""Height above the ground at which networks expect the LiDAR; sweeps from other heights are shifted to it."""
 
 
 @dataclass(frozen=True)
 class PillarGrid:
-    """Pillars in the LiDAR's frame. The cell at row 0, column 0 has the smallest x and y; rows count along y."""
+    """Grid of pillars in the LiDAR's frame.
+
+    The cell at row 0, column 0 has the smallest x and y; rows count along y.
+    """
 
     half_width_m: float = 51.2
-    """Of the square of cells; points farther away than this are left out."""
+    """Half width of the square of cells; points outside are left out."""
     cells: int = 400
-    """Along x and along y."""
+    """Number of cells along x and along y."""
     low_m: float = -5.0
     high_m: float = 3.0
-    """Points below and above are left out."""
+    """Upper limit of height; points below and above the limits are left out."""
     sweeps: int = 10
-    """The present one and those before it, as in nuScenes."""
+    """Number of sweeps: the present one and earlier ones, as in nuScenes."""
     points: int = 12
-    """Most points of a pillar; of more, a random sample."""
+    """Maximum number of points per pillar; of more points, a random sample is used."""
     pillars: int = 40000
-    """Most pillars of a frame; those that only old sweeps have are left out first."""
+    """Maximum number of pillars per frame; pillars with old points only are left out first."""
 
     @property
     def cell_m(self) -> float:
@@ -46,7 +49,7 @@ class PillarGrid:
         return 2.0 * self.half_width_m / self.cells
 
     def to_json(self) -> dict[str, Any]:
-        """For a network's card."""
+        """The grid as JSON types, for a network's card."""
         return asdict(self)
 
     @classmethod
@@ -68,29 +71,29 @@ class PillarGrid:
 
 
 def class_of(actor_class: int) -> int:
-    """Index into ``CLASS_NAMES`` of a member of ``ActorClass``."""
+    """Index into ``CLASS_NAMES`` for a member of ``ActorClass``."""
     name = ActorClass(actor_class).name.lower()
     return CLASS_NAMES.index(name) if name in CLASS_NAMES else 0
 
 
 COLUMNS: Final = ("x_m", "y_m", "z_m", "intensity", "age_s")
-"""Of a point, in the LiDAR's frame at the time of the newest sweep."""
+"""Columns of a point, in the LiDAR's frame at the time of the newest sweep."""
 FEATURES: Final = ("x", "y", "z", "intensity", "age", "x_mean", "y_mean", "z_mean", "x_middle", "y_middle")
-"""Of a point in a pillar, as PointPillars has them: with the way from the mean of the pillar's points and from the
-middle of the pillar. Places over the half width of the grid, heights over 2 m, ages over 0.25 s."""
+"""Features of a point in a pillar, as in PointPillars: with its offset from the mean of the pillar's points and from
+the pillar's middle. Lengths are divided by the grid's half width, heights by 2 m, ages by 0.25 s."""
 _HEIGHT_M: Final = 2.0
 _AGE_S: Final = 0.25
 
 
 @dataclass(frozen=True)
 class Pillars:
-    """The pillars of one frame that hold points: what a network gets."""
+    """The pillars of one frame that contain points: the network's input."""
 
     points: Floats32
-    """Columns as in ``FEATURES``, shape ``(P, grid.points, 10)``; slots that are left repeat the first point, which
-    changes no maximum over them."""
+    """Features with columns ``FEATURES``, shape ``(P, grid.points, 10)``. Unused slots repeat the first point, which
+    changes no maximum."""
     cell: npt.NDArray[np.int64]
-    """``row * grid.cells + column`` of each pillar, shape ``(P,)``; each cell once."""
+    """Cell of each pillar as ``row * grid.cells + column``, shape ``(P,)``; each cell occurs once."""
 
     def __len__(self) -> int:
         return len(self.cell)
@@ -98,17 +101,17 @@ class Pillars:
 
 @dataclass(frozen=True)
 class SortedPoints:
-    """Points in the slots of their pillars."""
+    """Points sorted into the slots of their pillars."""
 
     slots: Floats32
-    """Columns as in ``COLUMNS``, shape ``(P, grid.points, 5)``; zeros behind the last point of a pillar."""
+    """Points with columns ``COLUMNS``, shape ``(P, grid.points, 5)``; unused slots are zero."""
     count: npt.NDArray[np.int64]
-    """Points of each pillar, shape ``(P,)``."""
+    """Number of points of each pillar, shape ``(P,)``."""
     cell: npt.NDArray[np.int64]
 
 
 def pillars_of(points: Floats32, grid: PillarGrid) -> Pillars:
-    """The pillars of a frame; arguments as of ``sorted_points``."""
+    """The pillars of a frame; arguments are those of ``sorted_points``."""
     held = sorted_points(points, grid)
     features = np.empty((len(held.cell), grid.points, len(FEATURES)), dtype=np.float32)
     _describe(held.slots, held.count, held.cell, grid.cells, grid.cell_m, grid.half_width_m, features)
@@ -116,7 +119,7 @@ def pillars_of(points: Floats32, grid: PillarGrid) -> Pillars:
 
 
 def sorted_points(points: Floats32, grid: PillarGrid) -> SortedPoints:
-    """Sorts points into pillars.
+    """Sort points into pillars.
 
     The sample of a pillar with too many points is drawn with a generator that starts the same in every frame. Points
     have shape ``(N, 5)``, columns as in ``COLUMNS``, the newest sweep first.
@@ -134,7 +137,7 @@ def sorted_points(points: Floats32, grid: PillarGrid) -> SortedPoints:
 def _sort(
     points: Array, limits: tuple[float, ...], cells: int, pillar_of_cell: Array, slots: Array, seen: Array, cell: Array
 ) -> int:
-    """Fills the slots of the pillars; returns how many pillars there are."""
+    """Fill the slots of the pillars; returns the number of pillars."""
     half_width_m, cells_per_m, low_m, high_m = limits
     most, filled, state = slots.shape[1], 0, 1
     for row in range(points.shape[0]):
@@ -157,7 +160,7 @@ def _sort(
         slot = seen[pillar]
         seen[pillar] += 1
         if slot >= most:
-            # Reservoir sampling: every point of the pillar has the same chance to stay.
+            # Reservoir sampling: every point of the pillar has the same chance to remain.
             state = (state * 1664525 + 1013904223) & 0xFFFFFFFF
             slot = (state * (slot + 1)) >> 32
             if slot >= most:
@@ -171,7 +174,7 @@ def _sort(
 def _describe(
     slots: Array, count: Array, cell: Array, cells: int, cell_m: float, half_width_m: float, features: Array
 ) -> None:
-    """Fills the features of all slots."""
+    """Compute the features of all slots."""
     for pillar in range(slots.shape[0]):
         held = count[pillar]
         mean_x, mean_y, mean_z = 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The detectors that run here, by name, and how one of them runs on an episode."""
+"""The table of detectors by name, and how one of them runs on an episode."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames
 from siren_ros.simulation.scenario.splits import SeenEpisodes
 
 Detect = Callable[[EpisodeFrames, Path | None], FoundBoxes]
-"""Vehicles in all labelled sweeps of an episode; the file holds weights in place of the detector's own."""
+"""Detects vehicles in all labelled sweeps of an episode. The path gives other weights than the detector's own."""
 
 
 def _classical(episode: EpisodeFrames, weights: Path | None) -> FoundBoxes:
@@ -33,11 +33,11 @@ DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType(
 SEEN: Final[Mapping[str, Callable[[Path | None], SeenEpisodes | None]]] = MappingProxyType(
     {"pillars": seen_in_training}
 )
-"""Episodes in the training of the detectors that learn, by their weights."""
+"""For learned detectors: gives the episodes in their training, from their weights."""
 
 
 def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> tuple[FoundBoxes, float]:
-    """Runs one of ``DETECTORS``: its boxes, and the seconds of processor time with reading the sweeps.
+    """Run one of ``DETECTORS``; returns its boxes and its processor time in seconds, including the reading of sweeps.
 
     Raises:
         InputError: The detector cannot run here, or not with these weights.

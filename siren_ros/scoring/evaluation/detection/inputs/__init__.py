@@ -1,1 +1,1 @@
-"""Detections of other programs: one file for each format, and what is refused in all of them."""
+"""Reads detections of other programs: one file per format, and checks common to all."""

@@ -1,4 +1,4 @@
-"""The formats of detections by the look of their source, and the labels themselves through every one of them.
+"""Chooses the reader of a detections file by its source, and tests all formats with the labels themselves.
 
 Labels as detections have to score fully; otherwise a convention of a format is wrong.
 """
@@ -31,7 +31,7 @@ _READERS: Final[dict[str, Callable[[str, Path, Frames], FoundSet]]] = {
 
 
 def read_detections(name: str, source: str, frames: Frames) -> FoundSet:
-    """Reads what a user names: a JSON file, a pickle, a folder of text files, or ``topic:/NAME``.
+    """Read detections from a source: a JSON file, a pickle, a folder of text files, or ``topic:/NAME``.
 
     Raises:
         InputError: It is none of these, or its content is refused.
@@ -49,7 +49,7 @@ def read_detections(name: str, source: str, frames: Frames) -> FoundSet:
 
 
 def labels_as_detections(frames: Frames) -> FoundBoxes:
-    """Every label with a LiDAR point as a detection; nearer ones are more confident, so that confidences differ."""
+    """Labels with LiDAR points as detections. Nearer ones get a higher confidence, so that confidences differ."""
     truth = frames.truth.at(frames.truth.lidar_points > 0)
     shared = {name: getattr(truth, name) for name in Boxes.__dataclass_fields__}
     names = [PERSON_NAMES[kind][0] if kind in PERSON_NAMES else CAR for kind in map(ActorClass, truth.actor_class)]
@@ -58,7 +58,7 @@ def labels_as_detections(frames: Frames) -> FoundBoxes:
 
 
 def self_test_sets(frames: Frames, folder: Path) -> list[FoundSet]:
-    """The labels, written into a folder that exists in every format and read back."""
+    """Write the labels into a folder in every format and read them back."""
     labels = labels_as_detections(frames)
     sets = []
     write_nuscenes(folder / "nuscenes.json", labels, frames)
@@ -71,7 +71,7 @@ def self_test_sets(frames: Frames, folder: Path) -> list[FoundSet]:
         write_kitti(folder / "kitti", labels, frames)
         sets.append(read_kitti("labels, KITTI", folder / "kitti", frames))
     topic = read_topic("labels, topic", BOXES.name, frames)
-    # The topic holds those without a LiDAR point, too: nuScenes' protocol takes them for false alarms.
+    # The topic also has labels without a LiDAR point; nuScenes' protocol counts them as false alarms.
     order = np.argsort(frames.truth.frame, kind="stable")
     if len(topic.boxes) == len(order):
         sets.append(replace(topic, boxes=topic.boxes.at(frames.truth.lidar_points[order] > 0)))

@@ -1,4 +1,4 @@
-"""KITTI's result files: ``NNNNNN.txt`` with lines of 16 words in the front camera's frame.
+"""Reads and writes KITTI's result files: ``NNNNNN.txt`` with lines of 16 words in the front camera's frame.
 
 Source: the development kit of the object benchmark (Geiger, Lenz, Urtasun 2012), ``readme.txt``: ``type truncated
 occluded alpha left top right bottom height width length x y z rotation_y score``; the place is the centre of the
@@ -20,11 +20,12 @@ from siren_ros.scoring.evaluation.detection.inputs import stated_boxes
 _FORMAT: Final = "KITTI results"
 _WORDS: Final = 16
 _UPRIGHT_FROM_CAMERA: Final = np.array([[0.0, 0, 1.0, 0], [-1.0, 0, 0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
-"""Axes forward, left, up of the same sensor: boxes stand upright there, and ``rotation_y`` becomes a heading."""
+"""Transform from the camera's axes to forward, left, up: boxes are upright there, and ``rotation_y`` becomes a
+heading."""
 
 
 def read_kitti(name: str, path: Path, frames: Frames) -> stated_boxes.FoundSet:
-    """Reads a folder, which needs a file for every frame of ``siren export kitti``.
+    """Read a folder, which needs a file for every frame of ``siren export kitti``.
 
     Raises:
         InputError: A file that is missing, of a frame that the bags do not have, or that holds something else.
@@ -78,7 +79,7 @@ def _columns(path: Path, numbers: Rows, lines: list[tuple[int, list[str]]]) -> t
 
 
 def map_from_upright(frames: Frames) -> Floats:
-    """Transforms from the front camera's place with axes forward, left, up, shape ``(F, 4, 4)``.
+    """Pose in the map of a frame at the front camera with axes forward, left, up, shape ``(F, 4, 4)``.
 
     Raises:
         InputError: An episode has no front camera.
@@ -93,7 +94,7 @@ def map_from_upright(frames: Frames) -> Floats:
 
 
 def write_kitti(folder: Path, boxes: FoundBoxes, frames: Frames) -> None:
-    """Writes boxes, wherever they are, as such files with velocities."""
+    """Write boxes as KITTI's result files with velocities."""
     folder.mkdir(parents=True, exist_ok=True)
     matrices = map_from_upright(frames)
     for number, frame in enumerate(np.flatnonzero(frames.pictured).tolist()):

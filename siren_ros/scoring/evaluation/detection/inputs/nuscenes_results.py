@@ -1,4 +1,4 @@
-"""nuScenes' results: JSON with boxes in the global frame of ``siren export nuscenes``, by ``sample_token``.
+"""Reads and writes nuScenes' results: JSON with boxes in the global frame of ``siren export nuscenes``.
 
 Source: nuscenes-devkit, ``python-sdk/nuscenes/eval/detection/README.md``, "Results format".
 """
@@ -21,7 +21,7 @@ _FORMAT = "nuScenes results"
 
 
 def read_nuscenes(name: str, path: Path, frames: Frames) -> FoundSet:
-    """Reads a file; only the keyframes of the export count.
+    """Read a results file; only the keyframes of the export are scored.
 
     Raises:
         InputError: No results file, a frame that the bags do not have or that is missing, or a box that means nothing.
@@ -83,7 +83,7 @@ def _columns(path: Path, frames: Frames, rows: list[tuple[int, Any]]) -> StatedB
 
 
 def write_nuscenes(path: Path, boxes: FoundBoxes, frames: Frames) -> None:
-    """Writes boxes of keyframes as such a file."""
+    """Write boxes of keyframes as a results file."""
     rows = {
         "detection_name": boxes.label.tolist(),
         "detection_score": boxes.score.tolist(),
@@ -93,7 +93,7 @@ def write_nuscenes(path: Path, boxes: FoundBoxes, frames: Frames) -> None:
 
 
 def write_nuscenes_tracks(path: Path, boxes: FoundBoxes, track: Rows, frames: Frames) -> None:
-    """Writes tracks as a file of nuScenes' tracking task; ``track`` has the number of each box's, shape ``(N,)``.
+    """Write tracks as a file of nuScenes' tracking task; ``track`` has the track number of each box, shape ``(N,)``.
 
     Source: nuscenes-devkit, ``python-sdk/nuscenes/eval/tracking/README.md``, "Results format".
     """

@@ -1,4 +1,4 @@
-"""Detections of OpenPCDet: ``result.pkl``, read without running code that it may hold."""
+"""Reads OpenPCDet's ``result.pkl`` without running code that the file may contain."""
 
 import io
 import pickle
@@ -21,7 +21,7 @@ from siren_ros.scoring.evaluation.detection.inputs import stated_boxes
 
 
 class _Dtype:
-    """Stands for numpy's: a state from a file could give numpy's own pointers to follow, and offsets beyond an item."""
+    """Replaces numpy's dtype in a pickle. The file's state could otherwise give numpy invalid pointers or offsets."""
 
     def __init__(self, name: object, *_: object) -> None:
         if not isinstance(name, str) or not _PLAIN.fullmatch(name):
@@ -34,8 +34,8 @@ class _Dtype:
         self._order = state[1]
 
     def array(self, shape: object, raw: object) -> Any:
-        """An array of this type; UnpicklingError where shape and bytes do not fit together."""
-        if isinstance(raw, str):  # old pickles
+        """Make an array of this type; UnpicklingError if shape and bytes do not match."""
+        if isinstance(raw, str):  # pickles of old protocols
             raw = raw.encode("latin1")
         dtype = np.dtype(f"{self._order}{self._name}")
         sizes = shape if isinstance(shape, tuple) else (-1,)
@@ -48,7 +48,7 @@ class _Dtype:
 
 
 class _Array:
-    """Stands for numpy's array until its state is known."""
+    """Replaces numpy's array in a pickle until its state is known."""
 
     values: Any = None
 
@@ -76,14 +76,14 @@ def _scalar(dtype: object, raw: object) -> Any:
 
 
 def _latin_bytes(text: object, encoding: object) -> bytes:
-    """Bytes in old pickles."""
+    """Bytes as stored in old pickles."""
     if not isinstance(text, str) or encoding != "latin1":
         raise pickle.UnpicklingError(f"it asks for an encoding {encoding!r:.40}")
     return text.encode("latin1")
 
 
 def _no_bytes() -> bytes:
-    """The bytes of an empty array in old pickles."""
+    """The bytes of an empty array, as stored in old pickles."""
     return b""
 
 
@@ -109,14 +109,14 @@ _KNOWN: Final[dict[str, Any]] = {
 
 class _NumbersOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        """What stands for a part of numpy; UnpicklingError for anything else."""
+        """Give a replacement for a part of numpy; UnpicklingError for anything else."""
         if (known := f"{module}.{name}") not in _KNOWN:
             raise pickle.UnpicklingError(f"it asks for {known:.80}")
         return _KNOWN[known]
 
 
 def _plain(value: object) -> Any:
-    """Finished arrays in place of what stands for them, in the entries of frames and one level below."""
+    """Convert the replacements to arrays, in the entries of frames and one level below."""
     if isinstance(value, _Array):
         return value.values
     if isinstance(value, dict):
@@ -125,12 +125,12 @@ def _plain(value: object) -> Any:
 
 
 def _loaded(path: str) -> Any:
-    """Runs in a process of its own: files made for it make an unpickler ask for any memory, or end its process."""
+    """Load a pickle; it runs in a process of its own, because a hostile file can exhaust memory or end the process."""
     content = Path(path).read_bytes()
     limit_memory(_SPARE_BYTES + _BYTES_OF_EACH * len(content))
     try:
         return _plain(_NumbersOnly(io.BytesIO(content)).load())
-    except Exception as error:  # noqa: BLE001 - a damaged pickle raises any of a dozen kinds
+    except Exception as error:  # noqa: BLE001 - a damaged pickle raises many kinds of errors
         allowed = f"{_PICKLE} ({error or type(error).__name__})"
         raise InputError("detections", path, allowed) from None
 
@@ -138,12 +138,12 @@ def _loaded(path: str) -> Any:
 _PICKLE: Final = "a pickle of lists, dictionaries, texts and numpy arrays alone"
 _SPARE_BYTES: Final = 1 << 29
 _BYTES_OF_EACH: Final = 16
-"""Objects of Python take more than their bytes in a file."""
+"""Factor by which Python objects may be larger than their bytes in the file."""
 _TIME_S: Final = 120.0
 
 
 def load_numbers(path: Path) -> Any:
-    """The content of a pickle of lists, dictionaries, texts, numbers and numpy arrays.
+    """Read a pickle that contains only lists, dictionaries, texts, numbers and numpy arrays.
 
     It is read in a process of its own, with a limit of memory and of time. Nothing in the file reaches numpy but bytes
     with a shape that fits them.
@@ -161,11 +161,11 @@ def load_numbers(path: Path) -> Any:
 
 
 MOST_BYTES: Final = 1 << 30
-"""Of the arrays of an .npz file; a small file may state more than the memory holds."""
+"""Largest size of the arrays of an .npz file; a small file may claim more than the memory holds."""
 
 
 def load_arrays(path: Path) -> list[dict[str, Any]]:
-    """The content of an ``.npz`` file as that of the pickle: an entry for each frame.
+    """Read an ``.npz`` file into the same form as the pickle: one entry per frame.
 
     Its arrays are ``frame_id`` or ``token`` and ``count`` (F,), one for each frame, and ``name``, ``score`` (N,) and
     ``boxes_lidar`` (N, 7 or 9), in the order of the frames. Nothing in such a file can run.
@@ -180,7 +180,10 @@ def load_arrays(path: Path) -> list[dict[str, Any]]:
 
 
 def _arrays(path: Path) -> tuple[str, Any, Any, dict[str, Any]]:
-    """What names frames, their names, the number of boxes of each, and the columns of the boxes."""
+    """Check the arrays.
+
+    Returns the key that names frames, the names, the number of boxes per frame, and the boxes' columns.
+    """
     file = plain_json.read_arrays(path, MOST_BYTES)
     key = "token" if "token" in file else "frame_id"
     columns = {name: file[name] for name in ("name", "score", "boxes_lidar")}
@@ -205,7 +208,7 @@ _WITH_VELOCITY = 9
 
 
 def read_openpcdet(name: str, path: Path, frames: Frames) -> stated_boxes.FoundSet:
-    """Reads a file of either dataset, which needs every frame of that dataset.
+    """Read a file of either dataset; it needs every frame of that dataset.
 
     Raises:
         InputError: No such file, a frame that the bags do not have or that is missing, or a box that means nothing.
@@ -291,7 +294,7 @@ def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, widt
 
 
 def openpcdet_entries(boxes: FoundBoxes, frames: Frames, *, nuscenes: bool) -> list[dict[str, Any]]:
-    """Boxes in the form of a result file, of the custom dataset or of the nuScenes dataset."""
+    """Boxes in the form of a result file, for the custom or the nuScenes dataset."""
     matrices = frames.map_from_lidar @ (np.linalg.inv(NUSCENES_FROM_LIDAR) if nuscenes else np.eye(4))
     tokens = {frame: token for token, frame in frames.by_token.items()}
     entries = []

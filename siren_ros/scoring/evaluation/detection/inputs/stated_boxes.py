@@ -1,4 +1,4 @@
-"""Detections of other programs: their boxes as a file or a topic states them, checked and turned into the map frame."""
+"""Checks the boxes of other programs and converts them to the map frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,45 +15,45 @@ from siren_ros.simulation.scenario.splits import SeenEpisodes
 
 @dataclass(frozen=True)
 class FoundSet:
-    """Detections, and the frames that they are detections of."""
+    """Detections of one detector, and the frames that they cover."""
 
     name: str
-    """The user's name for the detector."""
+    """Name of the detector, given by the user."""
     format: str
     boxes: FoundBoxes
     scored: Flags
-    """Frames that count: those that the format has, shape ``(F,)``."""
+    """Frames that are scored: those that the format contains, shape ``(F,)``."""
     has_velocity: bool
-    """Whether velocities are known; without them the devkit takes 1 m/s as the velocity error."""
+    """Whether velocities are known; without them the devkit uses a velocity error of 1 m/s."""
     has_attributes: bool = False
-    """Whether the format states attributes; else those of labels and detections follow from their velocities."""
+    """Whether the format has attributes; otherwise they follow from velocities, for labels and detections."""
     seen: SeenEpisodes | None = None
-    """The episodes on which the detector was trained; None where nothing is known or learned."""
+    """Episodes on which the detector was trained; None if unknown or if it was not trained."""
 
 
 MOST_BOXES: Final = 500
-"""nuScenes' limit for one frame."""
+"""nuScenes' limit of boxes per frame."""
 _UNIT_TOLERANCE: Final = 1e-3
 
 
 @dataclass(frozen=True)
 class StatedBoxes:
-    """Columns of a file, one row for each box, in the frame that the format has."""
+    """Columns of a file, one row per box, in the format's own frame."""
 
     frame: Rows
     """Number of the frame, shape ``(N,)``."""
     centre_m: Floats
-    """Shape ``(N, 3)``."""
+    """Centre of the volume, shape ``(N, 3)``."""
     size_m: Floats
     """Length, width, height, shape ``(N, 3)``."""
     rotation_wxyz: Floats
     """Unit quaternions, shape ``(N, 4)``."""
     velocity_mps: Floats
-    """Shape ``(N, 2)``; NaN in all rows of a format without velocities."""
+    """Velocity, shape ``(N, 2)``; NaN in all rows of a format without velocities."""
     score: Floats
     label: npt.NDArray[np.str_]
     attribute: Codes | None = None
-    """Indices into ``ATTRIBUTES``; None for a format without attributes: they follow from the velocity."""
+    """Indices into ``ATTRIBUTES``; None for a format without attributes, which then follow from the velocity."""
 
 
 def quaternions_of_yaw(yaw_rad: Floats) -> Floats:
@@ -69,7 +69,7 @@ def yaws_of_quaternions(rotation_wxyz: Floats) -> Floats:
 
 
 def check_boxes(source: str, boxes: StatedBoxes, name_of: Callable[[int], str], *, with_velocity: bool) -> None:
-    """Refuses boxes that mean nothing; ``source`` and ``name_of`` name the file and a frame in the error.
+    """Check that boxes are meaningful; ``source`` and ``name_of`` name the file and a frame in the error.
 
     Raises:
         InputError: The first box that cannot be used, with the reason. Where the format has velocities, each box needs
@@ -99,7 +99,7 @@ def check_boxes(source: str, boxes: StatedBoxes, name_of: Callable[[int], str], 
 
 
 def in_map(boxes: StatedBoxes, map_from_stated: Floats) -> FoundBoxes:
-    """The boxes in the ``map`` frame, by the transform of each box's frame, shape ``(N, 4, 4)``."""
+    """Convert boxes to the ``map`` frame with each box's transform, shape ``(N, 4, 4)``."""
     turn, shift = map_from_stated[:, :3, :3], map_from_stated[:, :3, 3]
     yaw = yaws_of_quaternions(boxes.rotation_wxyz)
     ahead = np.einsum("nij,nj->ni", turn, np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=-1))

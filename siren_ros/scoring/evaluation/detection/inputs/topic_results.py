@@ -1,4 +1,4 @@
-"""Detections that were recorded with the episodes: a topic with ``vision_msgs/Detection3DArray``."""
+"""Reads detections that were recorded with the episodes, from a topic with ``vision_msgs/Detection3DArray``."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ _FORMAT: Final = "recorded topic"
 
 
 def read_topic(name: str, topic: str, frames: Frames) -> FoundSet:
-    """Reads a topic from every bag. All frames count; one without a message has no detections.
+    """Read a topic from every bag. All frames are scored; a frame without a message has no detections.
 
     Raises:
         InputError: A bag lacks the topic, boxes stand in an unknown frame, or a box means nothing.

@@ -1,1 +1,1 @@
-"""Predictors of others, trained on NGSIM: CSP, STDAN and BAT, with the weights that their authors published."""
+"""Published predictors trained on NGSIM: CSP, STDAN and BAT, with their authors' weights."""

@@ -1,4 +1,4 @@
-"""What CSP, STDAN and BAT get of a batch: each sample in a frame of its own, its neighbours in a social grid of NGSIM.
+"""Makes the inputs of CSP, STDAN and BAT from a batch: local frames and NGSIM's social grid of neighbours.
 
 Values are in feet and seconds, 16 points of the past first, in single precision.
 
@@ -47,28 +47,28 @@ class NgsimView:
     network: RoadNetwork
     actors: ObservedActors
     target: Rows
-    """Row of ``actors`` of each sample, shape ``(B,)``."""
+    """Row of each sample in ``actors``, shape ``(B,)``."""
     tangent_rad: Floats
-    """The direction +y of each sample in the frame ``map``: of the target's lane at the present, off the lanes its
-    heading; shape ``(B,)``."""
+    """Direction of each sample's +y axis in the frame ``map``, shape ``(B,)``: that of the target's present lane, or
+    off the lanes its heading."""
     sample: Rows
-    """Sample of each neighbour, shape ``(P,)``."""
+    """Sample to which each neighbour belongs, shape ``(P,)``."""
     neighbour: Rows
-    """Row of ``actors`` of each neighbour, shape ``(P,)``."""
+    """Row of each neighbour in ``actors``, shape ``(P,)``."""
     cell: Rows
-    """Cell of each neighbour, 0 to 38, shape ``(P,)``."""
+    """Grid cell of each neighbour, 0 to 38, shape ``(P,)``."""
 
     def __len__(self) -> int:
         return len(self.target)
 
     @property
     def scene(self) -> Rows:
-        """The samples of one frame are a scene: its number for each sample, from 0 upwards, shape ``(B,)``."""
+        """Scene of each sample, counted from 0, shape ``(B,)``; the samples of one frame form a scene."""
         frame = self.actors.frame[self.target]
         return np.cumsum(np.diff(frame, prepend=frame[:1]) > 0)
 
     def parts(self, size: int) -> Iterator["NgsimView"]:
-        """Consecutive parts of whole scenes, of at least ``size`` samples but for the last."""
+        """Split the view into consecutive parts of whole scenes, each with ``size`` samples or more except the last."""
         scene = self.scene
         first = 0
         while first < len(self):
@@ -80,14 +80,14 @@ class NgsimView:
             first = last
 
     def right_ahead_m(self, row: Rows, sample: Rows) -> Floats:
-        """Past positions of actors in the frames of samples: metres to the right and ahead; ``(len(row), 16, 2)``."""
+        """Past positions of actors in the samples' frames: metres to the right and ahead; ``(len(row), 16, 2)``."""
         origin = self.actors.xy_m[self.target[sample], -1]
         x_m, y_m = np.moveaxis(self.actors.xy_m[row] - origin[:, None], -1, 0)
-        # The sum turns −0 into 0: the direction of the origin, seen from itself, must not depend on the sign.
+        # Adding 0.0 turns −0 into 0: the angle of the origin, seen from itself, must not depend on the sign.
         return np.stack(across_and_ahead(x_m, y_m, self.tangent_rad[sample, None]), axis=-1) + 0.0
 
     def on_map(self, right_ahead_m: Floats) -> Floats:
-        """Places of the samples in the frame ``map``.
+        """Convert positions of the samples' frames to the frame ``map``.
 
         Args:
             right_ahead_m: Metres to the right and ahead of each target's present, shape ``(B, …, 2)``.
@@ -120,24 +120,24 @@ def ngsim_view(batch: SampleBatch) -> NgsimView:
 
 _CLASSES = np.array([vehicle_class(actor_class) for actor_class in ActorClass], dtype=np.float64)
 Features = tuple[Floats32, Floats32]
-"""F values by point and vehicle: of the targets ``(16, B, F)``, and of their neighbours ``(16, P, F)``."""
+"""Features by point and vehicle: of the targets ``(16, B, F)``, and of their neighbours ``(16, P, F)``."""
 
 
 def csp_features(view: NgsimView) -> Features:
-    """Position: x and y."""
+    """Features of CSP: positions x and y."""
     targets, neighbours = positions_ft(view)
     return _time_first(targets), _time_first(neighbours)
 
 
 def stdan_features(view: NgsimView) -> Features:
-    """Position, class, speed, acceleration."""
+    """Features of STDAN: position, class, speed, acceleration."""
     columns = zip(positions_ft(view), _class_and_motion(view), strict=True)
     targets, neighbours = (_time_first(*vehicles) for vehicles in columns)
     return targets, neighbours
 
 
 def bat_features(view: NgsimView) -> Features:
-    """Polar position, displacement along x and y since the point before, class, speed, acceleration, lane."""
+    """Features of BAT: polar position, displacement since the last point, class, speed, acceleration, lane."""
     columns = zip(positions_ft(view), _class_and_motion(view), _lane_numbers(view), strict=True)
     targets, neighbours = (
         _time_first(polar(positions), np.diff(positions, axis=1, prepend=positions[:, :1]), motion, lanes)
@@ -153,18 +153,18 @@ def positions_ft(view: NgsimView) -> tuple[Floats, Floats]:
 
 
 def polar(xy: Floats) -> Floats:
-    """Distance, and angle from +x towards +y; shape ``(…, 2)``."""
+    """Convert to polar coordinates: distance, and angle from +x towards +y; shape ``(…, 2)``."""
     return np.stack((np.hypot(xy[..., 0], xy[..., 1]), np.arctan2(xy[..., 1], xy[..., 0])), axis=-1)
 
 
 def from_polar(polar_xy: Floats) -> Floats:
-    """The opposite of ``polar``."""
+    """Inverse of ``polar``."""
     r, phi = polar_xy[..., 0], polar_xy[..., 1]
     return np.stack((r * np.cos(phi), r * np.sin(phi)), axis=-1)
 
 
 def _class_and_motion(view: NgsimView) -> tuple[Floats, Floats]:
-    """NGSIM's class, speed and acceleration, shapes ``(B, 16, 3)`` and ``(P, 16, 3)``."""
+    """Class (by NGSIM), speed and acceleration, shapes ``(B, 16, 3)`` and ``(P, 16, 3)``."""
     actors = view.actors
 
     def of(rows: Rows) -> Floats:
@@ -179,7 +179,7 @@ def _lane_numbers(view: NgsimView) -> tuple[Floats, Floats]:
     """Numbers of the lanes of all points, shapes ``(B, 16, 1)`` and ``(P, 16, 1)``; 0 off the lanes."""
     actors = view.actors
     rows = np.unique(np.concatenate((view.target, view.neighbour)))
-    # The pasts of one vehicle overlap from frame to frame: each of its poses is placed once.
+    # The pasts of a vehicle overlap between frames, so each pose is located only once.
     columns = actors.xy_m[rows].reshape(-1, 2), actors.yaw_rad[rows].ravel(), actors.past_sumo_lane[rows].ravel()
     poses = np.column_stack(columns)
     different, same = np.unique(poses, axis=0, return_inverse=True)
@@ -195,11 +195,11 @@ def _time_first(*columns: Floats) -> Floats32:
 _POINTS: Final = 16
 _TARGET_CELL: Final = 20
 _JOINED_FT: Final = float(np.log(200.0))
-"""Vertices are joined where exp(−distance) is more than 0.005: it does not round to 0.00 then."""
+"""Distance below which vertices are joined: exp(−distance) above 0.005 does not round to 0.00."""
 
 
 def behaviour_tensor(targets: Floats, neighbours: Floats, sample: Rows, cell: Rows) -> Floats32:
-    """The behaviour tensor, shape ``(16, B, 39, 6)``.
+    """Compute BAT's behaviour tensor, shape ``(16, B, 39, 6)``.
 
     Args:
         targets: Polar past of the targets (feet, radians), shape ``(B, 16, 2)``.
@@ -214,7 +214,7 @@ def behaviour_tensor(targets: Floats, neighbours: Floats, sample: Rows, cell: Ro
 
 
 def behaviours(closeness: Floats) -> Floats32:
-    """The behaviour tensor ``(16, B, 39, 6)`` of closeness centralities ``(B, 16, 39)``."""
+    """Behaviour tensor ``(16, B, 39, 6)`` from closeness centralities ``(B, 16, 39)``."""
     change = np.zeros_like(closeness)
     change[..., :-1] = np.diff(closeness, axis=-1)
     mixed = np.round(change, 2).swapaxes(1, 2).reshape(closeness.shape)
@@ -225,7 +225,7 @@ def behaviours(closeness: Floats) -> Floats32:
 
 
 def closeness_centralities(points: Floats) -> Floats:
-    """Closeness centrality of every vertex of a graph, with the scaling for parts that are not connected.
+    """Closeness centrality of every vertex, scaled for graphs that are not connected.
 
     (S. Wasserman, K. Faust, "Social Network Analysis", 1994, p. 201.) Edges join points that are near each other.
 
@@ -262,7 +262,7 @@ def _closeness(graphs: Array, joined_squared: float) -> Array:
 
 @compiled
 def _closeness_of(joined: Array, start: int) -> float:
-    """Breadth-first search; sets of vertices are the bits of a number."""
+    """Closeness of one vertex by breadth-first search; the bits of a number are a set of vertices."""
     vertices = len(joined)
     bit, none = np.uint64(1), np.uint64(0)
     reached = bit << np.uint64(start)

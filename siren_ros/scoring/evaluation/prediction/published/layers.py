@@ -1,4 +1,4 @@
-"""Layers that CSP, STDAN and BAT share, with the names of the published weights.
+"""Layers that CSP, STDAN and BAT share. Their names are those of the published weights.
 
 Manoeuvres are modes, with a Gaussian for each predicted point. Neighbours of samples are padded groups, so that a
 network handles all samples of a batch at once.
@@ -17,7 +17,7 @@ from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS
 
 
 def one_hot_modes(samples: int, lateral: int, longitudinal: int) -> Iterator[tuple[Tensor, Tensor]]:
-    """The lateral ``(B, lateral)`` and longitudinal ``(B, longitudinal)`` manoeuvres of every mode, as one-hot rows.
+    """One-hot rows of the lateral ``(B, lateral)`` and longitudinal ``(B, longitudinal)`` manoeuvre of every mode.
 
     Lateral manoeuvres change fastest.
     """
@@ -30,12 +30,12 @@ def one_hot_modes(samples: int, lateral: int, longitudinal: int) -> Iterator[tup
 
 
 def gaussian(raw: Tensor) -> Tensor:
-    """A decoder's last layer as μx, μy, two positive scales and a correlation; shape ``(25, B, 5)``."""
+    """Convert a decoder's output to μx, μy, two positive scales and a correlation; shape ``(25, B, 5)``."""
     return torch.cat((raw[..., :2], raw[..., 2:4].exp(), raw[..., 4:].tanh()), dim=-1)
 
 
 def mode_probabilities(lateral: Tensor, longitudinal: Tensor) -> Tensor:
-    """Probability of every mode, shape ``(B, modes)``: the manoeuvres are taken as independent, as in training."""
+    """Probability of every mode, shape ``(B, modes)``; manoeuvres count as independent, as in training."""
     return (longitudinal[:, :, None] * lateral[:, None, :]).flatten(1)
 
 
@@ -50,7 +50,7 @@ HISTORY_POINTS: Final = 16
 
 
 class GatedLinear(nn.Module):
-    """A linear layer whose output a second one gates."""
+    """A linear layer whose output is gated by a second layer."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ class GatedLinear(nn.Module):
         self.gated_layer = nn.Linear(ATTENDED, ENCODED)
 
     def forward(self, values: Tensor) -> Tensor:
-        """Shape ``(…, 192)`` to ``(…, 64)``."""
+        """Map shape ``(…, 192)`` to ``(…, 64)``."""
         return self.activation_layer(values) * torch.sigmoid(self.gated_layer(values))
 
 
@@ -70,12 +70,12 @@ class AddAndNorm(nn.Module):
         self.normalize = nn.LayerNorm(ENCODED)
 
     def forward(self, first: Tensor, second: Tensor) -> Tensor:
-        """The normalised sum."""
+        """Add both inputs and normalise the sum."""
         return self.normalize(first + second)
 
 
 class GatedEncoder(nn.Module):
-    """The layers that the encoders of STDAN and BAT have in common.
+    """Common layers of the encoders of STDAN and BAT.
 
     Args:
         features: Features of a vehicle at a point.
@@ -94,13 +94,13 @@ class GatedEncoder(nn.Module):
         self.activation = nn.ELU()
 
     def encoded(self, features: Tensor) -> Tensor:
-        """Features ``(16, V, F)`` as encoded points ``(V, 16, encoded)``."""
+        """Encode features ``(16, V, F)`` as points ``(V, 16, encoded)``."""
         hidden, _ = self.lstm(self.activation(self.linear1(features)))
         return hidden.permute(1, 0, 2)
 
 
 class _Decoder(nn.Module):
-    """An LSTM over the points of the future; ``lat_linear`` and ``lon_linear`` have weights and are not used."""
+    """An LSTM over future points. ``lat_linear`` and ``lon_linear`` exist only because the weights have them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -117,7 +117,7 @@ class _Decoder(nn.Module):
 
 
 class ManoeuvreGenerator(nn.Module):
-    """Recognises the manoeuvre, maps the points of the past to those of the future accordingly, and decodes them.
+    """Recognises the manoeuvre, maps past points to future points accordingly, and decodes these.
 
     ``manmapping`` has weights and is not used.
     """
@@ -144,20 +144,20 @@ class ManoeuvreGenerator(nn.Module):
         return torch.softmax(self.op_lat(state), dim=-1), torch.softmax(self.op_lon(state), dim=-1)
 
     def decode(self, encoded: Tensor, chosen: tuple[Tensor, Tensor], fed: tuple[Tensor, Tensor]) -> Tensor:
-        """Gaussians of the future, shape ``(25, B, 5)``.
+        """Decode the Gaussians of the future, shape ``(25, B, 5)``.
 
         Args:
             encoded: The encoded past, shape ``(B, 16, 64)``.
             chosen: Manoeuvres that choose the mapping, one-hot, lateral and longitudinal, each ``(B, 3)``.
             fed: What the decoder gets of the manoeuvres, of the same shapes.
         """
-        # One mapping for each combination of manoeuvres, though every sample names its own.
+        # The mapping of every combination of manoeuvres is computed, although a sample uses only one.
         weights = torch.softmax(torch.einsum("hfc,bc->bfh", self.mapping, torch.cat(chosen, dim=-1)), dim=-1)
         return self.Decoder((weights @ encoded).permute(1, 0, 2), *fed)
 
 
 def most_probable(probabilities: Tensor) -> Tensor:
-    """The most probable manoeuvre as one-hot rows."""
+    """The most probable manoeuvre as a one-hot row."""
     return one_hot(probabilities.argmax(dim=-1), probabilities.shape[-1]).float()
 
 
@@ -169,46 +169,46 @@ class Neighbours:
     cell: Tensor
     """Cell of the social grid, 0 to 38."""
     samples: int
-    """B."""
+    """Number of samples, B."""
 
     @property
     def place(self) -> Tensor:
-        """Place of each neighbour in all cells of all samples."""
+        """Index of each neighbour's cell among all cells of all samples."""
         return self.sample * CELLS + self.cell
 
 
 @dataclass(frozen=True)
 class NetworkInput:
-    """Features of B samples and P neighbours by point and vehicle; each network says which F features it takes."""
+    """Features of B samples and P neighbours by point and vehicle; each network defines its F features."""
 
     history: Tensor
-    """Shape ``(16, B, F)``."""
+    """Features of the samples, shape ``(16, B, F)``."""
     neighbour_history: Tensor
-    """Shape ``(16, P, F)``."""
+    """Features of the neighbours, shape ``(16, P, F)``."""
     neighbours: Neighbours
 
 
 @dataclass(frozen=True)
 class Groups:
-    """Rows of a tensor, brought into G groups of at most S rows."""
+    """Sorts the rows of a tensor into G groups of at most S rows."""
 
     group: Tensor
-    """Group of each of P rows, ascending."""
+    """Group of each of P rows, increasing."""
     slot: Tensor
-    """Place of each row within its group."""
+    """Slot of each row in its group."""
     count: Tensor
-    """Rows in each group, shape ``(G,)``."""
+    """Number of rows in each group, shape ``(G,)``."""
 
     @classmethod
     def of(cls, group: Tensor, groups: int) -> "Groups":
-        """Groups of rows that are sorted by their group."""
+        """Make groups from rows that are sorted by group."""
         count = torch.bincount(group, minlength=groups)
         first = torch.cumsum(count, 0) - count
         return cls(group, torch.arange(len(group)) - first[group], count)
 
     @property
     def slots(self) -> int:
-        """Rows of the largest group, at least one."""
+        """Number of rows of the largest group, at least one."""
         return max(int(self.count.max()), 1) if len(self.count) else 1
 
     @property
@@ -217,11 +217,11 @@ class Groups:
         return torch.arange(self.slots) < self.count[:, None]
 
     def spread(self, rows: Tensor) -> Tensor:
-        """Rows ``(P, …)`` as ``(G, S, …)``, zero where a slot holds none."""
+        """Rearrange rows ``(P, …)`` as ``(G, S, …)``; empty slots are zero."""
         spread = rows.new_zeros((len(self.count), self.slots, *rows.shape[1:]))
         spread[self.group, self.slot] = rows
         return spread
 
     def gather(self, spread: Tensor) -> Tensor:
-        """The opposite of ``spread``."""
+        """Inverse of ``spread``."""
         return spread[self.group, self.slot]

@@ -1,4 +1,4 @@
-"""CSP, STDAN and BAT, in the variants of the published weights; the names of the layers are those of the weights.
+"""The networks of CSP, STDAN and BAT in the published variants; layer names are those of the weights.
 
 CSP: N. Deo, M. M. Trivedi, "Convolutional Social Pooling for Vehicle Trajectory Prediction", CVPR Workshops 2018.
 
@@ -44,7 +44,7 @@ _CSP_POOLED: Final = 16
 _CSP_DECODED: Final = 128
 _CSP_LONGITUDINAL: Final = 2
 _CSP_SOCIAL: Final = 5 * _CSP_POOLED
-"""13 cells along, after convolutions of 3 and 3: 9; pooled by two, with one more at either end: 5."""
+"""Size of CSP's social encoding: 13 cells along the road become 9 after two convolutions, and 5 after pooling."""
 
 
 class Csp(nn.Module):
@@ -90,7 +90,7 @@ class Csp(nn.Module):
         grid = given.history.new_zeros((given.neighbours.samples * CELLS, ENCODED))
         if given.neighbour_history.shape[1]:
             grid[given.neighbours.place] = self._encoded(given.neighbour_history)
-        # Channels, cells along the road, columns of lanes.
+        # dimensions: channels, cells along the road, columns of lanes
         grid = grid.view(-1, COLUMNS, CELLS_ALONG, ENCODED).permute(0, 3, 2, 1)
         convolved = self.activation(self.conv_3x1(self.activation(self.soc_conv(grid))))
         return self.soc_maxpool(convolved).reshape(-1, _CSP_SOCIAL)
@@ -106,7 +106,7 @@ class StdanEncoder(GatedEncoder):
         super().__init__(features=5, encoded=ENCODED)
 
     def forward(self, given: NetworkInput) -> Tensor:
-        """The encoded past, shape ``(B, 16, 64)``."""
+        """Encode the past, shape ``(B, 16, 64)``."""
         target = self.encoded(given.history)
         social = self.addAndNorm(target, self.first_glu(self._over_cells(target, given)))
         return self.addAndNorm(target, self.second_glu(self._over_time(social)))
@@ -133,7 +133,7 @@ class StdanEncoder(GatedEncoder):
         return (weights[..., :-1] @ values + weights[..., -1:] @ empty_value).squeeze(-2).flatten(-2)
 
     def _over_time(self, social: Tensor) -> Tensor:
-        """Attention of the points of the past to each other, shape ``(B, 16, 192)``."""
+        """Attention among the points of the past, shape ``(B, 16, 192)``."""
         query, key, value = (_heads(layer(social)).transpose(1, 2) for layer in (self.qt, self.kt, self.vt))
         weights = torch.softmax((query @ key.transpose(-1, -2)) / math.sqrt(ENCODED), dim=-1)
         return (weights @ value).transpose(1, 2).flatten(-2)
@@ -144,7 +144,7 @@ def _heads(values: Tensor) -> Tensor:
 
 
 class Stdan(nn.Module):
-    """Encoder ``gd`` and generator ``g``; one hypothesis for each sample."""
+    """STDAN with encoder ``gd`` and generator ``g``; it gives one hypothesis per sample."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -169,12 +169,12 @@ _BEHAVIOUR_EMBEDDED: Final = 4
 
 @dataclass(frozen=True)
 class BatInput(NetworkInput):
-    """Features: r (feet), φ, displacement x and y (feet), class, speed (ft/s), acceleration (ft/s²), lane."""
+    """Input of BAT: r (feet), φ, displacement x and y (feet), class, speed (ft/s), acceleration (ft/s²), lane."""
 
     behaviour: Tensor
-    """Shape ``(16, B, 39, 6)``."""
+    """Behaviour tensor, shape ``(16, B, 39, 6)``."""
     scene: Tensor
-    """Scene of each sample, from 0 and ascending, shape ``(B,)``."""
+    """Scene of each sample, from 0 and increasing, shape ``(B,)``."""
 
 
 class _Attention(nn.Module):
@@ -194,12 +194,12 @@ class _Attention(nn.Module):
         keys = self.linear_key(vehicles).transpose(-1, -2)
         scores = self.linear_query(vehicles) @ keys / math.sqrt(_VEHICLE)
         scores = scores.masked_fill(~filled[:, None, None, :], -math.inf)
-        # A group without a vehicle has nothing to attend to, and its row is not read.
+        # A group without vehicles gives NaN in the softmax; its row is not used.
         return torch.nan_to_num(torch.softmax(scores, dim=-1)) @ self.linear_value(vehicles)
 
 
 class BatEncoder(GatedEncoder):
-    """The target's past, the mean of its neighbours after attention, and the behaviour of all cells."""
+    """Encodes the target's past, the mean of its neighbours after attention, and the behaviour of all cells."""
 
     def __init__(self) -> None:
         super().__init__(features=8, encoded=_VEHICLE)
@@ -210,7 +210,7 @@ class BatEncoder(GatedEncoder):
         self.behaviour_activation = nn.LeakyReLU(0.1)
 
     def forward(self, given: BatInput) -> Tensor:
-        """The encoded past, shape ``(B, 16, 64)``."""
+        """Encode the past, shape ``(B, 16, 64)``."""
         encoded = torch.cat((self.encoded(given.history), self._pooled(given), self._behaviour(given)), dim=-1)
         return self.first_glu(self.pre_glu_proj(encoded))
 
@@ -227,7 +227,7 @@ class BatEncoder(GatedEncoder):
         return pooled.index_add(0, neighbours.sample, attended) / count.view(-1, 1, 1)
 
     def _behaviour(self, given: BatInput) -> Tensor:
-        """The behaviours of all cells, shape ``(B, 16, 64)``; the LSTM runs over the samples of a scene."""
+        """Encode the behaviour of all cells, shape ``(B, 16, 64)``; the LSTM runs over the samples of a scene."""
         embedded = self.behaviour_activation(self.linear_behavior(given.behaviour.transpose(0, 1))).flatten(2)
         groups = Groups.of(given.scene, int(given.scene[-1]) + 1)
         sequences = groups.spread(embedded).transpose(0, 1)
@@ -236,7 +236,7 @@ class BatEncoder(GatedEncoder):
 
 
 class Bat(nn.Module):
-    """Encoder ``gd`` and generator ``g``; a mode for each combination of manoeuvres."""
+    """BAT with encoder ``gd`` and generator ``g``; it gives one mode per combination of manoeuvres."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""CSP, STDAN and BAT as predictors of the protocol.
+"""Makes predictors of CSP, STDAN and BAT.
 
 Published weights are loaded without running anything that is in the file, and are held against the network.
 """
@@ -35,13 +35,13 @@ from siren_ros.scoring.evaluation.prediction.published.networks import Bat, BatI
 from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 
 _UNREADABLE: Final = (RuntimeError, ValueError, KeyError, IndexError, AttributeError, TypeError, EOFError, ImportError)
-"""What torch raises for files that are damaged or are something else."""
+"""Errors that torch raises for damaged or foreign files."""
 _RENAMED: Final = {"soc_conv_3x1.": "conv_3x1."}
-"""A layer of CSP, as another of the published repositories calls it."""
+"""Name of a layer of CSP in another published repository, and its name here."""
 
 
 def load_weights(network: nn.Module, model: str, path: Path | None) -> nn.Module:
-    """Loads the weights of a file into a network, makes it ready for prediction, and returns it.
+    """Load weights from a file into a network, and set it to prediction mode.
 
     The file holds a state dict, alone or under ``state_dict``, or one for each part of the network by the part's name.
     Where the authors published a file for each part (``epoch9_gd.tar`` and ``epoch9_g.tar``), the path is that of one
@@ -78,7 +78,7 @@ def load_weights(network: nn.Module, model: str, path: Path | None) -> nn.Module
 
 
 def _with_parts(network: nn.Module, path: Path) -> dict[str, Tensor]:
-    """All weights by their names in the network."""
+    """All weights of all parts of the network, by name."""
     parts = [name for name, _ in network.named_children()]
     content = _read(path)
     of_path = next((part for part in parts if path.stem.endswith(f"_{part}")), None)
@@ -91,7 +91,7 @@ def _with_parts(network: nn.Module, path: Path) -> dict[str, Tensor]:
 def _read(path: Path) -> Mapping[str, Any]:
     try:
         with warnings.catch_warnings():
-            # What torch doubts about a file, the refusals here say.
+            # torch warns about some files; the checks below refuse what is wrong
             warnings.simplefilter("ignore")
             content = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
@@ -123,20 +123,21 @@ def _flat(content: Mapping[str, Any], path: str, prefix: str = "") -> dict[str, 
 
 
 _PART: Final = 1024
-"""Samples that a network handles at once."""
+"""Number of samples that a network processes at once."""
 Answer = tuple[Floats, Floats]
-"""Feet to the right and ahead by sample, mode and point, ``(B, k, 25, 2)``, and the modes' probabilities ``(B, k)``."""
+"""Answer of a network: feet to the right and ahead by sample, mode and point, ``(B, k, 25, 2)``, and probabilities of
+the modes, ``(B, k)``."""
 
 
 @dataclass(frozen=True)
 class PublishedPredictor:
-    """A network of others behind the protocol: views of batches in, hypotheses on the map out."""
+    """Wraps a published network as a predictor: views of batches go in, hypotheses on the map come out."""
 
     answer: Callable[[NgsimView], Answer]
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """One hypothesis for each mode."""
+        """Give one hypothesis per mode."""
         answers = [self._part(part) for part in ngsim_view(batch).parts(_PART)]
         if not answers:
             return Hypotheses.certain(np.zeros((0, FUTURE_POINTS, 2)))
@@ -160,7 +161,7 @@ def make_csp(checkpoint: Path | None) -> PublishedPredictor:
 
 
 def make_stdan(checkpoint: Path | None) -> PublishedPredictor:
-    """STDAN, whose own manoeuvres choose the one hypothesis."""
+    """STDAN; its recognised manoeuvres give its single hypothesis."""
     network = load_weights(Stdan(), "stdan", checkpoint)
 
     def answer(view: NgsimView) -> Answer:
@@ -171,7 +172,7 @@ def make_stdan(checkpoint: Path | None) -> PublishedPredictor:
 
 
 def make_bat(checkpoint: Path | None) -> PublishedPredictor:
-    """BAT with nine modes; the vehicles of one frame are a scene."""
+    """BAT with nine modes; the vehicles of a frame form a scene."""
     network = load_weights(Bat(), "bat", checkpoint)
 
     def answer(view: NgsimView) -> Answer:
@@ -185,11 +186,11 @@ def make_bat(checkpoint: Path | None) -> PublishedPredictor:
 
 
 def _tensors(features: Features, view: NgsimView) -> tuple[Tensor, Tensor, Neighbours]:
-    """The parts of ``NetworkInput``."""
+    """Convert features to the parts of ``NetworkInput``."""
     targets, neighbours = (torch.from_numpy(values) for values in features)
     return targets, neighbours, Neighbours(torch.from_numpy(view.sample), torch.from_numpy(view.cell), len(view))
 
 
 def _by_sample(modes: Tensor) -> Floats:
-    """Means of ``(k, 25, B, 5)`` as ``(B, k, 25, 2)``."""
+    """Rearrange means ``(k, 25, B, 5)`` as ``(B, k, 25, 2)``."""
     return modes[..., :2].permute(2, 0, 1, 3).double().numpy()

@@ -1,1 +1,1 @@
-"""Scores as tables and files, next to the paper's."""
+"""Writes prediction scores as tables and files, beside the paper's."""

@@ -1,4 +1,4 @@
-"""The paper's results of trajectory prediction, and our scores against them."""
+"""The paper's results of trajectory prediction, and their comparison with our scores."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -16,17 +16,18 @@ from siren_ros.simulation.scenario.paper import TEMPLATES
 
 @dataclass(frozen=True)
 class PaperRow:
-    """One row of a table of the paper."""
+    """One row of a table in the paper."""
 
     by_template: Mapping[str, float]
     mean: float
-    """As printed; the paper computed it before rounding."""
+    """Mean as printed; the paper computed it before rounding."""
 
 
 PAPER_MAP: Final = "Town10HD_Opt"
-"""Of all its episodes ("Benchmark Construction")."""
+"""Map of all episodes of the paper ("Benchmark Construction")."""
 PAPER_SAMPLES: Final[Mapping[str, int]] = dict(zip(TEMPLATES, (914, 1371, 825, 1247, 605, 340, 1760), strict=True))
-"""Scored samples of each template's one base episode (experimental setup, "Trajectory prediction"): 7,062 in all."""
+"""Number of scored samples in each template's one base episode (experimental setup, "Trajectory prediction"): 7,062 in
+all."""
 PAPER_NAMES: Final[Mapping[str, str]] = {
     "cv": "CV",
     "idm": "IDM",
@@ -38,7 +39,7 @@ PAPER_NAMES: Final[Mapping[str, str]] = {
     "demo": "DeMo",
     "demo+realmotion": "DeMo+RealMotion",
 }
-"""Our name of each of its nine models, and the paper's, in the order of its table."""
+"""Our names of the paper's nine models with the paper's names, in the order of its table."""
 
 _PAIRS: Final = {
     ("ade_m", "fde_m"): """
@@ -70,8 +71,8 @@ _PAIRS: Final = {
         demo+realmotion 0.58/1.28 0.41/1.05 0.93/2.72 0.77/2.34 0.82/2.00 0.80/1.95 0.50/1.59 0.69/1.85
     """,
 }
-"""Tables "Trajectory Prediction on SIREN-Bench", "NGSIM-style RMSE at the 5-s horizon" and "Multimodal best-of-six"
-(supplement), in metres: by metric a line for each model with S1 to S7 and the mean."""
+"""The paper's numbers in metres, from the tables "Trajectory Prediction on SIREN-Bench", "NGSIM-style RMSE at the 5-s
+horizon" and "Multimodal best-of-six" (supplement): by metric one line per model with S1 to S7 and the mean."""
 
 
 def _read() -> dict[tuple[str, str], PaperRow]:
@@ -82,7 +83,7 @@ def _read() -> dict[tuple[str, str], PaperRow]:
             for position, metric in enumerate(metrics):
                 *values, mean = (float(cell.split("/")[position]) for cell in cells)
                 rows[model, metric] = PaperRow(dict(zip(TEMPLATES, values, strict=True)), mean)
-    # The others have one hypothesis: their minima equal their ADE and FDE, as the paper says.
+    # The remaining models have one hypothesis: their minima equal ADE and FDE, as the paper says.
     for model in PAPER_NAMES:
         rows.setdefault((model, "min_ade_6_m"), rows[model, "ade_m"])
         rows.setdefault((model, "min_fde_6_m"), rows[model, "fde_m"])
@@ -90,22 +91,22 @@ def _read() -> dict[tuple[str, str], PaperRow]:
 
 
 PAPER: Final[Mapping[tuple[str, str], PaperRow]] = _read()
-"""By model and metric."""
+"""The paper's rows by model and metric."""
 
 
 def paper_row(model: str, metric: str) -> PaperRow | None:
-    """The paper's row of a model, with or without a label (``csp:mine``); None where it has none."""
+    """The paper's row of a model, with or without a label (``csp:mine``); None if it has none."""
     return PAPER.get((model.partition(LABEL)[0], metric))
 
 
 def paper_value(model: str, metric: str, template: str) -> float | None:
-    """The paper's value, None where it has none."""
+    """The paper's value; None if it has none."""
     row = paper_row(model, metric)
     return None if row is None else row.by_template.get(template)
 
 
 def maps_next_to_the_papers(episodes: Iterable[EpisodeScores]) -> str:
-    """The maps of some episodes, with their numbers, and the paper's: other maps give other errors."""
+    """Text with the maps of some episodes beside the paper's, because other maps give other errors."""
     counts = Counter(episode.map_name for episode in episodes)
     if list(counts) == [PAPER_MAP]:
         return f"map: {PAPER_MAP}, the paper's"
@@ -115,24 +116,24 @@ def maps_next_to_the_papers(episodes: Iterable[EpisodeScores]) -> str:
 
 @dataclass(frozen=True)
 class PaperComparison:
-    """One metric of one model; None where there is no value."""
+    """Comparison of one metric of one model with the paper; None where a value is missing."""
 
     mean: float | None
-    """Ours, over all our templates."""
+    """Our mean over all our templates."""
     paper_mean: float
-    """The paper's, over all its templates."""
+    """The paper's mean over all its templates."""
     paper_mean_same_templates: float | None
-    """The paper's, over those templates that were scored here."""
+    """The paper's mean over the templates that were scored here."""
     deviation: float | None
-    """Of our mean from the paper's: +0.4 is 40 % above."""
+    """Relative deviation of our mean from the paper's: +0.4 is 40 % above."""
     deviation_same_templates: float | None
-    """The same, both over the templates in common."""
+    """Relative deviation over the common templates only."""
     ranking: RankCorrelation | None
-    """Of the templates in common, from three on."""
+    """Rank correlation over the common templates, if there are at least three."""
 
 
 def compare_with_paper(table: ScoreTable, model: str, metric: str) -> PaperComparison | None:
-    """The comparison; None where the paper has no such row."""
+    """Compare one metric of one model with the paper; None if the paper has no such row."""
     row = paper_row(model, metric)
     if row is None:
         return None

@@ -1,4 +1,4 @@
-"""The tables of an evaluation, which terminal, files and the page of a study show, and the files of a report."""
+"""The tables of an evaluation (for terminal, files and the page of a study), and the files of a report."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ from siren_ros.simulation.scenario.splits import Split, counted_standings, overl
 SHOWN: Final = ("ade_m", "fde_m")
 """Metrics of the tables by group, as in the paper."""
 BAGS_MAX: Final = 20
-"""With more bags than this, only the files have a row for each."""
+"""With more bags than this, only the files have one row per bag."""
 POPULATION_TEXT: Final = {
     Population.REGION: f"population: region (vehicles within {REGION_TEXT} around the EMV for the whole window)",
     Population.ALL: "population: all vehicles on the map",
@@ -44,14 +44,14 @@ NO_SAMPLES_TEXT: Final = {
     Population.REGION: "no vehicle was in the region around the EMV for a whole window of 8 s",
     Population.ALL: "no vehicle was logged for a whole window of 8 s",
 }
-"""Why an episode has no sample."""
+"""Reason why an episode has no sample, by population."""
 BY_TEMPLATE: Final[Mapping[str, tuple[Sequence[str], str]]] = {
     "prediction": (SHOWN, "ADE/FDE in m by template, [ADE's interval]"),
     "rmse": (("rmse_5s_m",), "RMSE in m at the 5-s horizon by template"),
     "best_of_six": (("min_ade_6_m", "min_fde_6_m"), "minADE6/minFDE6 in m by template, [minADE6's interval]"),
     "miss_rate": (("miss_rate_6",), "share of samples whose best of six ends more than 2 m away, by template"),
 }
-"""Metrics and captions of the tables that are like the paper's, by the keys of the tables."""
+"""Metrics and captions of tables like the paper's, by the keys of the tables."""
 _ALL: Final = GroupKind.ALL.value
 _GROUPED: Final = (GroupKind.CATEGORY, GroupKind.SUBSET, GroupKind.LEVEL, GroupKind.PEOPLE)
 
@@ -77,7 +77,7 @@ def prediction_tables(
 
 
 def text_report(scores: ScoreTable, tables: Sequence[Table], *, compare_paper: bool = False) -> list[str]:
-    """The lines that a terminal shows: what was scored, the tables, and in words how far we are from the paper."""
+    """Lines for a terminal: what was scored, the tables, and the deviation from the paper in words."""
     lines = [
         POPULATION_TEXT[scores.episodes[0].population] + _noise_text(scores),
         f"{len(scores.episodes)} episodes; [{CONFIDENCE:.0%} intervals] over whole episodes",
@@ -94,7 +94,7 @@ def _noise_text(scores: ScoreTable) -> str:
 
 
 def _seen(scores: ScoreTable) -> Table:
-    """How the scored episodes stand to what each trained model has seen."""
+    """Table that shows whether scored episodes were part of each trained model's training."""
     rows: list[Row] = [(model, *counts.values()) for model, counts in _standings(scores).items()]
     caption = "scored episodes by what the model's card says of them: train are its own training episodes"
     return Table("prediction_seen", caption, ("model", *(split.value for split in Split)), tuple(rows), folded=True)
@@ -106,12 +106,12 @@ def _standings(scores: ScoreTable) -> dict[str, dict[Split, int]]:
 
 
 def warnings_of(scores: ScoreTable) -> list[str]:
-    """A line for each model that is scored on episodes of its own training."""
+    """Warnings, one line for each model that is scored on episodes of its own training."""
     return [line for model, counts in _standings(scores).items() if (line := overlap_warning(model, counts))]
 
 
 def _causality_lines(scores: ScoreTable) -> list[str]:
-    """Which models were asked again without the later frames, and which cannot be."""
+    """Lines that tell which models were checked without later frames, and which cannot be checked."""
     known = [model for model in scores.models if any(model in of.causal_frames for of in scores.episodes)]
     frames = {model: sum(of.causal_frames.get(model, 0) for of in scores.episodes) for model in known}
     parts = [
@@ -186,13 +186,13 @@ def _by_group(scores: ScoreTable, kind: GroupKind) -> Table:
 
 
 def _mean(scores: ScoreTable, model: str, group: str, metrics: Sequence[str]) -> Cell:
-    """The values of a group, with the interval of the first."""
+    """Values of a group, with the interval of the first metric."""
     bounds = Bounds(scores.cells[model, group, metrics[0]].interval)
     return (*(scores.value(model, group, metric) for metric in metrics), bounds)
 
 
 def _paired(pairs: Sequence[Difference]) -> Table:
-    """Pairs of simple baselines are left out where other models were scored."""
+    """Table of differences between models. Pairs of simple baselines are left out if other models were scored."""
     shown = [pair for pair in pairs if pair.metric == SHOWN[0] and pair.group == _ALL and pair.difference.valid]
     others = [pair for pair in shown if not (is_simple(pair.first) and is_simple(pair.second))]
     rows = tuple(
@@ -224,7 +224,7 @@ def _claims(scores: ScoreTable) -> Table:
 
 
 def _paper_lines(scores: ScoreTable) -> Iterator[str]:
-    """The maps, and for each model the mean ADE against the paper's, and the ranking of the templates."""
+    """Lines with the maps, each model's mean ADE against the paper's, and the ranking of the templates."""
     yield maps_next_to_the_papers(scores.episodes)
     for model in scores.models:
         compared = compare_with_paper(scores, model, SHOWN[0])
@@ -240,7 +240,7 @@ def _paper_lines(scores: ScoreTable) -> Iterator[str]:
 
 
 def csv_files(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, str]:
-    """Content by file name: one line for each value, so that any program can make its own tables of them."""
+    """CSV files: content by file name, one line per value."""
     kinds = {group.name: group.kind for group in table.groups}
     compared = ("difference", "low", "high", "p", "p_holm", "samples")
     files: dict[str, list[Sequence[Any]]] = {
@@ -376,7 +376,7 @@ def _model(table: ScoreTable, model: str) -> dict[str, Any]:
 
 
 def latex_files(tables: Iterable[Table], about: str) -> dict[str, str]:
-    """Content by file name: the tables that are like the paper's, with its names of the models, without a float.
+    """LaTeX tables: content by file name. They are like the paper's, with its model names, without a float.
 
     The comment above a table says what was scored (``about``).
     """
@@ -394,7 +394,7 @@ def _paper_name(model: str) -> str:
 
 
 def new_folder(path: Path) -> None:
-    """Makes the folder of a report; there may be an older report in it, which is replaced.
+    """Make the folder of a report; an older report in it is replaced.
 
     Raises:
         InputError: It cannot be made.
@@ -406,7 +406,7 @@ def new_folder(path: Path) -> None:
 def write_report(
     path: Path, scores: ScoreTable, pairs: Sequence[Difference], tables: Sequence[Table], text: str
 ) -> None:
-    """Writes ``report.txt``, ``scores.json``, CSV files and LaTeX tables.
+    """Write ``report.txt``, ``scores.json``, CSV files and LaTeX tables.
 
     Raises:
         InputError: The folder cannot be written.

@@ -1,4 +1,4 @@
-"""Scores of all models in all groups of samples, with intervals over the episodes, and the differences of models."""
+"""Scores of all models in all groups of samples, with intervals over episodes, and differences between models."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,19 +30,19 @@ from siren_ros.scoring.evaluation.statistics import (
 from siren_ros.scoring.judging.people import NAMES
 
 _PARTS: Final = 3
-"""Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
+"""Number of ranges for a parameter with many values: low, middle, high, with equally many episodes."""
 _VALUES_MAX: Final = 4
-"""A parameter with at most so many values has a row for each."""
+"""A parameter with at most this many values gets a row per value."""
 
 
 class GroupKind(StrEnum):
-    """What the rows of a table differ in."""
+    """Criterion by which the rows of a table are grouped."""
 
     ALL = "all"
     TEMPLATE = "template"
     CATEGORY = "category"
     SUBSET = "subset"
-    """Of civilians; a sample may be in several."""
+    """Subset of the civilians; a sample may belong to several."""
     LEVEL = "level"
     PEOPLE = "people"
     PARAMETER = "parameter"
@@ -50,17 +50,17 @@ class GroupKind(StrEnum):
 
 @dataclass(frozen=True)
 class Group(Brief):
-    """One row."""
+    """One group of samples: a row of a table."""
 
     kind: GroupKind
     name: str
-    """``S2``, ``held``, ``L3``, ``S2 emv.speed_mps 8.3 to 11.2``."""
+    """Name of the group: ``S2``, ``held``, ``L3``, ``S2 emv.speed_mps 8.3 to 11.2``."""
     episodes: Flags
-    """Which episodes belong to it, shape ``(B,)``."""
+    """Which episodes belong to the group, shape ``(B,)``."""
     category: int | None = None
-    """Of the samples; None for all; the class of people."""
+    """Category of its samples (for people their class); None for all."""
     members: Callable[[ModelScores], Flags] | None = None
-    """Which samples belong to it; None for all."""
+    """Selects the samples of the group; None for all."""
 
 
 def _civilians(scores: ModelScores) -> Flags:
@@ -73,11 +73,12 @@ SUBSETS: Final[Mapping[str, Callable[[ModelScores], Flags]]] = {
     "yield or hold": lambda scores: np.isin(scores.category, (Category.YIELDING, Category.HELD)),
     "manoeuvre begins": lambda scores: _civilians(scores) & (scores.traits & Trait.BEGINS > 0),
 }
-"""Civilians, by what a model has to know of them; the last ones begin to yield, or to drive on, within the horizon."""
+"""Subsets of civilians by what a model must know of them. In the last ones the civilian begins to yield, or drives on,
+within the horizon."""
 
 
 def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
-    """Every group of some episodes, in the order of reports."""
+    """All groups of some episodes, in the order of reports."""
     everything, with_people = np.ones(len(scores), dtype=np.bool_), any(episode.people for episode in scores)
     templates, levels = ([getattr(episode, kind) for episode in scores] for kind in ("template", "level"))
     return (
@@ -92,7 +93,7 @@ def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
 
 
 def _by_parameter(scores: Sequence[EpisodeScores]) -> Iterator[Group]:
-    """Ranges of each number of each template that differs between its episodes."""
+    """Groups by ranges of each template parameter that differs between its episodes."""
     for template in sorted({episode.template for episode in scores}):
         of_template = np.array([episode.template == template for episode in scores])
         for name in sorted({name for episode in scores if episode.template == template for name in episode.parameters}):
@@ -121,19 +122,19 @@ def _ranges(name: str, values: Floats) -> Iterator[Group]:
 
 @dataclass(frozen=True)
 class SampleTable(ModelScores):
-    """One model's samples of all episodes."""
+    """Samples of one model in all episodes."""
 
     episode: Rows
-    """Position of the sample's episode among all episodes, shape ``(N,)``."""
+    """Index of the sample's episode, shape ``(N,)``."""
 
     @property
     def coverage(self) -> float:
-        """Share of the population's samples that were scored; 1 without any sample."""
+        """Share of the population's samples that were scored; 1 if there are no samples."""
         return len(self) / self.population_size if self.population_size else 1.0
 
 
 def sample_table(parts: Mapping[int, ModelScores]) -> SampleTable:
-    """The samples of one model, from its scores by the position of the episode; at least one."""
+    """Join the samples of one model from its scores by episode index; at least one episode."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts.values()])
         for name in ("step", "actor_id", "category", "traits", "moved_m")
@@ -152,7 +153,7 @@ def sample_table(parts: Mapping[int, ModelScores]) -> SampleTable:
 
 _OF_SOME_VEHICLES: Final = (GroupKind.CATEGORY, GroupKind.SUBSET, GroupKind.PEOPLE)
 _PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
-"""Of the many rows by parameter."""
+"""The only metrics in the many rows by parameter."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ class Score:
     """One metric of one model in one group."""
 
     interval: Interval
-    """The mean over the group's templates, each counted once, of the means over their samples."""
+    """Mean over the group's templates, which count equally, of the means over their samples."""
     samples: int
 
 
@@ -172,12 +173,12 @@ class ScoreTable(Brief):
     models: tuple[str, ...]
     groups: tuple[Group, ...]
     samples: Mapping[str, SampleTable]
-    """By model."""
+    """Samples by model."""
     cells: Mapping[tuple[str, str, str], Score]
-    """By model, name of the group, and metric."""
+    """Scores by model, name of the group, and metric."""
 
     def facts(self) -> dict[str, object]:
-        """What was scored, and the mean ADE of each model."""
+        """What was scored, and the mean ADE of each model, as plain values."""
         values = {f"{model} ade_m": self.value(model, GroupKind.ALL, "ade_m") for model in self.models}
         return {
             "episodes": len(self.episodes),
@@ -188,7 +189,7 @@ class ScoreTable(Brief):
         }
 
     def _repr_html_(self) -> str:
-        """ADE and FDE of each model in each template, with the intervals of the first."""
+        """Table with ADE and FDE of each model in each template, and the intervals of ADE."""
         groups = (*self.of_kind(GroupKind.TEMPLATE), *self.of_kind(GroupKind.ALL))
         rows: tuple[Row, ...] = tuple(
             (model, *(tuple(self.cells[model, group.name, metric].interval for metric in CLAIMED) for group in groups))
@@ -207,7 +208,7 @@ class ScoreTable(Brief):
         return tuple(group for group in self.groups if group.kind == kind)
 
     def value(self, model: str, group: str, metric: str) -> float | None:
-        """A value.
+        """Look up one value of the table.
 
         Args:
             model: One of ``models``.
@@ -248,7 +249,7 @@ class ScoreTable(Brief):
 
     @cached_property
     def claims(self) -> tuple["Claim", ...]:
-        """Each model that is not simple against the best simple baseline, over all templates and in each.
+        """Comparison of each model that is not simple with the best simple baseline, over all templates and in each.
 
         The best is the one with the least error on these very samples, which favours the baseline.
         """
@@ -263,7 +264,7 @@ def _check(parameter: str, name: str, known: Collection[str]) -> None:
 
 
 def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
-    """All scores of some episodes: at least one, all with the same models."""
+    """Score some episodes: at least one, all with the same models."""
     models = tuple(scores[0].models)
     samples = {model: sample_table({n: one.models[model] for n, one in enumerate(scores)}) for model in models}
     with_people = {n: one.people for n, one in enumerate(scores) if one.people}
@@ -290,7 +291,7 @@ def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
 
 
 def calibration_interval(table: ScoreTable, model: str) -> Interval:
-    """A model's calibration error, with the interval of the jackknife over episodes."""
+    """Calibration error of a model, with the jackknife's interval over episodes."""
     counts = np.array([episode.models[model].reliability for episode in table.episodes])
     error = calibration_error(counts.sum(axis=0)).value
     if error is None:
@@ -306,7 +307,7 @@ def strata(scores: Sequence[EpisodeScores]) -> Rows:
 
 
 def sums_of(table: SampleTable, metric: Metric, chosen: Flags | Rows, stratum: Rows) -> BlockSums:
-    """Sums of a metric over the episodes, of some samples."""
+    """Sums of a metric over the episodes, for some samples."""
     return block_sums(table.values[metric.name][chosen], table.episode[chosen], stratum, metric.of_mean)
 
 
@@ -315,11 +316,11 @@ COMPARED: Final = ("ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m")
 
 @dataclass(frozen=True)
 class Difference:
-    """The first model minus the second, on their common samples."""
+    """Difference of two models (first minus second) on their common samples."""
 
     metric: str
     group: str
-    """``all`` or a template."""
+    """Name of the group: ``all`` or a template."""
     first: str
     second: str
     difference: Interval
@@ -330,7 +331,7 @@ class Difference:
 
 
 def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
-    """All pairs of models, with all compared metrics, over all templates and in each."""
+    """Compare all pairs of models by all compared metrics, over all templates and in each."""
     pairs = list(combinations(table.models, 2))
     common = {pair: common_rows(*(table.samples[model] for model in pair)) for pair in pairs}
     rows: list[Difference] = []
@@ -348,7 +349,7 @@ def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
 def _compared(
     table: ScoreTable, pair: tuple[str, str], common: tuple[Rows, Rows], metric: str, group: Group, seed: int
 ) -> tuple[PairedDifference, int]:
-    """The difference of two models on their common samples of a group, and the number of these."""
+    """Difference of two models on their common samples of a group, and the number of these samples."""
     sums = []
     for model, rows in zip(pair, common, strict=True):
         samples = table.samples[model]
@@ -363,15 +364,15 @@ CLAIMED: Final = ("ade_m", "fde_m")
 
 @dataclass(frozen=True)
 class Claim:
-    """A model against the best simple baseline."""
+    """Comparison of a model with the best simple baseline."""
 
     metric: str
     group: str
-    """``all`` or a template."""
+    """Name of the group: ``all`` or a template."""
     model: str
     best_simple: str
     best_simple_value: float
-    """Of the baseline, over all its samples."""
+    """Value of the baseline over all its samples."""
     difference: Interval
     """The model minus the baseline, on their common samples; negative where the model is better."""
     p_value: float
@@ -381,7 +382,7 @@ class Claim:
 
     @property
     def share(self) -> float:
-        """The difference as a share of the baseline's error: −0.2 is a fifth less."""
+        """The difference relative to the baseline's error: −0.2 means 20 % less."""
         return self.difference.value / self.best_simple_value if self.best_simple_value else 0.0
 
 

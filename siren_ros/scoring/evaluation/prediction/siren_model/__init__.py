@@ -1,1 +1,1 @@
-"""SIREN's own predictor: what it sees as arrays, and the trained network run by onnxruntime."""
+"""SIREN's own predictor: its inputs as arrays, and the trained network, run by onnxruntime."""

@@ -1,4 +1,4 @@
-"""Columns of the network's inputs: past of the sample and its neighbours; lane, stop lines, signals, traffic of paths.
+"""Input columns of the network: history of sample and neighbours; lane, stop lines, signals and traffic of paths.
 
 Positions are in the sample's frame: origin at its centre, x forward.
 """
@@ -20,7 +20,7 @@ _RANGE_M: Final = 80.0
 POSITION_SCALE_M: Final = 20.0
 SPEED_SCALE_MPS: Final = 10.0
 _PAST: Final = (-6, -11, -16)
-"""Points of a neighbour's past that are shown: 1, 2 and 3 s ago."""
+"""Points of a neighbour's history that are inputs: 1, 2 and 3 s ago."""
 _SHOWN_LIGHTS: Final = {
     "brake": Lights.BRAKE,
     "indicates_left": Lights.INDICATOR_LEFT,
@@ -32,16 +32,16 @@ _SHOWN_LIGHTS: Final = {
 
 @dataclass(frozen=True)
 class NeighbourChoice:
-    """Up to ``NEIGHBOURS`` other vehicles of each of N samples: emergency vehicles first, then by distance."""
+    """Up to ``NEIGHBOURS`` other vehicles for each of N samples: emergency vehicles first, then by distance."""
 
     actor: Rows
-    """Rows of ``SampleBatch.actors``, 0 where there is none; shape ``(N, NEIGHBOURS)``."""
+    """Rows of ``SampleBatch.actors``, 0 for an empty place; shape ``(N, NEIGHBOURS)``."""
     there: Flags
-    """Shape ``(N, NEIGHBOURS)``."""
+    """Whether a place has a neighbour, shape ``(N, NEIGHBOURS)``."""
 
 
 def choose_neighbours(batch: SampleBatch) -> NeighbourChoice:
-    """The vehicles that a sample is shown, within 80 m."""
+    """Choose the neighbours of each sample within 80 m."""
     sample, other = batch.neighbours()
     xy, is_emv = batch.actors.xy_m[:, -1], batch.actors.is_emv
     distance = np.hypot(*(xy[other] - batch.xy_m[sample]).T)
@@ -57,7 +57,7 @@ def choose_neighbours(batch: SampleBatch) -> NeighbourChoice:
 
 
 def in_frame_of(batch: SampleBatch, vectors: Floats) -> Floats:
-    """Vectors of the frame ``map`` in each sample's frame; shape ``(N, …, 2)``."""
+    """Rotate vectors from the frame ``map`` to each sample's frame; shape ``(N, …, 2)``."""
     shape = (len(batch), *(1,) * (vectors.ndim - 2))
     cos, sin = np.cos(batch.yaw_rad).reshape(shape), np.sin(batch.yaw_rad).reshape(shape)
     x, y = vectors[..., 0], vectors[..., 1]
@@ -65,7 +65,7 @@ def in_frame_of(batch: SampleBatch, vectors: Floats) -> Floats:
 
 
 def target_columns(batch: SampleBatch) -> dict[str, Floats]:
-    """Own past, size, lights and the nearest emergency vehicle; each of shape ``(N,)``."""
+    """Columns of the sample itself and of the nearest emergency vehicle; each of shape ``(N,)``."""
     actors, rows = batch.actors, batch.target
     past = in_frame_of(batch, actors.xy_m[rows] - batch.xy_m[:, None]) / POSITION_SCALE_M
     velocity = in_frame_of(batch, actors.velocity_mps[rows]) / SPEED_SCALE_MPS
@@ -77,7 +77,7 @@ def target_columns(batch: SampleBatch) -> dict[str, Floats]:
         **{f"vx{point - points}": velocity[:, point, 0] for point in range(points)},
         **{f"vy{point - points}": velocity[:, point, 1] for point in range(points)},
         **{f"turned{point - points}": turned[:, point] for point in range(0, points - 1, 2)},
-        # Change of the velocity over the last 0.2, 0.6 and 1.4 s, per second.
+        # Changes of the velocity over the last 0.2, 0.6 and 1.4 s, per second.
         **{
             f"{axis}_gained_in{steps}": (velocity[:, -1, number] - velocity[:, -1 - steps, number]) / (0.2 * steps)
             for steps in (1, 3, 7)
@@ -88,7 +88,7 @@ def target_columns(batch: SampleBatch) -> dict[str, Floats]:
 
 
 def neighbour_columns(batch: SampleBatch, choice: NeighbourChoice) -> dict[str, Floats]:
-    """Neighbours as the sample sees them, 0 where there is none; each of shape ``(N, NEIGHBOURS)``."""
+    """Columns of the neighbours in the sample's frame, 0 for empty places; each of shape ``(N, NEIGHBOURS)``."""
     actors, rows = batch.actors, choice.actor
     points = actors.xy_m.shape[1]
     shown = np.array([points - 1, *(points + point for point in _PAST)])
@@ -128,13 +128,13 @@ def _body_columns(batch: SampleBatch, rows: Rows) -> dict[str, Floats]:
 
 
 _CHUNK: Final = 4096
-"""Pairs of a path and a vehicle whose distances are held in memory at once."""
+"""Number of path-vehicle pairs whose distances are in memory at once."""
 _FAR_M: Final = 100.0
-"""Distance that stands for "none"."""
+"""Distance that stands for "no vehicle"."""
 _SIDE_MARGIN_M: Final = 0.3
-"""Lateral gap below which a vehicle counts as in the way."""
+"""A vehicle with a smaller lateral gap counts as in the way."""
 _OVERLAP_M: Final = 5.0
-"""Gaps below the negative of this, where the two overlap lengthwise, count as equal."""
+"""Limit of negative gaps (vehicles that overlap lengthwise); smaller values are set to it."""
 _LEADERS: Final = ("leader", "second")
 _NAMES: Final = tuple(f"{prefix}_{what}" for prefix in _LEADERS for what in ("gap", "there", "speed", "is_emv"))
 
@@ -142,7 +142,7 @@ _NAMES: Final = tuple(f"{prefix}_{what}" for prefix in _LEADERS for what in ("ga
 def traffic_columns(
     batch: SampleBatch, others: NeighbourChoice, choice: PathChoice, points_m: Floats
 ) -> dict[str, Floats]:
-    """The first two vehicles whose footprints reach into the strip along each path; each of shape ``(N, PATHS)``.
+    """Columns of the first two vehicles that reach into the strip along each path; each of shape ``(N, PATHS)``.
 
     The points of the paths are in the samples' frames, shape ``(N, PATHS, PATH_POINTS, 2)``.
     """
@@ -174,7 +174,7 @@ def traffic_columns(
 
 
 def _on_paths(points_m: Floats, spacing_m: Floats, row: Rows, path: Rows, place_m: Floats) -> tuple[Floats, Floats]:
-    """Arc length along paths and distance from them of one place for each pair of sample and path.
+    """Arc length along the path and distance from it, of one position per pair of sample and path.
 
     A place behind the path has a negative arc length.
     """
@@ -186,7 +186,7 @@ def _on_paths(points_m: Floats, spacing_m: Floats, row: Rows, path: Rows, place_
         apart_x, apart_y = place_m[part, :1] - x[:, :-1], place_m[part, 1:] - y[:, :-1]
         square = np.maximum(step_x * step_x + step_y * step_y, 1e-9)
         fraction = (apart_x * step_x + apart_y * step_y) / square
-        # The first piece is extended backwards, so that places behind the path have a negative arc length.
+        # The first segment extends backwards, so that positions behind the path get a negative arc length.
         low = np.where(np.arange(fraction.shape[1]) == 0, -np.inf, 0.0)
         fraction = np.clip(fraction, low, 1.0)
         miss_x, miss_y = apart_x - fraction * step_x, apart_y - fraction * step_y
@@ -199,16 +199,16 @@ def _on_paths(points_m: Floats, spacing_m: Floats, row: Rows, path: Rows, place_
 
 
 _LETTERS: Final = {"red": "ru", "yellow": "yY", "green": "gG", "priority": "G"}
-"""Features of SUMO's signal letters; none holds for a signal that is off."""
+"""SUMO's letters for each signal feature; no feature is set for a signal that is off."""
 _LINE_BEHIND_M: Final = 1.0
-"""A stop line counts as ahead until the front bumper is this far past it."""
+"""A stop line counts as ahead until the front bumper is this far beyond it."""
 _LINES: Final = 2
-"""Stop lines of a path that are described."""
+"""Number of stop lines per path that are inputs."""
 _KINDS: Final = {LaneKind.DRIVING: "lane", LaneKind.SHOULDER: "shoulder", LaneKind.INTERNAL: "across"}
 
 
 def lane_columns(network: RoadNetwork, choice: PathChoice) -> dict[str, Floats]:
-    """The lane that a path starts in, and how the vehicle stands in it; each of shape ``(N, PATHS)``."""
+    """Columns of the lane in which a path starts, and of the vehicle's position in it; each of shape ``(N, PATHS)``."""
     lane = np.full(choice.index.shape, NO_LANE, dtype=np.intp)
     turn = np.zeros(choice.index.shape)
     remaining = np.zeros(choice.index.shape)
@@ -231,7 +231,7 @@ def lane_columns(network: RoadNetwork, choice: PathChoice) -> dict[str, Floats]:
 
 
 def stop_line_columns(batch: SampleBatch, choice: PathChoice) -> dict[str, Floats]:
-    """The next stop lines along each path and what binds there; each of shape ``(N, PATHS)``."""
+    """Columns of the next stop lines along each path and their rules; each of shape ``(N, PATHS)``."""
     frame, half_length = batch.actors.frame[batch.target], 0.5 * batch.actors.length_m[batch.target]
     table = np.zeros((*choice.index.shape, _LINES, len(_LINE_NAMES)))
     table[..., 0] = 1.0
@@ -259,7 +259,7 @@ _LINE_NAMES: Final = ("distance", "there", "signal", *_LETTERS, *_FIXED_RULES)
 
 
 def _rule(batch: SampleBatch, movement: Connection, frame: Rows) -> Floats:
-    """Values of ``_LINE_NAMES`` (the distance 0) at some frames, shape ``(len(frame), …)``."""
+    """Values of ``_LINE_NAMES`` at some frames, with distance 0, shape ``(len(frame), …)``."""
     states, codes = batch.signals.get(movement.signal_id or ""), np.zeros(len(frame), dtype=np.uint8)
     if states is not None and 0 <= movement.signal_link < states.shape[1]:
         codes = states[frame, movement.signal_link]
@@ -274,7 +274,7 @@ _LANE_NAMES: Final = ("limit", "width", "right", "left", "shoulder_right", *_KIN
 
 
 def _lane_table(network: RoadNetwork) -> Floats:
-    """Values of ``_LANE_NAMES`` of each lane, and a last row of zeros, which NO_LANE (−1) takes.
+    """Values of ``_LANE_NAMES`` of each lane, with a last row of zeros for NO_LANE (−1).
 
     ``right`` and ``left`` are the distances from the centre line to the edges of the carriageway.
     """

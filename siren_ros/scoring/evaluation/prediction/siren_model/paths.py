@@ -1,4 +1,4 @@
-"""Paths ahead of each sample along the road network, with the stop lines along them.
+"""Finds paths ahead of each sample along the road network, with their stop lines.
 
 An observer does not know which lane a vehicle drives along: the lanes come from its pose alone.
 """
@@ -15,7 +15,7 @@ from siren_ros.simulation.world.traffic_state import Indices
 
 _DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 _MARGIN_M: Final = 1.5
-"""A vehicle that has pulled over may stand this far outside its lane."""
+"""A lane is a candidate up to this far outside its edge, because pulled-over vehicles stand there."""
 _END_MARGIN_M: Final = 0.5
 _TURNED_MAX_RAD: Final = np.pi / 3.0
 _OFFSET_COST_PER_M: Final = 1.0
@@ -24,23 +24,23 @@ _HEADING_COST_PER_RAD: Final = 3.0
 
 @dataclass(frozen=True)
 class LaneCandidates:
-    """C pairs of a vehicle and a lane that it may be in, sorted by vehicle; arrays of shape ``(C,)``."""
+    """C pairs of a vehicle and a lane that it may use, sorted by vehicle; arrays of shape ``(C,)``."""
 
     row: Rows
-    """Number of the pose."""
+    """Index of the vehicle's pose."""
     lane: Indices
     arc_m: Floats
-    """Of the footprint's centre along the lane."""
+    """Arc length of the footprint's centre along the lane."""
     offset_m: Floats
-    """Of the centre from the lane's centre line, left positive."""
+    """Distance of the centre from the lane's centre line, positive to the left."""
     turned_rad: Floats
     """Heading of the vehicle minus that of the lane."""
     cost: Floats
-    """Grows with offset and angle: the likeliest lane has the least."""
+    """Cost that grows with offset and angle; the likeliest lane has the lowest."""
 
 
 def lane_candidates(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats) -> LaneCandidates:
-    """All lanes that hold a pose or pass it closely, and run within 60° of its heading.
+    """Find all lanes that contain a pose or pass near it, with a direction within 60° of its heading.
 
     Poses are footprint centres, shape ``(M, 2)``, and headings, shape ``(M,)``.
     """
@@ -68,28 +68,28 @@ def lane_candidates(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats) -> Lane
 
 
 PATHS_PER_LANE: Final = 4
-"""The straightest ways of each lane are kept."""
+"""Number of paths that are kept per lane, the straightest ones."""
 _WAYS_MAX: Final = 64
-"""Bound of the search, for networks of very short lanes."""
+"""Limit of the search, for networks with very short lanes."""
 
 
 @dataclass(frozen=True)
 class StopLine:
-    """Where a path enters a junction, and the movement that it takes there."""
+    """Point where a path enters a junction, and its movement there."""
 
     arc_m: float
-    """Along the path."""
+    """Distance along the path."""
     movement: Connection
 
 
 @dataclass(frozen=True)
 class RoadPath:
-    """One way along consecutive lanes."""
+    """One path along consecutive lanes."""
 
     curve: Polyline
     stop_lines: tuple[StopLine, ...]
     turn_rad: float
-    """Sum of the absolute angles turned at junctions."""
+    """Sum of the absolute turning angles at junctions."""
     first_lane: int
 
 
@@ -103,12 +103,12 @@ class _Way:
 
 @dataclass(frozen=True)
 class RoadPaths:
-    """The paths of one road network."""
+    """Finds and caches the paths of one road network."""
 
     network: RoadNetwork
 
     def ahead(self, lane: int, reach_m: float) -> tuple[RoadPath, ...]:
-        """The straightest paths from a lane's start, the straightest first; at least one.
+        """Find the straightest paths from a lane's start, straightest first; at least one.
 
         Args:
             lane: Index of the lane; may be a path across a junction.
@@ -156,12 +156,12 @@ class RoadPaths:
 
 
 PATHS: Final = 4
-"""Paths of a sample; fewer where the road offers fewer."""
+"""Maximum number of paths of a sample."""
 PATH_POINTS: Final = 32
 _LANES: Final = 3
-"""Lanes that a vehicle may be in."""
+"""Maximum number of lanes that a vehicle may use."""
 _REACHES_M: Final = np.array([0.0, 15.0, 30.0, 50.0, 75.0, 120.0])
-"""Paths are searched in these steps beyond the end of a lane, so that vehicles share them."""
+"""Paths are searched to one of these distances beyond the lane's end, so that vehicles can share them."""
 _TURN_COST_PER_RAD: Final = 0.7
 _HORIZON_S: Final = 6.0
 _STANDING_REACH_M: Final = 30.0
@@ -170,32 +170,33 @@ _REACH_MAX_M: Final = 120.0
 
 @dataclass(frozen=True)
 class PathChoice:
-    """Up to ``PATHS`` paths of each of N samples, the likeliest first.
+    """Up to ``PATHS`` paths for each of N samples, likeliest first.
 
     A path begins at the sample's place and keeps its offset from the centre line of the lane, so that a vehicle that
     follows it does not jump.
     """
 
     known: tuple[RoadPath, ...]
-    """All paths that occur."""
+    """All paths that some sample uses."""
     index: Rows
-    """Which of them, −1 where a sample has no more; shape ``(N, PATHS)``."""
+    """Index into ``known``, −1 for an empty place; shape ``(N, PATHS)``."""
     arc_m: Floats
     """Arc length of the sample's centre on the path, shape ``(N, PATHS)``."""
     offset_m: Floats
-    """Of the centre from the centre line, left positive; shape ``(N, PATHS)``."""
+    """Distance of the centre from the path's centre line, positive to the left; shape ``(N, PATHS)``."""
     turned_rad: Floats
     """Heading of the vehicle minus that of the lane, shape ``(N, PATHS)``."""
     spacing_m: Floats
-    """Between consecutive points, shape ``(N,)``: a fast vehicle is shown more of the road."""
+    """Distance between consecutive points, shape ``(N,)``; it grows with speed, so that fast vehicles see more of the
+    road."""
 
     @property
     def there(self) -> Flags:
-        """Where there is a path, shape ``(N, PATHS)``."""
+        """Whether a place has a path, shape ``(N, PATHS)``."""
         return self.index >= 0
 
     def points(self) -> Points:
-        """Points along the paths in the frame ``map``, 0 where there is no path; ``(N, PATHS, PATH_POINTS, 2)``."""
+        """Points along the paths in the frame ``map``, 0 for empty places; ``(N, PATHS, PATH_POINTS, 2)``."""
         points = np.zeros((*self.index.shape, PATH_POINTS, 2))
         steps = np.arange(PATH_POINTS)
         for path, row, column in self.groups():
@@ -204,7 +205,7 @@ class PathChoice:
         return points
 
     def groups(self) -> list[tuple[RoadPath, Rows, Rows]]:
-        """Each path that occurs, with the samples and columns that it stands in."""
+        """Each used path, with the samples and columns that use it."""
         row, column = np.nonzero(self.there)
         index = self.index[row, column]
         order = np.argsort(index, kind="stable")
@@ -218,7 +219,7 @@ class PathChoice:
 
 
 def choose_paths(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, speed_mps: Floats) -> PathChoice:
-    """The likeliest paths of N vehicles, with their footprint centres: little offset, little angle, few turns."""
+    """Choose the likeliest paths of N vehicles by their footprint centres: small offset, small angle, few turns."""
     count = len(xy_m)
     reach = np.minimum(_HORIZON_S * speed_mps + _STANDING_REACH_M, _REACH_MAX_M)
     candidates = lane_candidates(network, xy_m, yaw_rad)
@@ -246,7 +247,7 @@ def choose_paths(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, speed_mps:
     )
     if pairs:
         member, path_index, turn = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-        # Rounded, so that the order of paths of equal cost does not depend on where the scene is.
+        # Costs are rounded, so that the order of equal costs does not depend on the scene's position.
         cost = np.round(candidates.cost[kept][member] + _TURN_COST_PER_RAD * turn, 3)
         order = np.lexsort((path_index, cost, row[member]))
         member, path_index = member[order], path_index[order]
@@ -260,5 +261,5 @@ def choose_paths(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, speed_mps:
 
 
 def rank_within(group: Rows) -> Rows:
-    """Position of each element within its group, from groups in ascending order."""
+    """Rank of each element in its group; groups are in increasing order."""
     return np.arange(len(group)) - np.searchsorted(group, group)

@@ -1,4 +1,4 @@
-"""SIREN's own predictor: paths along the road network, chosen and driven by a network trained on its episodes.
+"""SIREN's own predictor: a network chooses among paths along the road network and predicts the motion along them.
 
 The network is an ONNX file with its card next to it. Training and prediction share the arrays that it sees.
 """
@@ -32,49 +32,49 @@ from siren_ros.simulation.roads.mirror_image import MIRROR
 from siren_ros.simulation.scenario.splits import SeenEpisodes
 
 FEATURES_VERSION: Final = 1
-"""Raised whenever a value changes its meaning: weights fit one version."""
+"""Version of the features. It is raised when the meaning of a value changes; weights fit one version."""
 SHAPES: Final = {"neighbours": NEIGHBOURS, "paths": PATHS, "path_points": PATH_POINTS}
-"""Sizes that a network is built for."""
+"""Array sizes for which a network is built."""
 _SIREN_COLUMNS: Final = ("beacon", "siren")
 LAMP_COLUMNS: Final = ("brake", "indicates_left", "indicates_right")
 
 
 class Ablation(StrEnum):
-    """Inputs that a network can do without."""
+    """Inputs that a network can be trained without."""
 
     NONE = "none"
     SIREN = "siren"
-    """Beacon and siren of every vehicle are hidden; which vehicle is an emergency vehicle is not."""
+    """Hides beacon and siren of all vehicles, but not which vehicle is an emergency vehicle."""
     MAP = "map"
-    """No lanes, stop lines or signals."""
+    """Hides lanes, stop lines and signals."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """Arrays of N samples in the frame of each sample: origin at its centre, x forward. All float32 or flags."""
+    """Input arrays of N samples, in the frame of each sample: origin at its centre, x forward. float32 or flags."""
 
     target: Floats32
-    """Own past, shape ``(N, TARGET)``."""
+    """Columns of the sample itself, shape ``(N, TARGET)``."""
     speed_mps: Floats32
     """Present speed, shape ``(N,)``."""
     neighbours: Floats32
-    """Shape ``(N, NEIGHBOURS, NEIGHBOUR)``."""
+    """Columns of the neighbours, shape ``(N, NEIGHBOURS, NEIGHBOUR)``."""
     neighbour_there: Flags
-    """Shape ``(N, NEIGHBOURS)``."""
+    """Whether a neighbour exists, shape ``(N, NEIGHBOURS)``."""
     path_points_m: Floats32
-    """Points of the paths, 0 where there is none; shape ``(N, PATHS, PATH_POINTS, 2)``."""
+    """Points of the paths, 0 for empty places; shape ``(N, PATHS, PATH_POINTS, 2)``."""
     path_spacing_m: Floats32
     """Arc length between the points of a path, shape ``(N,)``."""
     paths: Floats32
-    """Shape ``(N, PATHS, PATH)``."""
+    """Columns of the paths, shape ``(N, PATHS, PATH)``."""
     path_there: Flags
-    """Shape ``(N, PATHS)``."""
+    """Whether a path exists, shape ``(N, PATHS)``."""
 
     def __len__(self) -> int:
         return len(self.target)
 
     def select(self, rows: slice | Rows) -> "Features":
-        """Some of the samples."""
+        """Select some of the samples."""
         return Features(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
 
@@ -120,7 +120,7 @@ def _stacked(columns: dict[str, Floats]) -> Floats32:
 def without_columns(
     features: Features, names: FeatureNames, hidden: Sequence[str], rows: Flags | slice = slice(None)
 ) -> Features:
-    """The same samples with some columns of all vehicles at 0, at all rows or some."""
+    """Copy of the samples with some columns set to 0, at all rows or some of them."""
     for kind in ("target", "neighbours"):
         values = getattr(features, kind).copy()
         for column in map(getattr(names, kind).index, hidden):
@@ -130,7 +130,7 @@ def without_columns(
 
 
 def without(features: Features, names: FeatureNames, ablation: Ablation) -> Features:
-    """The same samples with an input hidden: its values are 0 and its flags false."""
+    """Copy of the samples with an input hidden: values 0, flags false."""
     if ablation is Ablation.SIREN:
         return without_columns(features, names, _SIREN_COLUMNS)
     if ablation is Ablation.MAP:
@@ -145,25 +145,28 @@ def without(features: Features, names: FeatureNames, ablation: Ablation) -> Feat
 
 OUTPUTS: Final = ("xy_m", "probability")
 _SAMPLES_AT_ONCE: Final = 2048
-"""Bounds the memory of a run."""
+"""Number of samples per run of the network; it bounds the memory."""
 
 
 class TrainedNetwork(NetworkFile):
-    """A network of the prediction task."""
+    """A network for prediction."""
 
     @property
     def ablation(self) -> Ablation:
-        """Input that the network was trained without."""
+        """The input without which the network was trained."""
         return Ablation(self.card["ablation"])
 
     @property
     def seen(self) -> SeenEpisodes | None:
-        """The episodes of its training."""
+        """Episodes of the network's training."""
         return SeenEpisodes.of_card(self.card)
 
     def run(self, features: Features) -> tuple[Floats, Floats]:
-        """Paths in the samples' frames, ``(N, k, FUTURE_POINTS, 2)``, and probabilities, ``(N, k)``; not sorted."""
-        used = [given.name for given in self.session.get_inputs()]  # a network without a map takes none
+        """Paths in the samples' frames, ``(N, k, FUTURE_POINTS, 2)``, with probabilities, ``(N, k)``.
+
+        The network runs once. Its hypotheses are not sorted.
+        """
+        used = [given.name for given in self.session.get_inputs()]  # a network without a map has no inputs for it
 
         def inputs(start: int) -> dict[str, Any]:
             part = features.select(slice(start, start + _SAMPLES_AT_ONCE))
@@ -177,7 +180,7 @@ class TrainedNetwork(NetworkFile):
 
 
 def load_network(path: Path) -> TrainedNetwork:
-    """Loads a network of the prediction task.
+    """Load a network for prediction.
 
     Raises:
         InputError: No such file, no card, weights that are not the card's, or of another version of the features.
@@ -190,12 +193,12 @@ def load_network(path: Path) -> TrainedNetwork:
 
 
 SHIPPED: Final = Path("predictors", "siren.onnx")
-"""Place of the weights below the parameter files."""
+"""Place of the shipped weights below the parameter files."""
 
 
 @dataclass(frozen=True)
 class SirenPredictor:
-    """Six hypotheses with probabilities, from what an observer sees: pasts, lights, lanes, stop lines, signals.
+    """Predicts six hypotheses with probabilities from observable data: history, lights, lanes, stop lines, signals.
 
     It knows neither routes, nor modes, nor the lane that SUMO has a vehicle in.
     """
@@ -205,11 +208,11 @@ class SirenPredictor:
 
     @property
     def seen(self) -> SeenEpisodes | None:
-        """The episodes of its training."""
+        """Episodes of the network's training."""
         return self.network.seen
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
-        """The hypotheses of every sample."""
+        """Give the hypotheses of every sample."""
         seen = batch.right_hand
         features, names = features_and_names(seen)
         paths, probability = self.network.run(without(features, names, self.network.ablation))
@@ -220,5 +223,5 @@ class SirenPredictor:
 
 
 def make(checkpoint: Path | None = None) -> SirenPredictor:
-    """The constructor of the table of predictors: the weights that ship, or those of ``siren train prediction``."""
+    """Make the predictor with the shipped weights, or with those of ``siren train prediction``."""
     return SirenPredictor(load_network(checkpoint or params_dir() / SHIPPED))

@@ -1,4 +1,4 @@
-"""HTTP clients whose replies have a deadline and a largest size.
+"""HTTP clients with a deadline and a size limit for replies.
 
 httpx limits the wait for each piece that comes, so that a server may send a byte now and then for ever.
 """
@@ -13,14 +13,14 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.vlm.model import MOST_REPLY_BYTES
 
 _OF_THE_BODY: Final = frozenset({"content-encoding", "content-length", "transfer-encoding"})
-"""Headers about the way in which a body is sent."""
+"""Headers that describe how a body is transferred."""
 
 
 class BoundedClients:
-    """Makes clients for one address; each serves one event loop."""
+    """Makes clients for one address; each client serves one event loop."""
 
     def __init__(self, base_url: str, timeout_s: float) -> None:
-        """Prepare for an address. A request may take ``timeout_s`` from its first byte to the reply's last byte.
+        """Prepare for an address. ``timeout_s`` limits the time from a request's first byte to its reply's last byte.
 
         Raises:
             InputError: The address is none.
@@ -35,19 +35,19 @@ class BoundedClients:
         self._certificates = httpx.create_ssl_context()
 
     def client(self) -> httpx.AsyncClient:
-        """A client; its caller closes it."""
+        """Make a client; the caller closes it."""
         return _BoundedClient(self._timeout_s, self._certificates)
 
 
 class _BoundedClient(httpx.AsyncClient):
     def __init__(self, timeout_s: float, certificates: ssl.SSLContext) -> None:
-        # A packed reply is not asked for: some bytes of it may become gigabytes.
+        # Compressed replies are not requested, because a few bytes could expand to gigabytes.
         headers = {"Accept-Encoding": "identity"}
         super().__init__(timeout=timeout_s, verify=certificates, headers=headers, follow_redirects=True)
         self._whole_s = timeout_s
 
     async def send(self, request: httpx.Request, *, stream: bool = False, **options: Any) -> httpx.Response:  # noqa: ARG002 - the body is small, and is always read
-        """As httpx; the body is read, up to a byte more than it may have.
+        """Send a request as httpx does, and read at most one byte more than the size limit.
 
         Raises:
             httpx.ReadTimeout: The reply is not whole in time.

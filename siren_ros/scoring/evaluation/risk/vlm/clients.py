@@ -1,4 +1,4 @@
-"""The table of clients: each way to reach vision-language models, and its settings.
+"""The table of clients: each way to reach vision-language models, with its settings.
 
 A new client is a file with a class of the protocol ``VisionLanguageModel`` and an entry here. The command line takes
 its options from the entries.
@@ -17,17 +17,17 @@ from siren_ros.scoring.evaluation.risk.vlm.openai_server import OpenAiServer, ke
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting of a client, which is an option of ``siren evaluate risk``."""
+    """A setting of a client; it is an option of ``siren evaluate risk``."""
 
     help: str
     metavar: str | None = None
     default: Any = None
     kind: Callable[[str], Any] = str
-    """Reads the text of a command line."""
+    """Converts the text from the command line."""
     repeated: bool = False
-    """Whether it may be given several times; its value is a list."""
+    """Whether the option may be given several times; its value is then a list."""
     limits: tuple[float, float] | None = None
-    """The least and the largest number."""
+    """Smallest and largest allowed number."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Client:
     """One way to reach models."""
 
     title: str
-    """Of its options in the help text."""
+    """Title of its options in the help text."""
     settings: Mapping[str, Setting]
-    """By name; ``base_url`` is the option ``--base-url``."""
+    """Settings by name; ``base_url`` is the option ``--base-url``."""
     models: Callable[[Mapping[str, Any]], Iterator[VisionLanguageModel]]
-    """The models that some settings ask for, one after another, so that each is loaded when its turn comes."""
+    """Yields the models for some settings, so that each is loaded when it is used."""
 
 
 def _served(settings: Mapping[str, Any]) -> Iterator[VisionLanguageModel]:

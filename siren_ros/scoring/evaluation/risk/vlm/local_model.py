@@ -1,4 +1,4 @@
-"""Models in this process: Hugging Face transformers, from a folder on this machine."""
+"""Runs models in this process with Hugging Face transformers, from a folder on this machine."""
 
 import time
 from io import BytesIO
@@ -15,10 +15,10 @@ _PARTS: Final = "a folder with a vision-language model that transformers knows, 
 
 
 class LocalModel:
-    """A model of transformers' class for pictures and text to text; one question at a time."""
+    """A model of transformers' image-text-to-text class; it answers one question at a time."""
 
     def __init__(self, folder: Path, device: str, most_tokens: int = MOST_TOKENS) -> None:
-        """Loads the model. Nothing is fetched from a network, and no code of the folder is run.
+        """Load the model. It uses no network and runs no code from the folder.
 
         ``huggingface-cli download NAME --local-dir FOLDER`` makes such a folder; a device is ``cpu`` or ``cuda``.
 
@@ -33,7 +33,7 @@ class LocalModel:
         if not (folder / "config.json").is_file():
             raise InputError("local-model", str(folder), _PARTS)
         try:
-            # Without remote code: a model that brings its own is refused by transformers itself.
+            # Remote code is off: transformers refuses models that need it.
             self._processor: Any = transformers.AutoProcessor.from_pretrained(folder, local_files_only=True)
             model: Any = transformers.AutoModelForImageTextToText.from_pretrained(
                 folder, local_files_only=True, dtype="auto"
@@ -51,7 +51,7 @@ class LocalModel:
         return self._folder.resolve().name
 
     def answer(self, question: Question) -> Reply:
-        """As ``VisionLanguageModel``; greedy, which is what temperature 0 is."""
+        """As ``VisionLanguageModel``; decoding is greedy, which equals temperature 0."""
         images = [Image.open(BytesIO(picture)).convert("RGB") for picture in question.pictures]
         pictures = [{"type": "image", "image": image} for image in images]
         messages = [

@@ -1,4 +1,4 @@
-"""The pipeline's view of a model: questions, replies, and a cache of replies.
+"""Types of the pipeline: questions, replies, the model's protocol, and a cache of replies.
 
 The cache lies on disk, so that nothing is asked twice and an interrupted run goes on.
 """
@@ -15,20 +15,20 @@ from typing import Final, Protocol
 from siren_ros.errors import SirenError, writing
 
 MOST_TOKENS: Final = 512
-"""Of an answer, where nobody says otherwise."""
+"""Default limit of an answer's length in tokens."""
 MOST_REPLY_BYTES: Final = 1_000_000
-"""Of a whole reply. An answer of ``MOST_TOKENS`` has some 4 kB; this leaves room for a model that thinks aloud and for
-a server that adds much to it."""
+"""Size limit of a whole reply. An answer of ``MOST_TOKENS`` has some 4 kB; the rest is for models that write their
+reasoning and for servers that add data."""
 _MOST_TOKENS_COUNTED: Final = 1_000_000_000
 
 
 class ModelUnavailableError(SirenError):
-    """The model gave no answer: the server refuses, cannot be reached, or fails again and again."""
+    """Raised if the model gave no answer: the server refuses, is unreachable, or fails repeatedly."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """One question: texts and JPEG pictures in order of time."""
+    """One question: texts, and JPEG pictures in the order of time."""
 
     system: str
     text: str
@@ -37,17 +37,17 @@ class Question:
 
 @dataclass(frozen=True)
 class Reply:
-    """A model's text, the tokens that it cost where the model says so, and how long it took."""
+    """A model's text, the tokens that it used if known, and the time that it took."""
 
     text: str
     prompt_tokens: int = 0
     completion_tokens: int = 0
     seconds: float = 0.0
-    """Wall time of the answer, further attempts included."""
+    """Wall time of the answer, including further attempts."""
 
 
 def checked_reply(text: object, prompt_tokens: object, completion_tokens: object, seconds: object) -> Reply:
-    """A reply from the parts that a server or a file states: anything that JSON can hold.
+    """Make a reply from values that a server or a file states; they may be anything that JSON can hold.
 
     Raises:
         ValueError: The text is no text, or a number is none that can be counted with.
@@ -66,14 +66,14 @@ def _count(value: object) -> int:
 
 
 class VisionLanguageModel(Protocol):
-    """Answers questions about pictures; several threads may ask at once."""
+    """Protocol of a model that answers questions about pictures; several threads may ask at once."""
 
     @property
     def name(self) -> str:
-        """The key of its answers in the cache."""
+        """Name of the model, which is its key in the cache."""
 
     def answer(self, question: Question) -> Reply:
-        """The model's reply, at temperature 0.
+        """Answer a question at temperature 0.
 
         Raises:
             ModelUnavailableError: There is none.
@@ -81,17 +81,17 @@ class VisionLanguageModel(Protocol):
 
 
 _MOST_BYTES: Final = 6 * MOST_REPLY_BYTES + 1_000
-"""Of a file: each byte of a text that is not ASCII takes up to six (``\\uXXXX``)."""
+"""Largest size of a file: a byte of text that is not ASCII is written with up to six bytes."""
 
 
 class ReplyCache:
-    """One file for each reply, by model, words and pictures."""
+    """Stores one file per reply, by model, words and pictures."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def get(self, model: str, question: Question) -> Reply | None:
-        """The reply that is kept; None where there is none, or a damaged one."""
+        """Get a stored reply; None if there is none or it is damaged."""
         try:
             with self._path(model, question).open("rb") as file:
                 kept = json.loads(file.read(_MOST_BYTES))
@@ -100,7 +100,7 @@ class ReplyCache:
             return None
 
     def put(self, model: str, question: Question, reply: Reply) -> None:
-        """Keeps a reply; readers see the whole file or none.
+        """Store a reply; readers see the whole file or none.
 
         Raises:
             InputError: The folder cannot be written.
@@ -108,7 +108,7 @@ class ReplyCache:
         path = self._path(model, question)
         with writing(self._folder, "folder", "cache"):
             path.parent.mkdir(parents=True, exist_ok=True)
-            # A name of its own: the same question may be asked twice at the same time.
+            # The temporary name is unique, because the same question may be asked twice at the same time.
             partial = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}.partial")
             partial.write_text(json.dumps(asdict(reply)) + "\n", encoding="utf-8")
             partial.replace(path)

@@ -19,7 +19,7 @@ from siren_ros.scoring.evaluation.risk.vlm.model import (
 )
 
 NO_KEY: Final = "none"
-"""Sent to servers that ask for no key; their clients have to send something."""
+"""Key that is sent to servers that need none, because clients must send one."""
 
 
 class OpenAiServer:
@@ -46,7 +46,7 @@ class OpenAiServer:
             raise InputError("model", model, "the client: run `./env --with vlm siren evaluate risk …`") from error
         if not 0.0 < timeout_s < math.inf:
             raise InputError("timeout-s", timeout_s, "a number of seconds above 0")
-        # Halves of characters are left of bytes that are no UTF-8.
+        # Lone surrogates come from bytes that are not UTF-8.
         if any("\ud800" <= letter <= "\udfff" for letter in model):
             raise InputError("model", model, "a name in UTF-8")
         if not (key.isascii() and key.isprintable()):
@@ -82,7 +82,7 @@ class OpenAiServer:
             raise ModelUnavailableError(problem) from error
 
     async def _body(self, messages: list[Any]) -> bytes:
-        """The bytes of the answer to a request, further attempts included."""
+        """Send a request, with further attempts, and return the bytes of the answer."""
         async with (
             self._clients.client() as http,
             self._openai.AsyncOpenAI(**self._settings, timeout=http.timeout, http_client=http) as client,
@@ -94,7 +94,7 @@ class OpenAiServer:
 
 
 def reply_in(body: bytes, seconds: float) -> Reply:
-    """The reply in the body of a server's answer.
+    """Read the reply from the body of a server's answer.
 
     ``content`` may be text, null (no words), or a list of parts, of which those of the type ``text`` count. Tokens that
     the server does not tell are 0. The body has at most one byte more than a reply may have.
@@ -119,14 +119,14 @@ def reply_in(body: bytes, seconds: float) -> Reply:
 
 
 def _member(of: object, name: str) -> object:
-    """A member of an object; None where it is missing."""
+    """A member of a JSON object; None if it is missing."""
     if not isinstance(of, dict):
         raise ValueError(f"no object around {name}")  # noqa: TRY004 - what a server sends, not a call
     return of.get(name)
 
 
 def _text_of(content: object) -> object:
-    """The words of a message: its content, or its parts of the type ``text``."""
+    """Text of a message: its content, or its parts of the type ``text``."""
     if not isinstance(content, list):
         return "" if content is None else content
     texts = [_member(part, "text") for part in content if _member(part, "type") == "text"]
@@ -136,7 +136,7 @@ def _text_of(content: object) -> object:
 
 
 def key_from(variable: str) -> str:
-    """The key in an environment variable; ``NO_KEY`` where no variable is named.
+    """Read the key from an environment variable; ``NO_KEY`` if no variable is named.
 
     Raises:
         InputError: The variable is not set.

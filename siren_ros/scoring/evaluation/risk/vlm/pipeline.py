@@ -1,4 +1,4 @@
-"""Asks a model about every video of a set, several at once, and sums up what that took."""
+"""Asks a model about every video of a set, several at once, and sums up the cost."""
 
 import json
 from collections.abc import Callable, Collection
@@ -25,21 +25,21 @@ class VideoAnswer:
 
     video_id: str
     predictions: tuple[RiskClass | None, ...]
-    """Of each question; None where it could not be read."""
+    """Prediction of each question; None if it could not be read."""
     replies: tuple[Reply, ...]
     cached: int
-    """Replies that were known before."""
+    """Number of replies that came from the cache."""
 
     @property
     def final(self) -> RiskClass | None:
-        """By the max-severity rule."""
+        """Final class, by the max-severity rule."""
         return final_class(self.predictions)
 
 
 def questions_about(
     folder: Path, video: RiskVideo, *, marked: bool, control: Control | None = None
 ) -> tuple[Question, ...]:
-    """The questions about a video of the set in a folder: eight key frames, and the last one.
+    """Make the questions about a video of a set: one with eight key frames, one with the last.
 
     Where ``marked``, vehicles are outlined from the simulator's own masks. A control changes the pictures or
     leaves them out; with one frame there is one question.
@@ -78,7 +78,7 @@ def ask_about(
     marked: bool,
     control: Control | None = None,
 ) -> VideoAnswer:
-    """The model's answer to one video; replies go through the cache.
+    """Ask a model about one video; replies go through the cache.
 
     Raises:
         ModelUnavailableError: A question got no reply. Replies before it are kept.
@@ -104,7 +104,7 @@ def ask_about_all(
     control: Control | None = None,
     progress: Callable[[VideoAnswer], None] = lambda _: None,
 ) -> dict[str, VideoAnswer]:
-    """The model's answers to all videos of a set.
+    """Ask a model about all videos of a set.
 
     Raises:
         InputError: A video or its masks cannot be used.
@@ -120,7 +120,7 @@ def ask_about_all(
 
 
 def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:
-    """Writes the final class of each video as a file that ``--predictions`` reads."""
+    """Write the final class of each video as a file for ``--predictions``."""
     finals = {key: answer.final for key, answer in sorted(answers.items())}
     titles = {key: UNREADABLE if final is None else final.title for key, final in finals.items()}
     with whole_file(path) as file:
@@ -128,7 +128,7 @@ def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:
 
 
 def account(name: str, answers: Collection[VideoAnswer], prices: tuple[float, float] | None) -> list[str]:
-    """Lines for a terminal; prices are per million tokens of questions and of answers, None to print no cost."""
+    """Summary for a terminal; prices are per million tokens of questions and of answers, None prints no cost."""
     replies = [reply for answer in answers for reply in answer.replies]
     unreadable = sum(prediction is None for answer in answers for prediction in answer.predictions)
     cached = sum(answer.cached for answer in answers)

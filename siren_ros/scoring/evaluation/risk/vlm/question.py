@@ -1,4 +1,4 @@
-"""The question to a model: key frames as JPEG, plain or with outlined vehicles, and the words.
+"""Builds the question to a model: key frames as JPEG, plain or with outlined vehicles, and the text.
 
 The words are our own; SeeUnsafe's procedure is followed where the paper names it.
 """
@@ -21,7 +21,7 @@ Picture = npt.NDArray[np.uint8]
 _QUALITY: Final = 90
 _LEAST_PIXELS: Final = 40
 _MOST_MASK_BYTES: Final = 1 << 30
-"""Of a video: nine key frames of 1280 by 720 pixels have 33 MB."""
+"""Largest size of a video's masks in memory; nine key frames of 1280 by 720 pixels have 33 MB."""
 _COLOURS: Final = ((230, 60, 40), (30, 120, 230), (20, 160, 80), (220, 150, 0), (150, 60, 200), (0, 160, 170))
 
 
@@ -40,7 +40,7 @@ def video_frames(path: Path, numbers: Sequence[int], count: int) -> list[Picture
 
 
 def masks_of(path: Path, numbers: Sequence[int]) -> list[npt.NDArray[np.uint32]]:
-    """The actors of each pixel of some key frames, shape ``(height, width)``.
+    """Masks with the actor of each pixel, for some key frames, shape ``(height, width)``.
 
     Raises:
         InputError: The file is missing or has none of them.
@@ -53,14 +53,14 @@ def masks_of(path: Path, numbers: Sequence[int]) -> list[npt.NDArray[np.uint32]]
 
 
 def numbers_of(masks: Sequence[npt.NDArray[np.uint32]]) -> Mapping[int, int]:
-    """Small numbers for the vehicles of a video, the one with the most pixels first; the smallest specks have none."""
+    """Small numbers for the vehicles of a video, most pixels first; the smallest vehicles get none."""
     ids, counts = np.unique(np.concatenate([mask.ravel() for mask in masks]), return_counts=True)
     order = sorted((-int(count), int(actor)) for actor, count in zip(ids, counts, strict=True) if actor)
     return {actor: number for number, (count, actor) in enumerate(order, start=1) if -count >= _LEAST_PIXELS}
 
 
 def outlined(picture: Picture, mask: npt.NDArray[np.uint32], numbers: Mapping[int, int]) -> Picture:
-    """The picture with the contour of each numbered vehicle and its number above it."""
+    """Draw the contour of each numbered vehicle into the picture, with its number above it."""
     drawn = picture.copy()
     labels = []
     for actor, number in numbers.items():
@@ -81,7 +81,7 @@ def outlined(picture: Picture, mask: npt.NDArray[np.uint32], numbers: Mapping[in
 
 
 def as_jpeg(picture: Picture) -> bytes:
-    """The picture encoded; the same pixels give the same bytes."""
+    """Encode the picture as JPEG; the same pixels give the same bytes."""
     buffer = BytesIO()
     Image.fromarray(picture).save(buffer, "JPEG", quality=_QUALITY)
     return buffer.getvalue()
@@ -105,7 +105,7 @@ _MARKED: Final = (
 
 
 def question(frames: Sequence[int], *, marked: bool) -> str:
-    """The text for the pictures of one question, by their frames' numbers in the video; a frame is 0.1 s."""
+    """Text of one question, with the pictures' frame numbers in the video; a frame is 0.1 s."""
     times = ", ".join(f"{0.1 * frame:.1f}" for frame in frames)
     several = f"{len(frames)} pictures, taken at {times} s" if len(frames) > 1 else f"One picture, taken at {times} s"
     return f"{several} of the same drive; the video has a picture every 0.1 s.{_MARKED if marked else ''} Which class?"

@@ -1,4 +1,4 @@
-"""Reads a class from a model's text. An answer that cannot be read is counted and never guessed."""
+"""Reads a class from a model's text. An unreadable answer is counted, not guessed."""
 
 import json
 import re
@@ -9,7 +9,7 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import RiskClass, most_severe, risk_class
 
 DEEPEST: Final = 20
-"""Objects and lists inside each other; the answer that is asked for is one object. A text with more is not read."""
+"""Largest nesting of objects and lists; deeper texts are not read. The requested answer is one object."""
 _BEGIN: Final = re.compile(r'\{(?=[ \t\n\r]*+["}])')
 _TOKEN: Final = re.compile(
     r"""[ \t\n\r]*+(?:(?P<sign>[{}\[\],:])
@@ -17,7 +17,7 @@ _TOKEN: Final = re.compile(
     |(?P<value>-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?|true|false|null|NaN|-?Infinity))""",
     re.VERBOSE,
 )
-"""The next token of a JSON text (RFC 8259, and the three numbers that Python's writer adds)."""
+"""Matches the next token of a JSON text (RFC 8259, with the three special numbers that Python writes)."""
 
 
 _STATES: Final[Mapping[tuple[str, str], str]] = {
@@ -33,15 +33,15 @@ _STATES: Final[Mapping[tuple[str, str], str]] = {
     ("more [", ","): "value",
     ("more [", "]"): "close",
 }
-"""The state after a token, by the state before it; where a value ended, the container around it decides."""
+"""Next state of the parser, by state and token; after a value, the enclosing container decides."""
 
 
 class _TooDeepError(Exception):
-    """Nothing is read from such a text."""
+    """Raised for a text that is nested too deeply."""
 
 
 def class_in(text: str) -> RiskClass | None:
-    """The class in the last JSON object of a text that has a ``class``; None where there is none or it is unknown.
+    """Find the class in the last JSON object of a text that has a ``class``; None if there is none or it is unknown.
 
     A model may think aloud or put the object into a code fence; words outside an object are not read. Takes a time
     proportional to the length of the text, and little memory, whatever the text is.
@@ -49,7 +49,7 @@ def class_in(text: str) -> RiskClass | None:
     title = ""
     try:
         for part in _objects(text):
-            # Numbers become floats: an integer of many digits takes long, and Python refuses it.
+            # Integers are read as floats, because Python is slow with, and refuses, integers of many digits.
             content = json.loads(part, parse_int=float)
             if isinstance(content.get("class"), str):
                 title = content["class"]
@@ -59,7 +59,7 @@ def class_in(text: str) -> RiskClass | None:
 
 
 def _objects(text: str) -> Iterator[str]:
-    """The JSON objects of a text that lie in no other one.
+    """Find the JSON objects of a text that are not inside another object.
 
     Raises:
         _TooDeepError: One has more than ``DEEPEST`` levels.
@@ -75,7 +75,7 @@ def _objects(text: str) -> Iterator[str]:
 
 
 def _end_of_object(text: str, begin: int, known: dict[int, int | None]) -> int | None:
-    """End of the JSON object that begins at a brace; None where that is none.
+    """Find the end of the JSON object that begins at a brace; None if it is not one.
 
     ``known`` holds the ends of objects inside others that were read before, so that no place is read again and again;
     this call adds to it.
@@ -110,7 +110,7 @@ def _end_of_object(text: str, begin: int, known: dict[int, int | None]) -> int |
 
 
 def final_class(predictions: Sequence[RiskClass | None]) -> RiskClass | None:
-    """The class of a video from those of its questions: the most severe one that could be read (paper, max-severity).
+    """Class of a video from its questions' classes: the most severe readable one (paper, max-severity).
 
     None where none could be read.
     """

@@ -1,1 +1,1 @@
-"""What every wing uses: units, geometry, random streams, parameter files, processes, tables."""
+"""Common tools of all wings: units, geometry, random streams, parameter files, processes, tables."""

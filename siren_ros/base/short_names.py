@@ -10,11 +10,11 @@ from types import CodeType, ModuleType
 from typing import Final
 
 SHORT_NAMES: Final = {f"siren_ros.{name}": f"siren_ros.lab.{name}" for name in ("learning", "training", "benchmarks")}
-"""The module, with all modules below it, under its short name, and under the name of its folder."""
+"""Long module name by short name. It applies to the module and to all modules below it."""
 
 
 def full_name(name: str) -> str:
-    """The name of a module by its folder; the same name where it has no other."""
+    """Full name of a module; the name itself if it has no other."""
     for short, full in SHORT_NAMES.items():
         if name == short or name.startswith(f"{short}."):
             return full + name.removeprefix(short)
@@ -22,7 +22,7 @@ def full_name(name: str) -> str:
 
 
 class _Loader(InspectLoader):
-    """Gives the one module that there is, under whichever name it is asked for."""
+    """Returns the same module under its short and its full name."""
 
     def __init__(self, spec: ModuleSpec) -> None:
         self._spec = spec
@@ -31,7 +31,7 @@ class _Loader(InspectLoader):
         return import_module(self._spec.name)
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = self._spec  # the import system has written the short name there
+        module.__spec__ = self._spec  # the import system has put the short name there
 
     def get_code(self, fullname: str) -> CodeType | None:
         loader = self._spec.loader
@@ -53,7 +53,7 @@ class _Finder(MetaPathFinder):
 
 
 def allow_short_names() -> None:
-    """Make ``import siren_ros.learning`` and ``python -m siren_ros.benchmarks.sensors`` find what the lab has.
+    """Make imports such as ``siren_ros.learning`` and ``python -m siren_ros.benchmarks.sensors`` find the lab.
 
     The finder stands before the others: these would load a second copy of a module below a short name.
     """

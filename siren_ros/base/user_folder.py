@@ -1,4 +1,4 @@
-"""Where the user's own files go: below the home, or in a temporary folder where there is no home to write to."""
+"""Folders for the user's own files: below the home, or in a temporary folder without a writable home."""
 
 import os
 import stat
@@ -11,7 +11,7 @@ from siren_ros.errors import InputError
 
 
 def user_folder(below_home: str) -> Path:
-    """A folder that can be written, for caches and logs; it is made where it is missing.
+    """A writable folder for caches and logs; it is created if missing.
 
     Args:
         below_home: Where it lies below the user's home, such as ``.cache/siren``. Without a home, or with one that
@@ -20,14 +20,14 @@ def user_folder(below_home: str) -> Path:
     Raises:
         InputError: There is no folder for temporary files either.
     """
-    with suppress(RuntimeError):  # no HOME, and a user whom the system does not know
+    with suppress(RuntimeError):  # there is no HOME, and the system does not know the user
         home = Path.home()
         if home.is_dir() and is_writable(home / below_home):
             return home / below_home
     try:
         folder = private_folder(f"siren_ros_{os.geteuid()}")
         if not is_writable(folder / below_home):
-            folder = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # somebody else has the name
+            folder = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # another user has the name
             (folder / below_home).mkdir(parents=True)
     except OSError as error:
         why = f"the home of a user, or a folder for temporary files, that can be written ({error.strerror or error})"
@@ -36,11 +36,11 @@ def user_folder(below_home: str) -> Path:
 
 
 _instead: Final[dict[str, Path]] = {}
-"""Folders of this process in place of names that somebody else has."""
+"""Folders of this process that replace names taken by other users."""
 
 
 def private_folder(name: str) -> Path:
-    """A folder for temporary files that no other user can read or write; the same one while nobody else has its name.
+    """A temporary folder that other users cannot read or write; it has the same name in every process, if possible.
 
     Anybody may make files in the folder for temporary files: where the name is a link there, belongs to another user,
     or can be written by others, this process has a new folder with a name that nobody knows.
@@ -61,7 +61,7 @@ def private_folder(name: str) -> Path:
 
 
 def is_writable(folder: Path) -> bool:
-    """Whether files can be written into a folder; it is made where it is missing."""
+    """Whether files can be written into a folder; it is created if missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:

@@ -1,4 +1,4 @@
-"""The same arithmetic on every x86-64 processor with AVX2 and FMA, so that the same episode has the same bytes there.
+"""Pins floating-point arithmetic, so that an episode has the same bytes on every x86-64 processor with AVX2 and FMA.
 
 numpy and OpenBLAS choose among implementations by the processor, and their results differ in the last bit. They read
 environment variables when numpy is loaded; ``import siren_ros`` sets these variables.
@@ -37,7 +37,7 @@ _SINCE_2_4: Final = (2, 4)
 
 
 class UnpinnedArithmeticWarning(UserWarning):
-    """numpy was loaded before ``siren_ros``, with arithmetic that depends on this processor."""
+    """Warns that numpy was loaded before ``siren_ros``, so that its arithmetic depends on this processor."""
 
 
 def pin_arithmetic(
@@ -45,7 +45,7 @@ def pin_arithmetic(
     flags: Collection[str] | None = None,
     numpy_version: tuple[int, int] | None = None,
 ) -> dict[str, str]:
-    """Set the variables that numpy and OpenBLAS read when they load; those that are set already stay.
+    """Set the environment variables that numpy and OpenBLAS read when they load; existing values stay.
 
     Args:
         environment: Of this process.
@@ -56,7 +56,7 @@ def pin_arithmetic(
         The variables that were not set before, with their values.
     """
     able = set(_processor_flags() if flags is None else flags)
-    # Idle threads of OpenBLAS spin after every large product and take a core from the cameras.
+    # With more threads, idle ones of OpenBLAS spin after every large product and take a core from the cameras.
     pinned = {"OPENBLAS_NUM_THREADS": "1"}
     if able >= {"avx2", "fma"}:
         pinned["OPENBLAS_CORETYPE"] = "Haswell"
@@ -69,7 +69,7 @@ def pin_arithmetic(
 
 
 def pin_before_numpy() -> None:
-    """Pin the arithmetic of this process, and warn where numpy is loaded already and did not see the variables."""
+    """Pin the arithmetic of this process; warn if numpy is already loaded and did not see the variables."""
     loaded = "numpy" in sys.modules
     missing = pin_arithmetic()
     if loaded and missing:
@@ -84,7 +84,7 @@ def pin_before_numpy() -> None:
 
 
 def _groups_beyond_avx2(numpy_version: tuple[int, int]) -> Mapping[str, tuple[str, ...]]:
-    """Groups of instructions beyond AVX2 in numpy's names, and the processor flags in Linux's names that each needs.
+    """Groups of instructions beyond AVX2 in numpy's names, with the processor flags (in Linux's names) that each needs.
 
     numpy's reference, "CPU/SIMD optimizations". numpy warns about a disabled group that the processor does not have and
     about a group that this version of numpy does not know.
@@ -97,7 +97,7 @@ def _groups_beyond_avx2(numpy_version: tuple[int, int]) -> Mapping[str, tuple[st
 
 
 def _installed_numpy() -> tuple[int, int]:
-    """Major and minor version of the numpy that would be loaded, without loading it; (1, 26) where it is unknown."""
+    """Major and minor version of the numpy that would be loaded, without loading it; (1, 26) if unknown."""
     spec = importlib.util.find_spec("numpy")
     if spec is not None and spec.origin is not None:
         text = Path(spec.origin).with_name("version.py").read_text(encoding="utf-8")
@@ -107,7 +107,7 @@ def _installed_numpy() -> tuple[int, int]:
 
 
 def _processor_flags(cpuinfo: Path = Path("/proc/cpuinfo")) -> list[str]:
-    """Flags of the first processor; none where the file is missing or of another architecture."""
+    """Flags of the first processor; none if the file is missing or of another architecture."""
     try:
         lines = cpuinfo.read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Array types by what they hold, and independent random generators, all from the episode's one seed.
+"""Array types named by their content, and independent random generators from the episode's one seed.
 
 Shapes and units stand where the arrays are used.
 """
@@ -16,19 +16,19 @@ from siren_ros.base.tables.brief import Brief, data_frame
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
 Points = npt.NDArray[np.float64]
-"""Coordinates in metres, ``(N, 2)`` unless said otherwise."""
+"""Coordinates in metres, ``(N, 2)`` unless stated otherwise."""
 Matrix = npt.NDArray[np.float64]
 Ids = npt.NDArray[np.uint32]
 """Ids of actors."""
 Codes = npt.NDArray[np.uint8]
-"""Members of an enumeration."""
+"""Codes of an enumeration."""
 Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.intp]
 """Indices into other arrays."""
 
 
 def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generator:
-    """A generator that depends on seed, purpose and index alone, and on nothing drawn elsewhere.
+    """Make a generator that depends only on seed, purpose and index, not on numbers drawn elsewhere.
 
     The purpose says what the numbers are for, such as ``demand``; the index tells streams of one purpose apart, an
     actor id for example. Seed and index are at least 0.
@@ -37,14 +37,14 @@ def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generato
 
 
 def chances(weights: Iterable[float]) -> Floats:
-    """Where the share of each choice ends between 0 and 1; for ``drawn``."""
+    """Cumulative shares of weighted choices, from 0 to 1; the input of ``drawn``."""
     shares = np.array([*weights])
     ends = (shares / shares.sum()).cumsum()
     return np.asarray(ends / ends[-1])
 
 
 def drawn(ends: Floats, rng: np.random.Generator) -> int:
-    """A choice by its chance; it takes from the generator what ``Generator.choice`` takes, and draws the same."""
+    """Draw a choice by its weight. It uses and draws the same random numbers as ``Generator.choice``."""
     return int(ends.searchsorted(rng.random(), side="right"))
 
 
@@ -52,7 +52,7 @@ _ELEMENTS: Final[dict[Any, type[np.generic]]] = {
     npt.NDArray[kind]: kind  # type: ignore[valid-type] # a value, not an annotation
     for kind in (np.dtype(code).type for code in np.typecodes["All"])
 }
-"""Element type of each array type: what an array type is made of differs between versions of numpy."""
+"""Element type of each array type. A table is needed because numpy versions build array types differently."""
 
 
 def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
@@ -61,19 +61,19 @@ def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
 
 
 class Columns(Brief):
-    """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all of them belongs to one item."""
+    """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all fields belongs to one item."""
 
     def __len__(self) -> int:
         return len(getattr(self, _names(type(self))[0]))
 
     @cached_property
     def columns(self) -> Floats:
-        """All fields in declaration order, shape ``(fields, N)``, as compiled loops take them."""
+        """All fields in declaration order as one array, shape ``(fields, N)``, for compiled loops."""
         return np.array([getattr(self, name) for name in _names(type(self))], dtype=np.float64)
 
     @classmethod
     def of_columns(cls, columns: Floats) -> Self:
-        """The items of an array as ``columns`` gives it."""
+        """Make the items from an array as ``columns`` gives it."""
         made = cls(*columns)
         made.__dict__["columns"] = columns
         return made
@@ -87,17 +87,17 @@ class Columns(Brief):
         return data_frame({name: getattr(self, name) for name in _names(type(self))})
 
     def select(self, rows: Flags | Rows) -> Self:
-        """The items of the given rows."""
+        """Select the items of some rows."""
         return type(self)(*(getattr(self, name)[rows] for name in _names(type(self))))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The items of all parts, in order."""
+        """Join the items of all parts, in order."""
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _names(cls)))
 
     @classmethod
     def where(cls, mask: Flags, chosen: Self, other: Self) -> Self:
-        """Rows of ``chosen`` where the mask holds, of ``other`` elsewhere."""
+        """Take rows of ``chosen`` where the mask is true, and of ``other`` elsewhere."""
         return cls(*(np.where(mask, getattr(chosen, name), getattr(other, name)) for name in _names(cls)))
 
 

@@ -1,4 +1,4 @@
-"""Braking: distances, decelerations and speeds from which a vehicle still slows down in time, and speeds in bends.
+"""Braking formulas: distances, decelerations and safe speeds of vehicles, and speeds in bends.
 
 The formulas take squares of speeds: ``v * v`` and ``v**2`` differ in the last bit, and records keep theirs.
 """
@@ -15,8 +15,8 @@ from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 SAMPLE_M: Final = 1.0
 """Distance between the samples of a speed profile."""
 _HALF_WINDOW_M: Final = 2.0
-"""Curvature is the change of heading over twice this length, less than the wheelbase of a bus. A corner of the polyline
-is a bend of this length."""
+"""Half of the length over which the change of heading gives the curvature; the length is less than a bus's wheelbase. A
+corner of the polyline counts as a bend of this length."""
 _LEAST_CURVATURE_1PM: Final = 1e-6
 
 Speeds = npt.NDArray[np.float64]
@@ -24,22 +24,28 @@ Number = TypeVar("Number", float, Speeds)
 
 
 def braking_distance_m(speed_sq: Number, brake_mps2: float) -> Number:
-    """Distance in which a vehicle stops, ``v² / 2b``, of the square of its speed in m²/s²."""
+    """Braking distance ``v² / 2b`` from the square of the speed in m²/s²."""
     return speed_sq / (2.0 * brake_mps2)
 
 
 def needed_brake_mps2(speed_sq: Number, way_m: Number) -> Number:
-    """Constant deceleration that stops within a way, ``v² / 2s``, of the square of the speed in m²/s²."""
+    """Constant deceleration ``v² / 2s`` that stops a vehicle within a distance.
+
+    The speed is given as its square in m²/s².
+    """
     return speed_sq / (2.0 * way_m)
 
 
 def stops_within(speed_sq: float, brake_mps2: float, way_m: float) -> bool:
-    """Whether a vehicle stops within a way, ``v² < 2bs``, by the square of its speed in m²/s²."""
+    """Whether a vehicle stops within a distance, ``v² < 2bs``, from the square of its speed in m²/s²."""
     return speed_sq < 2.0 * brake_mps2 * way_m
 
 
 def speed_before_mps(slower_sq: float, brake_mps2: float, way_m: float) -> float:
-    """Speed from which a vehicle slows down on a way, ``sqrt(v² + 2bs)``, of the square of the lower speed in m²/s²."""
+    """Speed ``sqrt(v² + 2bs)`` from which braking over a distance reaches a lower speed.
+
+    The lower speed is given as its square in m²/s².
+    """
     return math.sqrt(slower_sq + 2.0 * brake_mps2 * way_m)
 
 
@@ -54,7 +60,7 @@ def safe_following_mps(lead_mps: float, free_m: float, brake_mps2: float, reacti
 
 
 def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Unsigned curvature of a path at arc lengths, shape of ``s_m``; near the ends over a shorter window."""
+    """Unsigned curvature of a path at arc lengths, shape of ``s_m``; near the path's ends it uses a shorter window."""
     before = np.clip(s_m - _HALF_WINDOW_M, 0.0, path.length_m)
     after = np.clip(s_m + _HALF_WINDOW_M, 0.0, path.length_m)
     turned = np.abs(wrap_angle(path.heading_rad(after) - path.heading_rad(before)))
@@ -62,7 +68,7 @@ def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[n
 
 
 def bend_speeds_mps(path: Polyline, lateral_accel_mps2: float) -> Speeds:
-    """Speed at which each metre of a path takes a lateral acceleration: ``sqrt(a / curvature)``, shape ``(K,)``.
+    """Speed at which each metre of a path causes a lateral acceleration: ``sqrt(a / curvature)``, shape ``(K,)``.
 
     Sample i lies at ``i * SAMPLE_M``; the last one lies at or before the end of the path.
     """
@@ -71,21 +77,21 @@ def bend_speeds_mps(path: Polyline, lateral_accel_mps2: float) -> Speeds:
 
 
 def with_braking(speeds_mps: Speeds, decel_mps2: float) -> Speeds:
-    """The profile of a vehicle that brakes with ``decel_mps2`` to keep to the speeds, sample by sample."""
-    reached = speeds_mps.tolist()  # Python's own numbers are faster one by one
+    """Lower the speeds so that a vehicle with deceleration ``decel_mps2`` can keep to them, sample by sample."""
+    reached = speeds_mps.tolist()  # Python's own numbers are faster in a loop
     for at in range(len(reached) - 2, -1, -1):
         reached[at] = min(reached[at], speed_before_mps(reached[at + 1] ** 2, decel_mps2, SAMPLE_M))
     return np.array(reached)
 
 
 def squares_with_braking(squares: Speeds, brake_mps2: float, spacing_m: float) -> Speeds:
-    """As ``with_braking``, of squares of speeds (m²/s²) at places ``spacing_m`` apart, all at once."""
+    """As ``with_braking``, for squares of speeds (m²/s²) at places ``spacing_m`` apart, as one array operation."""
     braking = 2.0 * brake_mps2 * spacing_m * np.arange(len(squares))
     return np.asarray(np.minimum.accumulate((squares + braking)[::-1])[::-1] - braking)
 
 
 def with_accelerating(speeds_mps: Speeds, first_mps: float, accel_mps2: float) -> Speeds:
-    """The profile of a vehicle that begins with ``first_mps`` and gains speed with ``accel_mps2``."""
+    """Lower the speeds to those of a vehicle that starts with ``first_mps`` and accelerates with ``accel_mps2``."""
     reached = speeds_mps.copy()
     reached[0] = min(reached[0], first_mps)
     for at in range(1, len(reached)):

@@ -1,4 +1,4 @@
-"""Frozen structures with some of their fields changed: ``dataclasses.replace`` takes ten times as long."""
+"""Copies frozen dataclasses with some fields changed, in a tenth of the time of ``dataclasses.replace``."""
 
 from typing import Any, TypeVar
 
@@ -6,7 +6,7 @@ Structure = TypeVar("Structure")
 
 
 def changed(structure: Structure, **changes: Any) -> Structure:
-    """A dataclass, without slots and without what it has worked out and kept, with other values of some fields.
+    """Copy a dataclass (without slots, and without its cached properties) with other values of some fields.
 
     Raises:
         TypeError: There is no such field.

@@ -1,4 +1,4 @@
-"""Loops over arrays, compiled to machine code by numba, and the scalar arithmetic and box distances that they call.
+"""Compiles loops over arrays to machine code with numba, and has the scalar arithmetic that these loops call.
 
 ``geometry`` has the same for arrays.
 """
@@ -28,11 +28,11 @@ Array = Any
 """A numpy array; numba compiles for the element types that it is given."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
-"""Kinds of values that compiled code holds as they were when it was compiled."""
+"""Kinds of values that compiled code contains as constants from the time of its compilation."""
 
 
 class _Told(event.Listener):
-    """Says once in a process that loops are compiled: a first call takes tens of seconds of processor."""
+    """Reports once per process that loops are compiled, because a first call takes tens of seconds."""
 
     told = False
 
@@ -42,7 +42,7 @@ class _Told(event.Listener):
             logging.getLogger("siren_ros").info("compiling loops; later processes have them from the cache")
 
     def on_end(self, _: event.Event) -> None:
-        """Nothing is said of it."""
+        """Called at the end of a compilation; nothing is reported."""
 
 
 event.register("numba:compile", _Told())  # type: ignore[no-untyped-call] # numba's own
@@ -62,7 +62,7 @@ def compiled(function: Function) -> Function:
 
 
 def _taken(function: Callable[..., Any]) -> list[str]:
-    """What compiled code contains besides the function itself: the functions that it calls, the constants."""
+    """What compiled code contains besides the function itself: functions that it calls, and constants."""
     parts = []
     names = function.__globals__
     for name in function.__code__.co_names:
@@ -81,19 +81,19 @@ def _content(file: str) -> str:
 
 @compiled
 def wrapped_rad(angle_rad: float) -> float:
-    """The same direction within (−π, π]."""
+    """Wrap an angle to (−π, π]."""
     angle = (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
     return np.pi if angle == -np.pi else angle
 
 
 @compiled
 def within(value: float, low: float, high: float) -> float:
-    """The nearest value between two bounds."""
+    """Limit a value to a range."""
     return min(max(value, low), high)
 
 
 Pose = tuple[float, float, float, float]
-"""x and y of the centre, and the cosine and sine of the yaw."""
+"""A pose: x and y of the centre, cosine and sine of the yaw."""
 
 
 @compiled

@@ -11,11 +11,11 @@ from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.base.numerics.compiled import compiled
 
 _SAME_M: Final = 1e-6
-"""Points nearer than this are the same."""
+"""Points nearer than this count as equal."""
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
-    """The same direction within (−π, π]."""
+    """Wrap angles to (−π, π]."""
     wrapped = np.mod(np.asarray(angle_rad, dtype=np.float64) + np.pi, 2.0 * np.pi) - np.pi
     return np.where(wrapped == -np.pi, np.pi, wrapped)
 
@@ -48,7 +48,7 @@ def separation_m(corners_a: Floats, corners_b: Floats) -> Floats:
 def overlapping_pairs(
     x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Floats]:
-    """Which of ``N`` oriented boxes overlap: rows of both, the smaller first, and the depth of each pair in metres."""
+    """Find the overlapping pairs among ``N`` oriented boxes: two rows (smaller first) and the depth in metres."""
     radius = 0.5 * np.hypot(length_m, width_m)
     apart = np.hypot(x_m[:, None] - x_m, y_m[:, None] - y_m)
     first, second = np.nonzero(np.triu(apart < radius[:, None] + radius, 1))
@@ -59,7 +59,7 @@ def overlapping_pairs(
 
 
 def rotate(points: Floats, yaw_rad: float) -> Floats:
-    """Points (shape ``(..., 2)``) turned counter-clockwise about the origin."""
+    """Rotate points (shape ``(..., 2)``) counter-clockwise about the origin."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return points @ np.array([[cos, sin], [-sin, cos]])
 
@@ -73,11 +73,11 @@ class Polyline:
 
     points: Points
     arc_m: npt.NDArray[np.float64]
-    """Arc length at each point, shape ``(K,)``, starting at 0."""
+    """Arc length at each point, shape ``(K,)``, from 0."""
 
     @classmethod
     def through(cls, points: npt.ArrayLike) -> "Polyline":
-        """The curve through points, repeated ones dropped; ValueError with fewer than two distinct points."""
+        """Make the curve through points, without repeated ones; ValueError with fewer than two distinct points."""
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise ValueError(f"points of shape (K, 2) are needed, not {array.shape}")
@@ -88,7 +88,7 @@ class Polyline:
 
     @classmethod
     def joined(cls, parts: Sequence["Polyline"]) -> "Polyline":
-        """One curve through all points of the parts, in order."""
+        """Make one curve through all points of the parts, in order."""
         return cls.through(np.concatenate([part.points for part in parts]))
 
     @property
@@ -100,7 +100,7 @@ class Polyline:
         return np.clip(np.searchsorted(self.arc_m, s_m, side="right") - 1, 0, len(self.points) - 2)
 
     def at(self, s_m: npt.ArrayLike) -> Points:
-        """Points at arc lengths; shape of ``s_m`` plus a last axis of 2."""
+        """Points at arc lengths; the shape of ``s_m`` plus a last axis of 2."""
         s = np.asarray(s_m, dtype=np.float64)
         i = self._segment(s)
         start, arc = self.points[i], self.arc_m[i]
@@ -114,13 +114,13 @@ class Polyline:
         return np.arctan2(delta[..., 1], delta[..., 0])
 
     def offset_points(self, s_m: npt.ArrayLike, left_m: npt.ArrayLike) -> Points:
-        """Points at arc lengths, moved sideways by ``left_m``."""
+        """Points at arc lengths, shifted to the left by ``left_m``."""
         heading = self.heading_rad(s_m)
         normal = np.stack((-np.sin(heading), np.cos(heading)), axis=-1)
         return self.at(s_m) + np.asarray(left_m, dtype=np.float64)[..., None] * normal
 
     def project(self, points: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Nearest place on the curve of each point (shape ``(..., 2)``): arc length and offset, left positive.
+        """Project points (shape ``(..., 2)``) onto the curve: arc length, and offset positive to the left.
 
         Before the start and past the end the first and last segments are extended.
         """
@@ -133,7 +133,7 @@ class Polyline:
     def project_near(
         self, points: npt.ArrayLike, near_m: float, reach_m: float
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """``project`` on the part around an arc length, for a curve that comes back to places where it was before."""
+        """``project`` limited to a part around an arc length, for curves that return to the same place."""
         first = max(int(np.searchsorted(self.arc_m, near_m - reach_m)) - 1, 0)
         first = min(first, len(self.points) - 2)
         last = max(int(np.searchsorted(self.arc_m, near_m + reach_m)) + 1, first + 2)
@@ -144,13 +144,13 @@ class Polyline:
         return Polyline.through(cut_points(self.points, self.arc_m, from_m, to_m))
 
     def resampled(self, spacing_m: float) -> "Polyline":
-        """The same curve through equally spaced points, at most ``spacing_m`` apart, ends kept."""
+        """The same curve through equally spaced points, at most ``spacing_m`` apart; its ends stay."""
         return Polyline(*resampled_points(self.points, self.arc_m, spacing_m))
 
 
 @compiled
 def through_points(points: Any) -> tuple[Any, Any]:
-    """Points without repeated ones, and the arc length at each, for ``Polyline.through``."""
+    """Points without repeated ones, and the arc length at each; the compiled part of ``Polyline.through``."""
     kept, arc_m = np.empty((len(points), 2)), np.zeros(len(points))
     count = 0
     for k in range(len(points)):
@@ -168,7 +168,7 @@ def through_points(points: Any) -> tuple[Any, Any]:
 
 @compiled
 def _point_at(points: Any, arc_m: Any, s_m: float) -> tuple[float, float]:
-    """``Polyline.at`` of one arc length."""
+    """``Polyline.at`` for one arc length."""
     i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
     fraction = (s_m - arc_m[i]) / (arc_m[i + 1] - arc_m[i])
     x_m, y_m = points[i, 0], points[i, 1]
@@ -201,7 +201,7 @@ def resampled_points(points: Any, arc_m: Any, spacing_m: float) -> tuple[Any, An
 
 @compiled
 def project_on(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float]:
-    """``Polyline.project`` of one point for compiled loops."""
+    """``Polyline.project`` for one point, for compiled loops."""
     last, least, s_m, left_m = len(points) - 2, np.inf, 0.0, 0.0
     for k in range(last + 1):
         dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]

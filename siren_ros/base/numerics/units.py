@@ -9,11 +9,11 @@ STEP_S: Final = STEP_NS / NS_PER_S
 STEPS_PER_S: Final = NS_PER_S // STEP_NS
 GRAVITY_MPS2: Final = 9.80665
 NEVER: Final = -(10**9)
-"""A step before all others."""
+"""A step number before all real steps."""
 
 
 def mps_from_kmh(speed_kmh: float) -> float:
-    """Speed in m/s of a speed in km/h, the unit in which the paper's tables are given."""
+    """Convert km/h, the unit of the paper's tables, to m/s."""
     return speed_kmh / 3.6
 
 
@@ -31,7 +31,7 @@ def step_of_time_ns(time_ns: int) -> int:
 
 
 def exact_s(time_ns: int) -> str:
-    """A time in seconds with every nanosecond: 2.05 and 2.050000001 differ."""
+    """A time in seconds with all its nanoseconds as text: 2.05 and 2.050000001 differ."""
     seconds, rest = divmod(abs(time_ns), NS_PER_S)
     digits = f"{seconds}.{rest:09d}".rstrip("0").rstrip(".")
     return f"-{digits}" if time_ns < 0 else digits

@@ -1,1 +1,1 @@
-"""Parameter files: how they are found, and YAML that is checked with line numbers."""
+"""Finds parameter files, and reads YAML with checks that name the line."""

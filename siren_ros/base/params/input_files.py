@@ -1,4 +1,4 @@
-"""The parameter files of an episode: read from disk for a new episode, or from the record of an earlier one."""
+"""Sources of an episode's parameter files: the disk for a new episode, or the record of an earlier one."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -13,23 +13,23 @@ from siren_ros.errors import BagError, InputError
 
 @dataclass(frozen=True)
 class InputFile:
-    """One parameter file as it was read."""
+    """One parameter file as read."""
 
     folder: str
-    """Its kind, the folder below ``params``: ``templates``, ``presets``, …"""
+    """Folder below ``params``, which is the kind of the file: ``templates``, ``presets``, …"""
     name: str
-    """The user's name for it: ``S2``, or the path of a file."""
+    """The user's name for the file: ``S2``, or a path."""
     text: str
     source: str = field(default="", compare=False)
-    """Path for errors."""
+    """Path for error messages."""
 
     @property
     def sha256(self) -> str:
-        """Of the text in UTF-8."""
+        """Hash of the text in UTF-8."""
         return sha256_of(self.text)
 
     def mapping(self) -> StrictMapping:
-        """The YAML mapping of the file; InputError with the line where it is none."""
+        """The file's YAML mapping; InputError with the line if it is not one."""
         return parse_strict_yaml(self.text, self.source or self.name)
 
 
@@ -37,14 +37,14 @@ class InputFiles(Protocol):
     """A source of parameter files."""
 
     def read(self, parameter: str, folder: str, name: str) -> InputFile:
-        """A file by its name in a folder below ``params``, or by the path of a YAML file.
+        """Read a file by its name in a folder below ``params``, or by the path of a YAML file.
 
         Raises:
             InputError: There is no such file, or it cannot be read; names the parameter that the user set.
         """
 
     def has(self, folder: str, name: str) -> bool:
-        """Whether the source is to have a file; on disk there is every file that the program comes with."""
+        """Whether the source should have a file; on disk all files of the program exist."""
 
 
 class FilesOnDisk:
@@ -55,7 +55,7 @@ class FilesOnDisk:
         path = named_params_file(parameter, folder, name)
         return InputFile(folder, name, read_input_text(path), str(path))
 
-    def has(self, folder: str, name: str) -> bool:  # noqa: ARG002 - the interface of all sources
+    def has(self, folder: str, name: str) -> bool:  # noqa: ARG002 - part of the interface of all sources
         """As ``InputFiles.has``."""
         return True
 
@@ -64,7 +64,7 @@ FILES_ON_DISK: Final = FilesOnDisk()
 
 
 class RecordedFiles:
-    """The files in an episode's record."""
+    """The parameter files in an episode's record."""
 
     def __init__(self, files: Iterable[InputFile]) -> None:
         self._files = {(file.folder, file.name): file for file in files}
@@ -83,7 +83,7 @@ class RecordedFiles:
 
 
 class NotedFiles:
-    """Another source's files; it notes each one that is read."""
+    """Wraps another source and remembers each file that is read."""
 
     def __init__(self, source: InputFiles) -> None:
         self._source = source
@@ -111,12 +111,12 @@ def sha256_of(text: str) -> str:
 
 
 def files_to_json(files: Iterable[InputFile]) -> list[dict[str, str]]:
-    """The files as JSON types, each with its hash."""
+    """The files as JSON types, with their hashes."""
     return [{"folder": file.folder, "name": file.name, "sha256": file.sha256, "text": file.text} for file in files]
 
 
 def files_from_json(stored: Any) -> tuple[InputFile, ...]:
-    """Inverse of ``files_to_json``; BagError for an incomplete or too large entry, or a text without its hash."""
+    """Inverse of ``files_to_json``; BagError for an entry that is incomplete, too large, or does not match its hash."""
     if not isinstance(stored, list):
         raise BagError("files of the episode", "a list")
     return tuple(_file_from_json(entry) for entry in stored)

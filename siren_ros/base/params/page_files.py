@@ -1,4 +1,4 @@
-"""Parts of the HTML pages that commands write: templates of jinja2, styles and scripts in ``params/pages``."""
+"""Parts of the HTML pages that commands write: jinja2 templates, styles and scripts in ``params/pages``."""
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
@@ -8,7 +8,7 @@ from siren_ros.errors import shown_text
 
 
 def page_template(page: str, *, trim_blocks: bool = False, keep_trailing_newline: bool = False) -> Template:
-    """The template in a page's folder; values are escaped, and a missing value is an error. Options as jinja2's."""
+    """Load a page's template; values are escaped, and a missing value is an error. The options are jinja2's."""
     environment = Environment(
         loader=FileSystemLoader(params_dir() / "pages" / page),
         autoescape=True,
@@ -21,10 +21,10 @@ def page_template(page: str, *, trim_blocks: bool = False, keep_trailing_newline
 
 
 def _written(value: object) -> object:
-    """A text as a page can hold it: names of other programs and files may have control characters."""
+    """A text without control characters, which names from other programs and files may contain."""
     return shown_text(value, len(value)) if type(value) is str else value
 
 
 def page_part(page: str, name: str) -> Markup:
-    """A file of a page, such as its styles, to be put in as it is."""
+    """A file of a page, such as its styles, that is inserted unchanged."""
     return Markup((params_dir() / "pages" / page / name).read_text(encoding="utf-8"))  # noqa: S704 - our own file

@@ -1,4 +1,4 @@
-"""Dataclass fields that are also parameters: a default with a description and what is allowed, and its check."""
+"""Dataclass fields that are parameters: default, description, allowed values, and their check."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ def parameter(
     choices: Sequence[str] = (),
     read: Callable[[object], str] | None = None,
 ) -> Any:
-    """A dataclass field whose metadata say what a user has to know to set it.
+    """Define a dataclass field whose metadata contain what users must know to set it.
 
     A default that is a list is copied for every instance. ``choices`` are all allowed values, if they can be counted;
     ``read`` gives the choice that a word of the user stands for.
@@ -36,13 +36,13 @@ def parameter(
 
 
 def defaults_of(config_type: type[Any]) -> dict[str, Value]:
-    """Default of every parameter of a config dataclass, by name."""
+    """Defaults of all parameters of a config dataclass, by name."""
     config = config_type()
     return {field.name: getattr(config, field.name) for field in dataclasses.fields(config_type)}
 
 
 def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
-    """What a parameter accepts, in words."""
+    """Text that says what a parameter accepts."""
     low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
     if choices:
         return "one of " + ", ".join(repr(choice) for choice in choices)
@@ -56,7 +56,10 @@ def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
 
 
 def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -> Value:
-    """A value in the type of the default; InputError for a wrong type, a number out of range, or no choice."""
+    """Convert a value to the default's type.
+
+    InputError for a wrong type, a number out of range, or an unknown choice.
+    """
     kind = type(default)
     allowed = allowed_text(field, kind)
     if read := field.metadata.get("read"):
@@ -66,14 +69,14 @@ def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -
     if kind is str and not isinstance(value, str) and isinstance(value, (int, float, bool)):
         raise InputError(field.name, value, allowed)
     if kind is list and (value is None or isinstance(value, (list, tuple))):
-        value = [str(item) for item in value or ()]  # ROS reads an empty list in a parameter file as nothing at all
+        value = [str(item) for item in value or ()]  # ROS reads an empty list in a parameter file as None
     if type(value) is not kind:
         raise InputError(field.name, value, allowed)
     low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         too_low = low is not None and value < low
         too_high = high is not None and value > high
-        if too_low or too_high or value != value:  # noqa: PLR0124 - NaN is the value that differs from itself
+        if too_low or too_high or value != value:  # noqa: PLR0124 - NaN is the only value that differs from itself
             raise InputError(field.name, value, allowed)
     if choices and value not in choices:
         raise InputError(field.name, value, allowed)
@@ -81,7 +84,7 @@ def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -
 
 
 def check_fields(config: Any) -> None:
-    """Checks every field of a dataclass of parameters, by its own name; InputError as ``checked_value``."""
+    """Check every field of a dataclass of parameters; InputError as ``checked_value``."""
     defaults = type(config)()
     for field in dataclasses.fields(config):
         checked_value(field, getattr(defaults, field.name), getattr(config, field.name))

@@ -1,4 +1,4 @@
-"""JSON, Parquet and arrays of any origin: what is wrong with them is a ValueError, and their size is bounded."""
+"""Reads JSON, Parquet and arrays from untrusted sources: any fault is a ValueError, and sizes are limited."""
 
 import json
 import re
@@ -16,11 +16,11 @@ import pyarrow.parquet as pq
 _NO_NPZ: Final = (KeyError, TypeError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _ROWS_AT_ONCE: Final = 1024
 _HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
-"""Begins an escape of one half of a character."""
+"""Matches the start of an escaped surrogate, one half of a character."""
 
 
 def load(text: str | bytes, **how: Any) -> Any:
-    r"""The value of a JSON text; ValueError where it is none, is nested too deeply, or holds halves of characters.
+    r"""Parse JSON; ValueError if it is invalid, nested too deeply, or contains lone surrogates.
 
     A lone surrogate (``"\ud800"``) has no UTF-8: no file, page or terminal could take the text that it is in.
     ``how`` are further arguments of ``json.loads``.
@@ -36,12 +36,12 @@ def load(text: str | bytes, **how: Any) -> Any:
 
 
 def read(path: Path) -> Any:
-    """The value of a JSON file in UTF-8; ValueError as ``load``, OSError where the file cannot be read."""
+    """Read a JSON file in UTF-8; ValueError as ``load``, OSError if the file cannot be read."""
     return load(path.read_text(encoding="utf-8"))
 
 
 def read_arrays(path: Path, most_bytes: int) -> dict[str, Any]:
-    """The arrays of an ``.npz`` file by their names. Nothing in it can run, and its size in memory is known before.
+    """Read the arrays of an ``.npz`` file by name. Nothing in it is executed, and its size in memory is checked first.
 
     Raises:
         ValueError: It states more than ``most_bytes``, holds objects or texts of no characters, or is no such file.
@@ -63,7 +63,7 @@ def read_arrays(path: Path, most_bytes: int) -> dict[str, Any]:
 
 
 def read_table(path: Path, most_rows: int, most_row_bytes: int, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table of a Parquet file, whose rows and bytes are known before any of them is unpacked.
+    """Read a Parquet file; rows and bytes are checked before data are unpacked.
 
     Pages of equal values pack to thousandths: a small file may state more than the memory holds. The sizes that a file
     states of itself may be wrong, so batches are counted again as they come.

@@ -1,4 +1,4 @@
-"""Safe YAML, for files of any origin: no tags that build objects, no aliases, a bounded size and depth."""
+"""Reads YAML from untrusted sources: no tags that build objects, no aliases, limited size and depth."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -8,14 +8,14 @@ from typing import Any, Final
 import yaml
 
 MAX_BYTES: Final = 256_000
-"""Our largest file has 5 kB."""
+"""Largest file that is read; our largest has 5 kB."""
 MAX_DEPTH: Final = 32
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""PyYAML's safe loader, in C where the wheel has it."""
+"""PyYAML's safe loader, in C if the wheel has it."""
 
 
 def read_text(file: Path) -> str:
-    """The text of a YAML file.
+    """Read the text of a YAML file.
 
     Raises:
         OSError: It cannot be read, or is no file.
@@ -32,7 +32,7 @@ def read_text(file: Path) -> str:
 
 @lru_cache(maxsize=64)
 def compose(text: str) -> yaml.Node | None:
-    """The nodes of a document; yaml.YAMLError where it is none.
+    """Parse a document to YAML nodes; yaml.YAMLError if it is invalid.
 
     The same text is parsed once in a process, however many parts of an episode read it. Readers leave the nodes as
     they are.
@@ -42,17 +42,20 @@ def compose(text: str) -> yaml.Node | None:
 
 
 def load(text: str) -> Any:
-    """The values of a document: mappings, lists, texts, numbers, dates; yaml.YAMLError where it is none."""
+    """Parse a document to mappings, lists, texts, numbers, dates; yaml.YAMLError if it is invalid."""
     return _guarded(lambda: yaml.load(text, Loader=_LOADER), text)  # noqa: S506 - a safe loader
 
 
 def reason_of(error: yaml.YAMLError) -> str:
-    """What is wrong, in one line; PyYAML's own text has several."""
+    """The fault in one line; PyYAML's own text has several."""
     return " ".join(str(error).split())
 
 
 def _guarded(action: Callable[[], Any], text: str) -> Any:
-    """Looks at the events first: aliases may unfold without end, and deep nesting exhausts the stack."""
+    """Check the events of a document before an action.
+
+    Aliases could expand without end, and deep nesting exhausts the stack.
+    """
     depth = 0
     try:
         for event in yaml.parse(text, Loader=_LOADER):
@@ -63,5 +66,5 @@ def _guarded(action: Callable[[], Any], text: str) -> Any:
                 raise yaml.YAMLError(f"more than {MAX_DEPTH} levels")
         return action()
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
-        # PyYAML lets through what its conversions raise, for example on the date 2001-99-99.
+        # PyYAML does not convert all errors of its value conversions, for example of the date 2001-99-99.
         raise yaml.YAMLError(f"a value that cannot be read ({error})") from error

@@ -1,4 +1,4 @@
-"""Where the package's data files are: in the repository, or where colcon or pip installed them.
+"""Finds the package's data files: in the repository, or where colcon or pip installed them.
 
 Parameter files are found by name: templates, presets, suites, looks, drivers, vehicles.
 """
@@ -15,7 +15,7 @@ PACKAGE: Final = "siren_ros"
 
 
 def find_params_dir(package_file: Path, ament_prefix_path: str) -> Path:
-    """Finds the folder of the parameter files that belongs to an installed or checked-out package.
+    """Find the folder of parameter files of an installed or checked-out package.
 
     A checkout (also an editable or a ``--symlink-install`` one) holds ``params/`` beside the package. An installation
     holds ``share/siren_ros/params`` in the prefix above the package; failing that, the prefixes of the value of
@@ -39,17 +39,18 @@ def find_params_dir(package_file: Path, ament_prefix_path: str) -> Path:
 
 @cache
 def params_dir() -> Path:
-    """The folder with ``templates/``, ``suites/`` and so on; InputError where the installation holds none."""
+    """The folder with ``templates/``, ``suites/`` and so on; InputError if the installation has none."""
     return find_params_dir(Path(__file__).parents[2] / "__init__.py", os.environ.get("AMENT_PREFIX_PATH", ""))
 
 
 def named_params_file(parameter: str, folder: str, name_or_path: str) -> Path:
-    """The file ``params/<folder>/<name>.yaml``, or a file whose path ends in ``.yaml`` or ``.yml``.
+    """Path of ``params/<folder>/<name>.yaml``, or of a user's file with the suffix ``.yaml`` or ``.yml``.
 
     Raises:
         InputError: No such file; names the parameter that the user set, and lists the names that there are.
     """
-    with suppress(OSError, ValueError, RuntimeError):  # a name too long, a null character, an unknown user's home
+    # The name may be too long, contain a null character, or name an unknown user's home.
+    with suppress(OSError, ValueError, RuntimeError):
         path = params_dir() / folder / f"{name_or_path}.yaml"
         if name_or_path == path.stem and path.is_file():
             return path

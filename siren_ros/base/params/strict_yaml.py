@@ -1,4 +1,4 @@
-"""The reader of every parameter file: key by key, with errors that name file, line, key, value and what is allowed."""
+"""Reads parameter files key by key. Errors name file, line, key, value and what is allowed."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ _TAG = "tag:yaml.org,2002:"
 
 @dataclass
 class StrictMapping:
-    """A YAML mapping whose every key has to be asked for.
+    """A YAML mapping in which every key must be read.
 
     Each reader method removes the key from what is left; ``finish`` refuses the rest as unknown.
     """
@@ -36,18 +36,18 @@ class StrictMapping:
             self.values[name] = value
 
     def where(self, key: str, node: yaml.Node | None = None) -> str:
-        """``file:line: path.key`` of a key, for an error."""
+        """Place of a key for error messages: ``file:line: path.key``."""
         marked = node or self.values.get(key, self.node)
         full = f"{self.path}.{key}" if self.path else key
         return f"{self.file}:{marked.start_mark.line + 1}: {full}"
 
     def has(self, key: str) -> bool:
-        """Whether an optional key is there."""
+        """Whether an optional key exists."""
         self._known.append(key)
         return key in self.values
 
     def is_mapping(self, key: str) -> bool:
-        """Whether a key's value is a mapping, for keys that may also be texts."""
+        """Whether a key's value is a mapping, for keys that may also be a text."""
         return isinstance(self.values.get(key), yaml.MappingNode)
 
     def _take(self, key: str, allowed: str) -> yaml.Node:
@@ -76,20 +76,20 @@ class StrictMapping:
         text = self._scalar(key, ("int",), allowed)
         try:
             value = int(text.replace("_", ""), 0)
-        except ValueError as error:  # YAML's other notations: 017, 1:30
+        except ValueError as error:  # YAML allows other notations: 017, 1:30
             raise InputError(self.where(key), text, allowed) from error
         if not low <= value <= high:
             raise InputError(self.where(key), value, allowed)
         return value
 
     def flag(self, key: str, default: bool | None = None) -> bool:
-        """``true`` or ``false``; where the key is missing the default, if there is one."""
+        """``true`` or ``false``; for a missing key the default, if there is one."""
         if default is not None and not self.has(key):
             return default
         return self._scalar(key, ("bool",), "true or false").lower() in {"true", "yes", "on"}
 
     def text(self, key: str, choices: Iterable[str] | None = None, read: Callable[[object], str] | None = None) -> str:
-        """A text, one of the choices where these are given; ``read`` gives the choice that a word stands for."""
+        """A text; with ``choices`` it must be one of them. ``read`` converts a word to its choice."""
         known = None if choices is None else tuple(choices)
         allowed = "a text that is not empty" if known is None else f"one of {', '.join(known)}"
         value = self._scalar(key, ("str",) if read is None else ("str", "int"), allowed)
@@ -99,7 +99,7 @@ class StrictMapping:
         return value
 
     def mapping(self, key: str) -> "StrictMapping":
-        """A mapping below this one."""
+        """A nested mapping."""
         node = self._take(key, "a mapping")
         if not isinstance(node, yaml.MappingNode):
             raise InputError(self.where(key), _shown(node), "a mapping")
@@ -132,7 +132,7 @@ class StrictMapping:
         return tuple(values)
 
     def words(self, key: str) -> tuple[str, ...]:
-        """A scalar, or a list of scalars, as they are written."""
+        """A scalar or a list of scalars as texts, as written."""
         allowed = "a word, or a list of words"
         node = self._take(key, allowed)
         items = node.value if isinstance(node, yaml.SequenceNode) else [node]
@@ -141,7 +141,7 @@ class StrictMapping:
         return tuple(str(item.value) for item in items)
 
     def finish(self) -> None:
-        """Refuse keys that nobody asked for."""
+        """Refuse keys that were not read."""
         for key, node in self.values.items():
             if key not in self._known:
                 raise InputError(self.where(key, node), _shown(node), f"keys {', '.join(sorted(set(self._known)))}")
@@ -150,7 +150,7 @@ class StrictMapping:
 def _float(text: str) -> float:
     try:
         return float(text.replace("_", ""))
-    except ValueError:  # YAML's other notations of whole numbers: 0x1F, 0o17
+    except ValueError:  # YAML allows other notations of whole numbers: 0x1F, 0o17
         try:
             return float(int(text.replace("_", ""), 0))
         except (ValueError, OverflowError):
@@ -164,7 +164,7 @@ def _shown(node: yaml.Node) -> str:
 
 
 def read_input_text(file: Path) -> str:
-    """The text of a YAML file; InputError where it cannot be read."""
+    """Read the text of a YAML file; InputError if it cannot be read."""
     try:
         return plain_yaml.read_text(file)
     except (OSError, ValueError) as error:
@@ -173,12 +173,12 @@ def read_input_text(file: Path) -> str:
 
 
 def read_strict_yaml(file: Path) -> StrictMapping:
-    """As ``parse_strict_yaml``, of a file; InputError also where it cannot be read."""
+    """Read a file with ``parse_strict_yaml``; InputError also if it cannot be read."""
     return parse_strict_yaml(read_input_text(file), str(file))
 
 
 def parse_strict_yaml(text: str, file: str) -> StrictMapping:
-    """The top-level mapping of a YAML text; errors name the file.
+    """Parse the top-level mapping of a YAML text; errors name the file.
 
     Raises:
         InputError: the text is not YAML, or does not hold a mapping; names file and line.

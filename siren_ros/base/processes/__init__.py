@@ -1,1 +1,1 @@
-"""Work in other processes or side by side: progress, killed and hanging workers, order."""
+"""Runs work in other processes or in parallel: progress, killed and hanging workers, order of results."""

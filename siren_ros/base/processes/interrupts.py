@@ -1,4 +1,4 @@
-"""Interrupts that wait until what is under way has reached a place to stop, and processes that they do not reach."""
+"""Delays interrupts to a safe point, shields processes from them, and ends child processes."""
 
 import ctypes
 import os
@@ -16,7 +16,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def deferred_interrupts() -> Iterator[Callable[[], bool]]:
-    """Notes SIGINT and SIGTERM in place of acting on them; the second one acts at once. Ignored ones stay ignored.
+    """Delay SIGINT and SIGTERM; a second signal acts at once. Ignored signals stay ignored.
 
     Gives a function that says whether one has come. A noted signal acts when the context ends. Outside the main thread,
     which gets no signals, the function always says no.
@@ -48,7 +48,7 @@ def deferred_interrupts() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def children_without_ctrl_c() -> Iterator[None]:
-    """Processes that begin within it do not get SIGINT, which a terminal sends to them too: their program ends them.
+    """Start child processes that ignore SIGINT, which a terminal also sends to them; their program ends them.
 
     A process that unblocks the signal, or whose program does, gets it from then on.
     """
@@ -60,21 +60,21 @@ def children_without_ctrl_c() -> Iterator[None]:
 
 
 _PR_SET_PDEATHSIG: Final = 1
-"""``prctl(2)``: the signal that the kernel sends to this process when its parent ends."""
+"""Option of ``prctl(2)``: the signal that the kernel sends to this process when its parent ends."""
 
 
 def signal_at_end_of_parent(number: int) -> None:
-    """Asks the kernel, if it is Linux, for a signal to this process when its parent ends; 0: for none."""
+    """Ask the kernel (on Linux) for a signal to this process when its parent ends; 0 means no signal."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
 
 
 ENDS_S: Final = 5.0
-"""Wall time that a program has to end before it is killed."""
+"""Wall time in which a program must end before it is killed."""
 
 
 def end_program(program: "subprocess.Popen[Any]") -> None:
-    """Ends the leader of a session and what it has started: asks first, because a killed program leaves things behind.
+    """End a session's leader and everything that it started. It asks first, since killed programs leave files behind.
 
     DDS's shared memory and temporary folders are such things.
     """

@@ -1,4 +1,4 @@
-"""Functions run in processes: many at the same time, with a time limit, and again where a process dies.
+"""Runs functions in processes: in parallel, with a time limit, with retries where a process dies.
 
 Pebble starts, watches and ends the processes. This module adds progress, the order of the results, what the end of a
 process means, and a new pool where the server of new processes was killed.
@@ -28,25 +28,25 @@ from siren_ros.base.processes.side_by_side import as_ready
 from siren_ros.errors import InputError, SirenError
 
 Progress = Callable[[float], None]
-"""Takes the seconds of simulated time that were done since its last call."""
+"""Takes the simulated seconds completed since its last call."""
 Result = TypeVar("Result")
 TIMEOUT_S: Final = 900.0
-"""Wall time after which a call counts as hanging where its caller says nothing else."""
+"""Wall time after which a call counts as hanging, unless its caller sets another limit."""
 _NOTICE_S: Final = 0.5
 _SERVER_GONE: Final = 255
 """Exit code that multiprocessing gives a process whose fork server was killed."""
 _SERVER_ENDS_S: Final = 0.5
-"""Wall time after which a killed fork server is gone; before that, multiprocessing asks it for the next process."""
+"""Wall time until a killed fork server is gone; before that, multiprocessing would still ask it for a process."""
 _report: Progress | None = None
-"""Where this process reports its simulated time."""
+"""Function to which this process reports its simulated time."""
 
 
 class CrashError(SirenError):
-    """The process of a call ended without an answer."""
+    """Raised when the process of a call ended without an answer."""
 
 
 def simulated_time() -> Progress:
-    """A function that takes the simulated time reached so far, and reports steps of it to the pool."""
+    """Make a function that takes the simulated time reached, and reports the increase to the pool."""
     reached = 0.0
 
     def reach(time_s: float) -> None:
@@ -60,12 +60,12 @@ def simulated_time() -> Progress:
 
 
 class ProcessPool:
-    """Processes that run functions of modules. Leaving the context ends them, with whatever they are doing."""
+    """Runs functions of modules in processes. Leaving the context ends all processes at once."""
 
     def __init__(
         self, processes: int, progress: Progress = lambda _: None, *, fresh: bool = False, preload: str = ""
     ) -> None:
-        """Starts no process yet.
+        """Set up the pool; no process starts yet.
 
         Args:
             processes: How many run at once. A pool of one runs its functions in this process, unless it is fresh.
@@ -84,7 +84,7 @@ class ProcessPool:
         self._reports: Connection | None = None
 
     def __enter__(self) -> Self:
-        """Starts the processes; InputError where this process must not have children."""
+        """Start the processes; InputError if this process must not have children."""
         global _report  # noqa: PLW0603 - functions that run in this process report here
         if not self._fresh and self._processes <= 1:
             _report = self._progress
@@ -101,17 +101,17 @@ class ProcessPool:
         self.stop()
 
     def stop(self) -> None:
-        """Ends the processes; calls that wait for them raise ``CancelledError``, and so do later ones."""
+        """End the processes; calls that wait, and later calls, raise ``CancelledError``."""
         self._left = True
         with self._starting:
             if self._pool is not None:
                 self._pool.stop()  # type: ignore[no-untyped-call] # pebble annotates most
                 self._pool.join()
-        for future in tuple(self._futures):  # threads may wait for them
+        for future in tuple(self._futures):  # other threads may wait for them
             future.cancel()
 
     def _running_pool(self) -> pebble.ProcessPool:
-        """The pool; a new one where the server of its processes was killed."""
+        """The pool; a new one if the server of its processes was killed."""
         with self._starting:
             if self._left:
                 raise CancelledError
@@ -137,24 +137,25 @@ class ProcessPool:
             return pool
 
     def _start(self, pool: pebble.ProcessPool, context: Any) -> None:
-        """Starts the processes; forked ones before this process has threads. Ctrl-C is for this process alone."""
-        resource_tracker.ensure_running()  # what starts it lets SIGINT through
+        """Start the processes; forked ones before this process has threads. Only this process receives Ctrl-C."""
+        resource_tracker.ensure_running()  # its start unblocks SIGINT
         with children_without_ctrl_c():
             if context.get_start_method() != "fork":
                 forkserver.ensure_running()
         if self._preload:
-            first = context.Process(target=os.getpid)  # the server loads modules for seconds, and then starts it
+            # The server loads modules for seconds before it starts this process.
+            first = context.Process(target=os.getpid)
             try:
                 first.start()
             except (OSError, EOFError) as error:
                 raise BrokenProcessPool from error
             first.join()
-        with deferred_interrupts():  # half of a pool would be left alone
+        with deferred_interrupts():  # an interrupt would leave a partly started pool
             try:
                 pool.active  # noqa: B018 - starts them
             except BrokenProcessPool:
                 raise
-            except RuntimeError as error:  # of threads, which lack memory or are too many
+            except RuntimeError as error:  # raised for threads without memory, or for too many
                 raise CrashError(f"its processes cannot be started ({error})") from error
 
     def _submit(self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout_s: float | None) -> Future[Any]:
@@ -173,7 +174,7 @@ class ProcessPool:
     def map(
         self, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], done: Callable[[], None] = lambda: None
     ) -> list[Result]:
-        """Calls a function of a module many times; the results are in the order of the calls.
+        """Call a function of a module many times; the results are in the order of the calls.
 
         The arguments can be pickled. ``done`` is called after each call.
 
@@ -200,11 +201,11 @@ class ProcessPool:
             self._progress(self._reports.recv())
 
     def _answer(self, future: Future[Any]) -> Any:
-        """The result of a call; what happened to its process becomes a ``CrashError``."""
+        """Result of a call; the end of its process raises ``CrashError``."""
         try:
             return future.result()
         except BrokenProcessPool as error:
-            if self._left:  # pebble may find its pipe closed before it cancels the calls
+            if self._left:  # pebble may see the closed pipe before it cancels the calls
                 raise CancelledError from error
             cause = type(error.__cause__ or error).__name__
             raise CrashError(f"the server of new processes is gone ({cause})") from error
@@ -212,7 +213,7 @@ class ProcessPool:
             raise CrashError("its process was ended by SIGTERM") from error
         except pebble.ProcessExpired as error:
             if error.exitcode == _SERVER_GONE:
-                with suppress(ProcessLookupError):  # nobody else watches it any more
+                with suppress(ProcessLookupError):  # no other code watches this process any more
                     os.kill(error.pid, signal.SIGKILL)
                 raise CrashError("the server of its process was killed") from error
             if error.exitcode < 0:
@@ -222,7 +223,7 @@ class ProcessPool:
             raise CrashError(f"its process ended with exit code {error.exitcode}") from error
 
     def call(self, function: Callable[..., Result], *arguments: Any, timeout_s: float = TIMEOUT_S) -> Result:
-        """Calls a function of a module in a process and waits for its answer. Threads may call at the same time.
+        """Call a function of a module in a process and wait for its answer. Several threads may call at the same time.
 
         The arguments can be pickled. The process is killed after the wall time ``timeout_s``.
 
@@ -238,7 +239,7 @@ class ProcessPool:
         return result
 
     def call_with_retries(self, retries: int, function: Callable[..., Result], *arguments: Any) -> Result:
-        """As ``call``, again where the process dies or hangs.
+        """Like ``call``, with another attempt if the process dies or hangs.
 
         Raises:
             CrashError: It did so more often than ``retries``; the message tells all reasons.
@@ -254,7 +255,7 @@ class ProcessPool:
 
 
 def _start_method() -> str:
-    """``fork`` where that is sound: no other Python thread can hold a lock that the copy would wait for.
+    """Start method: ``fork`` if it is safe, which means that no other Python thread can hold a lock that is copied.
 
     A forked worker has all modules at once; another one loads them first, which takes half as long as the export of a
     short episode.
@@ -263,20 +264,21 @@ def _start_method() -> str:
 
 
 def _start_worker(reports: Connection) -> None:
-    global _report  # noqa: PLW0603 - how a process of a pool is given what it needs
+    global _report  # noqa: PLW0603 - this is how a process of a pool gets its settings
     signal.signal(signal.SIGTERM, _leave)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))  # the pool ignores it; programs of calls do not
-    _report = reports.send  # so short a message is one write, which needs no lock that a killed process could keep
+    # The pool ignores SIGINT; programs that calls start must not.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))
+    _report = reports.send  # a message this short is one write and needs no lock, which a killed process could keep
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _leave(*_: object) -> None:
-    """What the call has opened is closed, and its temporary folders are removed."""
+    """Close what the call has opened, and remove its temporary folders."""
     raise SystemExit
 
 
 def _end_with_parent() -> None:
-    """Ends this worker when its program is gone. The kernel's signal would wait for the end of the fork server."""
+    """End this worker when its program is gone. The kernel's signal would come only when the fork server ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -284,7 +286,7 @@ def _end_with_parent() -> None:
 
 
 def _guarded(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Calls a function in a fresh process; an error that is not the project's own says where it comes from."""
+    """Call a function in a fresh process; an error that is not the project's own gets its place of origin."""
     try:
         return function(*arguments)
     except SirenError:
@@ -295,7 +297,7 @@ def _guarded(function: Callable[..., Result], *arguments: Any) -> Result:
 
 
 def limit_memory(more_bytes: int) -> None:
-    """Lets this process map that much memory beyond what it has; a MemoryError follows where it asks for more.
+    """Limit the memory that this process may map beyond its present amount; larger requests raise MemoryError.
 
     For a fresh process that reads what somebody else has made. Where the system does not tell what a process has, there
     is no limit.

@@ -1,4 +1,4 @@
-"""Work on many items at the same time: results as they become ready, and tasks in threads."""
+"""Runs work on many items at the same time: futures in the order of completion, and tasks in threads."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -16,7 +16,7 @@ def as_ready(
     at_once: int,
     look: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[Item, Future[Result]], None, None]:
-    """Items with their finished futures, in the order in which these finish. Closing cancels those under way.
+    """Yield items with their finished futures, in the order of completion. Closing the generator cancels running work.
 
     ``submit`` begins the work on an item, which is taken when its turn comes, so that there may be very many. ``look``
     is called twice a second while the work goes on.
@@ -41,7 +41,7 @@ def as_ready(
 def side_by_side(
     tasks: Mapping[Item, Callable[[], Result]], workers: int, stop: Callable[[], None] = lambda: None
 ) -> dict[Item, Result]:
-    """The results of independent tasks, by their keys. The first error ends those that have not begun, and is raised.
+    """Run independent tasks in parallel; results by their keys. The first error cancels waiting tasks and is raised.
 
     The tasks run in threads, where they wait for processes or for servers. After an error ``stop`` ends what they wait
     for, before they are awaited.

@@ -1,1 +1,1 @@
-"""Tables of results: intervals, cells, and how a terminal, a file and a page show them."""
+"""Tables of results: intervals, cells, and their output for terminals, files and pages."""

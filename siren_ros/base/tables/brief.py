@@ -1,4 +1,4 @@
-"""How objects with long content show themselves, in a console and in a notebook, and columns as a frame of pandas."""
+"""Short display of objects with long content, in consoles and notebooks, and columns as a frame of pandas."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
@@ -11,16 +11,16 @@ from typing import Any, Final
 from siren_ros.errors import InputError
 
 _LONGEST_VALUE: Final = 72
-"""Letters of one value…"""
+"""Maximum length of one value in a display."""
 _LONGEST_REPR: Final = 800
-"""…and of all values together."""
+"""Maximum length of a whole display."""
 _LISTED: Final = 6
-"""A collection with more items, or with items that are not plain, shows their number alone."""
+"""A collection with more items, or with complex items, is shown as its number of items."""
 _PLAIN: Final = (str, int, float, bool, type(None), PurePath)
 
 
 class Brief:
-    """Base of dataclasses with long content: ``repr`` and notebooks show their facts, each with a few letters.
+    """Base of dataclasses with long content: ``repr`` and notebooks show their facts in short form.
 
     The facts are the fields. A class whose fields do not tell what its object is has a ``facts`` of its own. Arrays
     show their type and shape, long collections the number of their items.
@@ -29,13 +29,16 @@ class Brief:
     __slots__ = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """The decorator ``dataclass`` leaves a ``__repr__`` alone that the class has itself."""
+        """Keep this class's ``__repr__``.
+
+        The decorator ``dataclass`` replaces one that a class inherits, but not its own.
+        """
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:
             cls.__repr__ = Brief.__repr__  # type: ignore[method-assign]
 
     def facts(self) -> Mapping[str, object]:
-        """What the object is, by the names that a reader knows from its fields."""
+        """What the object is, as values by name; by default its fields."""
         return {field.name: getattr(self, field.name) for field in fields(self) if field.repr}  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
@@ -43,7 +46,7 @@ class Brief:
         return f"{type(self).__name__}({_cut(text, _LONGEST_REPR)})"
 
     def _repr_html_(self) -> str:
-        """The facts as a table of two columns, which Jupyter shows."""
+        """The facts as an HTML table of two columns, for Jupyter."""
         rows = "".join(
             f'<tr><th scope="row">{escape(name)}</th><td>{escape(brief(value))}</td></tr>'
             for name, value in self.facts().items()
@@ -52,7 +55,7 @@ class Brief:
 
 
 def brief(value: object) -> str:
-    """A value in at most 72 letters: plain values as Python writes them, others by their kind and size."""
+    """A value in at most 72 letters: plain values in Python's notation, others by kind and size."""
     if isinstance(value, Enum):
         text = value.name
     elif isinstance(value, float):
@@ -89,7 +92,7 @@ def _cut(text: str, longest: int) -> str:
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
-    """A ``pandas.DataFrame`` of columns of equal length.
+    """A ``pandas.DataFrame`` from columns of equal length.
 
     Raises:
         InputError: pandas is not installed; nothing else of the library needs it.

@@ -1,4 +1,4 @@
-"""A value with its confidence interval, and the intervals of shares and of means of independent values."""
+"""A value with its confidence interval, and intervals of shares and of means of independent values."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,23 +8,23 @@ from typing import Any, Final
 from scipy.special import ndtri
 
 NONE: Final = "–"
-"""Stands where there is no value."""
+"""Text for a missing value."""
 CONFIDENCE: Final = 0.95
 BLOCKS_MIN: Final = 5
-"""Fewest blocks of an interval. With fewer it is wider than the value, and holds too seldom where values are skewed."""
+"""Smallest number of blocks for an interval. With fewer it is too wide, and too often wrong for skewed values."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate from some blocks. Where it is not ``bounded``, ``low`` and ``high`` mean nothing."""
+    """An estimate from some blocks. If it is not ``bounded``, ``low`` and ``high`` are meaningless."""
 
     value: float
     low: float
     high: float
     blocks: int
-    """Number of independent blocks (episodes) behind it."""
+    """Number of independent blocks (episodes) of the estimate."""
     scatter_known: bool = True
-    """Whether the blocks tell how far they scatter: not with a single one in a stratum, nor where all are equal."""
+    """Whether the blocks show their scatter: not if a stratum has only one, or if all are equal."""
 
     @property
     def valid(self) -> bool:
@@ -33,19 +33,19 @@ class Interval:
 
     @property
     def bounded(self) -> bool:
-        """Whether the bounds mean something."""
+        """Whether the bounds are meaningful."""
         return self.blocks >= BLOCKS_MIN and self.scatter_known
 
     def __format__(self, spec: str) -> str:
-        """``2.28 [2.10, 2.43]``, without bounds ``2.28 [–]``, without a value a dash."""
+        """``2.28 [2.10, 2.43]``; ``2.28 [–]`` without bounds; a dash without a value."""
         return f"{self.value:{spec}} {Bounds(self):{spec}}" if self.valid else NONE
 
     def scaled(self, factor: float) -> "Interval":
-        """The same in another unit, such as percent; the factor is positive."""
+        """The interval in another unit, such as percent; the factor is positive."""
         return Interval(factor * self.value, factor * self.low, factor * self.high, self.blocks, self.scatter_known)
 
     def json(self) -> dict[str, Any]:
-        """JSON types as all files of scores have them; null where there is no value or no bound."""
+        """JSON types as in all files of scores; null for a missing value or bound."""
         return {
             "value": self.value if self.valid else None,
             "low": self.low if self.bounded else None,
@@ -61,18 +61,18 @@ class Bounds:
     interval: Interval
 
     def __format__(self, spec: str) -> str:
-        """``[2.10, 2.43]``; ``[–]`` for a value without bounds, a dash without a value."""
+        """``[2.10, 2.43]``; ``[–]`` for a value without bounds; a dash without a value."""
         if not self.interval.bounded:
             return f"[{NONE}]" if self.interval.valid else NONE
         return f"[{self.interval.low:{spec}}, {self.interval.high:{spec}}]"
 
 
 NOTHING: Final = Interval(0.0, 0.0, 0.0, 0)
-"""What there is to say without any block."""
+"""The interval without any block."""
 
 
 def interval_of_json(content: Mapping[str, Any] | None) -> Interval:
-    """What ``Interval.json`` wrote; ``NOTHING`` for null. Files without the number of episodes are read, too."""
+    """Inverse of ``Interval.json``; ``NOTHING`` for null. It also reads files without the number of episodes."""
     if content is None or content.get("value") is None:
         return NOTHING
     value, low, high = content["value"], content.get("low"), content.get("high")
@@ -82,7 +82,7 @@ def interval_of_json(content: Mapping[str, Any] | None) -> Interval:
 
 
 def share_interval(part: int, whole: int, confidence: float = CONFIDENCE) -> Interval:
-    """A share of independent blocks with Wilson's interval, which has a width at 0 and 1, too.
+    """Wilson's interval of a share of independent blocks; it has a width even at 0 and 1.
 
     Source: E. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
     """
@@ -95,7 +95,7 @@ def share_interval(part: int, whole: int, confidence: float = CONFIDENCE) -> Int
 
 
 def mean_of_intervals(parts: Sequence[Interval], blocks: int) -> Interval:
-    """The mean of independent estimates with so many blocks behind all of them; those that are not valid do not count.
+    """Mean of independent estimates, given their total number of blocks; estimates that are not valid do not count.
 
     Source: G. Zou, A. Donner, Statist. Med. 27 (2008) 1693: the distances to the bounds add up as squares.
     """

@@ -1,4 +1,4 @@
-"""The one type of table: its cells hold values, and its writers show them as text, CSV, JSON, LaTeX and HTML.
+"""The only table type: its cells hold values, and its methods write them as text, CSV, JSON, LaTeX and HTML.
 
 A task makes its tables once. The terminal, the files and the pages show the same tables, with the same digits:
 
@@ -26,7 +26,7 @@ UNBOUNDED_NOTE: Final = (
     f"[{NONE}] is no interval: it takes {BLOCKS_MIN} episodes, 2 of each template, and values that are not all the same"
 )
 _LONG: Final = 28
-"""A page may break the line of a cell with more letters."""
+"""A page may break lines in cells with more letters than this."""
 _WIDE: Final = ' class="long"'
 _LATEX: Final = str.maketrans(
     {
@@ -51,26 +51,26 @@ class Table:
     """A table; every row has as many cells as the head."""
 
     key: str
-    """Names its file, and identifies it on a page."""
+    """Name of the table's file, and its id on a page."""
     caption: str
     head: tuple[str, ...]
     rows: tuple[Row, ...]
     spec: str = ".2f"
-    """How numbers are written, as Python's format specification, such as ``.3f``, ``+.2f`` or ``.0%``."""
+    """Python's format specification for numbers, such as ``.3f``, ``+.2f`` or ``.0%``."""
     specs: Mapping[str, str] = field(default_factory=dict)
-    """The same for columns that differ, by their titles."""
+    """Format specifications of single columns, by their titles."""
     reference: tuple[Row, ...] = ()
-    """Rows to compare with, such as the paper's. They stand below a rule."""
+    """Rows to compare with, such as the paper's; a rule separates them."""
     folded: bool = False
-    """Whether a page shows only the caption until the table is opened."""
+    """Whether a page shows only the caption until the reader opens the table."""
 
     def __post_init__(self) -> None:
-        """Names in titles may be of other programs."""
+        """Make titles printable, because they may contain names from other programs."""
         object.__setattr__(self, "caption", shown_text(self.caption))
         object.__setattr__(self, "head", tuple(map(shown_text, self.head)))
 
     def cells(self) -> list[tuple[str, ...]]:
-        """All rows below the head as text."""
+        """All rows below the head as texts."""
         specs = [self.specs.get(title, self.spec) for title in self.head]
         return [
             tuple(shown(cell, spec) for cell, spec in zip(row, specs, strict=True))
@@ -79,13 +79,13 @@ class Table:
 
     @property
     def has_unbounded(self) -> bool:
-        """Whether a value stands without its interval, so that ``UNBOUNDED_NOTE`` is needed."""
+        """Whether a value has no interval, so that ``UNBOUNDED_NOTE`` is needed."""
         cells = (cell if isinstance(cell, tuple) else (cell,) for row in self.rows for cell in row)
         values = (value.interval if isinstance(value, Bounds) else value for cell in cells for value in cell)
         return any(isinstance(value, Interval) and value.valid and not value.bounded for value in values)
 
     def text(self) -> list[str]:
-        """Lines for a terminal: the caption if there is one, and columns that are two spaces apart."""
+        """Lines for a terminal: the caption, if any, then columns two spaces apart."""
         rows = [self.head, *self.cells()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(f"{cell:<{size}}" for cell, size in zip(row, widths, strict=True)).rstrip() for row in rows]
@@ -96,7 +96,7 @@ class Table:
         return csv_text(self.head, self.cells())
 
     def json(self) -> dict[str, Any]:
-        """The values as JSON types: null where there is none, intervals as ``Interval.json`` writes them."""
+        """The values as JSON types: null for missing ones, intervals as in ``Interval.json``."""
         rows = {"rows": self.rows, "reference": self.reference}
         return {
             "key": self.key,
@@ -124,7 +124,7 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def html(self, prefix: str = "") -> str:
-        """A ``table`` element whose ``id`` is the key after a prefix; the first cell of a row is its head."""
+        """An HTML ``table`` whose ``id`` is the prefix and the key; the first cell of a row is its head."""
         lines = [f'<table id="{escape(prefix + self.key)}">', f"<caption>{escape(self.caption)}</caption>"]
         titles = "".join(f'<th scope="col">{escape(title)}</th>' for title in self.head)
         lines += [f"<thead><tr>{titles}</tr></thead>", "<tbody>"]
@@ -135,20 +135,20 @@ class Table:
 
 
 def text_of(tables: Sequence[Table]) -> list[str]:
-    """Lines for a terminal: tables with an empty line between them, and a note where an interval is missing."""
+    """Lines for a terminal: tables separated by empty lines, with a note if an interval is missing."""
     lines = [line for table in tables for line in ("", *table.text())]
     return lines[1:] + [UNBOUNDED_NOTE] * any(table.has_unbounded for table in tables)
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """CSV with its head, also of data that are no table for a reader; None is an empty cell."""
+    """CSV with a head, also for data that are not a ``Table``; None is an empty cell."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows((head, *rows))
     return text.getvalue()
 
 
 def shown(cell: Cell, spec: str = ".2f") -> str:
-    """A cell as text, for a table or a sentence; ``spec`` is Python's format specification of numbers."""
+    """A cell as text; ``spec`` is Python's format specification of numbers."""
     if isinstance(cell, tuple):
         first, *others = cell
         separated = (f"{' ' if isinstance(value, Bounds) else '/'}{shown(value, spec)}" for value in others)
@@ -161,7 +161,7 @@ def shown(cell: Cell, spec: str = ".2f") -> str:
 
 
 def counted(number: int, noun: str) -> str:
-    """``1 episode``, ``2 episodes``."""
+    """A number with its noun: ``1 episode``, ``2 episodes``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 

@@ -1,1 +1,4 @@
-"""What researchers start: training, learning, calibration, benchmarks and the figures of documents, for `cli` alone."""
+"""Commands for researchers: training, learning, calibration, benchmarks, figures of documents.
+
+Only `cli` imports it.
+"""

@@ -1,1 +1,1 @@
-"""Benchmarks: commands that print figures measured on this machine."""
+"""Benchmarks: commands that measure on this machine and print the figures."""

@@ -1,4 +1,4 @@
-"""Does the calibration find parameters that are known? ``python -m siren_ros.benchmarks.calibration_recovery``.
+"""Tests whether calibration finds known parameters: ``python -m siren_ros.benchmarks.calibration_recovery``.
 
 An EMV drives with drawn parameters; its trajectory, with noise as of a tracker, is all that the search gets.
 """
@@ -30,11 +30,11 @@ TOLERANCE: Final = 0.05
 _PARAMETERS: Final = "emv.speed_mps,emv_driver.driving.comfort_accel_mps2,emv_driver.lines.speed_mps"
 _PARAMETERS_L0: Final = "sumo.speed_factor,sumo.tau_s"
 _INNER: Final = (0.15, 0.85)
-"""Part of each range that the true values are drawn from."""
+"""True values are drawn from this part of each range."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints true values, fitted values and their difference; exit code 1 where a value is beyond the tolerance."""
+    """Print true values, fitted values and differences; exit code 1 if a difference exceeds the tolerance."""
     line = argparse.ArgumentParser(description=__doc__)
     line.add_argument("--templates", nargs="+", default=["S2", "S3", "S4", "S6"], metavar="ID")
     line.add_argument("--level", type=level_name, default="L1")
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def recovery_table(parameters: Sequence[Parameter], truth: Mapping[str, float], fitted: Fitted) -> Table:
-    """Truth and fitted value of each parameter; their difference and the spread are shares of the range."""
+    """Table of true and fitted values; differences and spreads are shares of the range."""
     rows = []
     for each in parameters:
         reach, value = each.high - each.low, fitted.values[each.name]
@@ -98,13 +98,13 @@ def recovery_table(parameters: Sequence[Parameter], truth: Mapping[str, float], 
 
 
 def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:
-    """True values, uniform over the inner part of each range."""
+    """Draw true values uniformly from the inner part of each range."""
     rng = random_stream(seed, "calibration/truth")
     return {each.name: each.at(float(rng.uniform(*_INNER))) for each in parameters}
 
 
 def target_with(request: EpisodeRequest, truth: Mapping[str, float], noise_m: float) -> Target:
-    """The trajectory that an EMV with the true values drives, as a tracker sees it."""
+    """Trajectory of an EMV with the true values, with a tracker's noise."""
     situation = Situation(request)
     way = driven(situation, truth, plan_length(request) * STEP_S)
     noise = random_stream(request.seed, f"calibration/noise/{request.template}").normal(0.0, noise_m, way.xy_m.shape)

@@ -1,4 +1,4 @@
-"""How the library's drivers do in the same episodes: ``python -m siren_ros.benchmarks.drivers idm``.
+"""Compares the library's drivers in the same episodes: ``python -m siren_ros.benchmarks.drivers idm``.
 
 For each driver it prints means over the episodes with 95 % intervals: the clauses of a rulebook that it violates, and
 what it does to others, less what the paper's driver does in its place (as ``siren exam``, without bags).
@@ -29,7 +29,7 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 
 def record_with(driver: str, request: EpisodeRequest) -> tuple[EpisodeRecord, int]:
-    """An episode with a driver at the wheel of the AV, and the AV; the paper's driver drives without one.
+    """Record an episode with a driver of the AV; returns it with the AV's id. The paper's driver needs no AV.
 
     Raises:
         InputError: The request cannot be used.
@@ -45,7 +45,7 @@ def record_with(driver: str, request: EpisodeRequest) -> tuple[EpisodeRecord, in
 
 
 def sittings_in(request: EpisodeRequest, drivers: Sequence[str], rulebook: Rulebook) -> Mapping[str, Sitting]:
-    """The sittings of drivers in one episode; none where the seed has no such episode."""
+    """Grade drivers in one episode; empty if the seed has no such episode."""
     try:
         paper, paper_id = record_with(PAPER, request)
     except SirenError:
@@ -61,7 +61,7 @@ def sittings_in(request: EpisodeRequest, drivers: Sequence[str], rulebook: Ruleb
 def requests_of(
     templates: Iterable[str], levels: Iterable[str], seeds: Iterable[int], maps: Iterable[str], duration_s: float = 0.0
 ) -> list[EpisodeRequest]:
-    """The episodes of a matrix."""
+    """Requests for all combinations of the arguments."""
     return [
         EpisodeRequest(template, level, seed, "" if place == "town" else place, sensors="none", duration_s=duration_s)
         for place, template, level, seed in product(maps, templates, levels, seeds)
@@ -69,7 +69,7 @@ def requests_of(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a row for each driver."""
+    """Print a row for each driver."""
     parser: Any = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("drivers", nargs="+", metavar="DRIVER", help="names of drivers, or ONNX files")
     parser.add_argument("--rulebook", default="international", metavar="NAME")

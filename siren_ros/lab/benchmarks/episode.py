@@ -1,4 +1,4 @@
-"""Speed and memory of whole episodes, printed for this machine.
+"""Measures speed and memory of whole episodes on this machine.
 
 ``python -m siren_ros.benchmarks.episode`` runs template S2 with several suites of sensors as a user would,
 each as a separate program, recorded. It prints the real-time factor from the first step to the last, the
@@ -30,11 +30,11 @@ PARTS = {
     "recorder": "recorder",
     "lockstep and transport": "transport",
 }
-"""Nodes by what they are in the table."""
+"""Part of the table to which each node belongs."""
 
 
 def shares_of(output: str) -> dict[str, float]:
-    """Shares of the wall time by part of the graph, from the summary that an episode prints; zero where it has none."""
+    """Share of the wall time of each part, from the summary that an episode prints; zero if it has none."""
     shares = dict.fromkeys(PARTS.values(), 0.0)
     for name, percent in SHARE.findall(output):
         if name in PARTS:
@@ -43,7 +43,7 @@ def shares_of(output: str) -> dict[str, float]:
 
 
 def measure(suite: str, arguments: Sequence[str], folder: Path) -> tuple[dict[str, float], str]:
-    """The figures of one episode, run as a separate program, and what the program printed.
+    """Run one episode as a separate program; returns its figures and its output.
 
     Raises:
         RuntimeError: The episode failed; the message is its output.
@@ -56,12 +56,13 @@ def measure(suite: str, arguments: Sequence[str], folder: Path) -> tuple[dict[st
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:  # noqa: S603 - own module
         output = process.stdout.read() if process.stdout else ""
         _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)  # subprocess does not know of this wait
+        # Subprocess cannot see that this wait has ended the process.
+        process.returncode = os.waitstatus_to_exitcode(status)
     wall_s = time.perf_counter() - before_s
     match = FACTOR.search(output)
     if status or match is None:
         raise RuntimeError(output)
-    memory_unit = 1 if sys.platform == "darwin" else 1024  # bytes per unit of ru_maxrss
+    memory_unit = 1 if sys.platform == "darwin" else 1024  # number of bytes in a unit of ru_maxrss
     figures = {
         "real_time_factor": float(match.group(1)),
         "wall_s": wall_s,

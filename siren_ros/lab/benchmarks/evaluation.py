@@ -1,4 +1,4 @@
-"""How fast predictors are scored with all metrics: ``python -m siren_ros.benchmarks.evaluation BAG… --models cv,idm``.
+"""Measures how fast predictors are scored: ``python -m siren_ros.benchmarks.evaluation BAG… --models cv,idm``.
 
 Takes the bags again and again until they give as many samples as are asked for. Prints the time of each model in one
 process with the episodes in memory, and the time of the whole command, reading included, in several. The processors'
@@ -24,7 +24,7 @@ from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, score_ba
 def scoring_time_s(
     records: Sequence[EpisodeRecord], models: Sequence[str], checkpoints: dict[str, Path], population: Population
 ) -> tuple[float, int]:
-    """Processor time that some models take on all records in this process, and the number of samples."""
+    """Processor time of some models on all records in this process, and the number of samples."""
     predictors = predictors_named(models, checkpoints)
     score_episode("warm", records[0], predictors, population)
     start = time.process_time()
@@ -33,12 +33,12 @@ def scoring_time_s(
 
 
 def processors_s() -> float:
-    """Time that this process and those that it waited for have used so far."""
+    """Processor time of this process and of its finished children so far."""
     return sum(os.times()[:4])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a line for each model and one for the whole command."""
+    """Print a line for each model and one for the whole command."""
     parser = argparse.ArgumentParser(prog="evaluation", description=__doc__)
     parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="episodes, or folders of them")
     parser.add_argument("--models", default="cv,idm", help="by commas (default %(default)s)")

@@ -1,4 +1,4 @@
-"""How fast episodes become datasets: ``python -m siren_ros.benchmarks.exports BAG BAG``.
+"""Measures how fast episodes become datasets: ``python -m siren_ros.benchmarks.exports BAG BAG``.
 
 Prints for each LiDAR format how many seconds of simulated time are exported in a second, and how much two processes
 speed up two bags, next to what they speed up two loops that do nothing but count.
@@ -31,14 +31,14 @@ def export_time_s(name: str, bags: Sequence[Path], processes: int) -> tuple[floa
 
 
 def count() -> None:
-    """A loop that keeps one processor busy."""
+    """Count in a loop, to keep one processor busy."""
     number = 0
     while number < _LOOP:
         number += 1
 
 
 def busy_speedup(processes: int) -> float:
-    """How much faster that many loops are at the same time than one after the other."""
+    """How much faster this number of loops is in parallel than one after the other."""
     start = time.perf_counter()
     for _ in range(processes):
         count()
@@ -51,7 +51,7 @@ def busy_speedup(processes: int) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints one row for each format."""
+    """Print one row for each format."""
     parser = argparse.ArgumentParser(prog="exports", description=__doc__)
     parser.add_argument("bags", type=Path, nargs=2, metavar="BAG", help="two episodes with LiDAR and cameras")
     parser.add_argument("--formats", nargs="+", default=list(LIDAR_FORMATS), help="default: the LiDAR formats")

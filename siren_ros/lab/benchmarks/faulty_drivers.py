@@ -1,4 +1,4 @@
-"""The library's drivers before the rulebooks: a lawful one passes, a faulty one breaks what was written down for it.
+"""Tests the library's drivers against rulebooks: lawful ones must pass, faulty ones must break the expected clauses.
 
 ``python -m siren_ros.benchmarks.faulty_drivers`` judges all of them in the scenes of ``params/faulty_drivers.yaml`` and
 prints a line for each; the exit code is 1 where one breaks other clauses.
@@ -23,27 +23,27 @@ from siren_ros.simulation.scenario.templates import load_template
 
 LAWFUL: Final = "lawful"
 JAM: Final = "jam"
-"""Scene on a road with a rescue lane, of which the German rulebook alone knows."""
+"""Name of the scene on a road with a rescue lane, which only the German rulebook knows."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A driver with the law of a place, and the scenes that it is judged in."""
+    """A driver, the place whose law applies, and the scenes in which it is judged."""
 
     fault: str
     place: str
     scenes: tuple[str, ...]
     breaks: frozenset[str]
-    """The clauses that it is meant to break."""
+    """Clauses that the driver is expected to break."""
 
     @property
     def driver(self) -> str:
-        """Its name."""
+        """Name of the driver."""
         return f"{self.fault}-{self.place}"
 
 
 def written_down() -> tuple[Mapping[str, str], tuple[Case, ...]]:
-    """The scenes by name, and all cases: the lawful drivers first.
+    """Read the scenes by name, and all cases, lawful drivers first.
 
     Raises:
         InputError: The file cannot be used.
@@ -70,7 +70,7 @@ def _shown(names: Sequence[str] | Mapping[str, str], place: str) -> tuple[str, .
 
 
 def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
-    """The clauses of a place's rulebook that a driver breaks in a scene: template, level, seed and values."""
+    """Clauses of a place's rulebook that a driver breaks in a scene, given by template, level, seed and values."""
     template, level, seed, *values = scene.split()
     map_name = load_template(template).map_name
     request = EpisodeRequest(template, level, int(seed), map_name, sensors="none", values="".join(values))
@@ -78,7 +78,7 @@ def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
 
 
 def judged(cases: Sequence[Case], scenes: Mapping[str, str], jobs: int) -> Iterator[tuple[Case, frozenset[str]]]:
-    """The cases with the clauses that their drivers break in any of their scenes."""
+    """Judge the cases: the clauses that each driver breaks in any of its scenes."""
     calls = [(case.driver, case.place, scenes[name]) for case in cases for name in case.scenes]
     with ProcessPool(jobs) as pool:
         found = iter(pool.map(broken_by, calls))

@@ -1,4 +1,4 @@
-"""``--json FILE`` of the benchmarks: the figures that they print, for ``siren reproduce``."""
+"""The option ``--json FILE`` of the benchmarks: it writes the printed figures for ``siren reproduce``."""
 
 import argparse
 import json
@@ -10,12 +10,12 @@ from siren_ros.errors import write_text
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """Adds the option."""
+    """Add the option."""
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there, too")
 
 
 def write_json(file: Path | None, content: Any) -> None:
-    """Writes the figures if the option was given, null for infinite ones and NaN; InputError as ``write_text``."""
+    """Write the figures if the option was given; infinite values and NaN become null. InputError as ``write_text``."""
     if file is not None:
         write_text(file, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
 

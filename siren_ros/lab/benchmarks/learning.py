@@ -1,4 +1,4 @@
-"""Speed of the environments in which drivers learn: ``python -m siren_ros.benchmarks.learning``.
+"""Measures the speed of the learning environments: ``python -m siren_ros.benchmarks.learning``.
 
 It prints simulated steps of 0.05 s for each second of processor time: of SIREN's environment with an action at every
 step, of SUMO's own calls in the same episodes, and of highway-env's ``highway-v0`` at 20 Hz with as many vehicles. They
@@ -27,19 +27,19 @@ from siren_ros.lab.learning.environment import YieldEnv
 from siren_ros.simulation.traffic.sumo.call_log import CallLog
 
 _KEEP: Final = 0
-"""SIREN's manoeuvre…"""
+"""SIREN's action "keep the lane"."""
 _IDLE: Final = 1
-"""…and highway-env's."""
+"""highway-env's action "idle"."""
 
 
 def options_for(template: str, background: int, folder: Path) -> dict[str, Any]:
-    """Options of an environment whose episodes have so many background vehicles."""
+    """Options of an environment whose episodes have this number of background vehicles."""
     file, values = with_vehicles(template, background, folder), f"demand.background_vehicles={background}"
     return {"template": file, "level": 2, "decision_s": STEP_S, "values": values}
 
 
 def run(environment: Any, action: Any, steps: int) -> float:
-    """Steps a second of processor time, of up to so many steps of the episode that has begun."""
+    """Steps per second of processor time, over at most the given number of steps of the current episode."""
     began_s, count = time.process_time(), 0
     while count < steps:
         _, _, terminated, truncated, _ = environment.step(action)
@@ -50,7 +50,7 @@ def run(environment: Any, action: Any, steps: int) -> float:
 
 
 def highway_environment(vehicles: int) -> Any:
-    """``highway-v0`` at 20 Hz with as many vehicles, the driven one among them.
+    """``highway-v0`` at 20 Hz with this number of vehicles, including the driven one.
 
     Raises:
         InputError: The extra is not installed.
@@ -65,7 +65,7 @@ def highway_environment(vehicles: int) -> Any:
 
 
 def measure(template: str, background: int, steps: int, rounds: int) -> dict[str, float]:
-    """Medians over the rounds: steps a second of all three, processor time of ``reset`` and of SUMO's warm-up."""
+    """Medians over the rounds: steps per second of all three, processor time of ``reset`` and of SUMO's warm-up."""
     found = dict[str, list[float]]()
 
     def note(**values: float) -> None:
@@ -74,7 +74,7 @@ def measure(template: str, background: int, steps: int, rounds: int) -> dict[str
 
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as scratch:
         siren = YieldEnv(**options_for(template, background, Path(scratch)))
-        siren.reset(seed=0)  # loads everything
+        siren.reset(seed=0)  # loads all modules, so that they are not measured
         run(siren, _KEEP, 20)
         for seed in range(1, rounds + 1):
             with CallLog(Path(scratch)) as log:
@@ -103,13 +103,13 @@ def measure(template: str, background: int, steps: int, rounds: int) -> dict[str
 
 
 def steps_of_processes(options: Mapping[str, Any], count: int, decisions: int) -> float:
-    """Simulated steps a second of wall time of some environments, each in a process; resets are in it."""
+    """Simulated steps per second of wall time of parallel environments, one per process; resets are included."""
     made: Callable[[], Any] = partial(YieldEnv, **options)
     environments = AsyncVectorEnv([made] * count, context="forkserver")
     try:
         environments.reset(seed=1)
         actions = np.full(count, _KEEP)
-        environments.step(actions)  # everything is loaded
+        environments.step(actions)  # all modules are loaded after this
         began_s = time.perf_counter()
         for _ in range(decisions):
             environments.step(actions)
@@ -119,7 +119,7 @@ def steps_of_processes(options: Mapping[str, Any], count: int, decisions: int) -
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a row for each number of background vehicles, and one for the processes."""
+    """Print a row for each number of background vehicles, and one for the processes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--template", default="S2", metavar="ID")
     parser.add_argument("--background", nargs="*", type=int, default=[10, 40], metavar="N", help="background vehicles")

@@ -32,12 +32,12 @@ class Comparison:
     """An episode and its mirror image."""
 
     apart_m: float
-    """Largest difference of positions of one actor at one step; infinite where other actors are there."""
+    """Largest difference of positions of an actor at a step; infinite if the actors differ."""
     events_differ: bool
 
 
 def compare(first: Sequence[LoopStep], second: Sequence[LoopStep]) -> Comparison:
-    """Two episodes of as many steps, the second one with left-hand traffic."""
+    """Compare two episodes of equal length; the second has left-hand traffic."""
     apart_m, events_differ = 0.0, False
     for own, other in zip(first, second, strict=True):
         image = mirror_image(other.states)
@@ -55,12 +55,12 @@ def _steps(template: str, seed: int, map_file: str) -> list[LoopStep]:
 
 
 def measure(template: str, seed: int, maps: tuple[str, str]) -> Comparison:
-    """The comparison of one seed on two map files, the second one of the mirror image."""
+    """Compare one seed on two map files; the second is the mirror image."""
     return compare(*(_steps(template, seed, map_file) for map_file in maps))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a row for each template."""
+    """Print a row for each template."""
     options = _parser().parse_args(argv)
     net = compile_map(Path(options.map) if options.map else None).read_bytes()
     with tempfile.TemporaryDirectory() as folder:

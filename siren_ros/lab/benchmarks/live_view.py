@@ -1,4 +1,4 @@
-"""How much a viewer slows a running episode: ``python -m siren_ros.benchmarks.live_view``.
+"""Measures how much a viewer slows a running episode: ``python -m siren_ros.benchmarks.live_view``.
 
 It runs template S2 without sensors in turns alone and with ``siren view --live``, from which a client reads everything
 and draws nothing. It prints the real-time factor from the first step to the last and the processor time of the
@@ -27,16 +27,16 @@ from siren_ros.running.ros.transport.domain import VARIABLE
 
 _VIEWER: Final = (sys.executable, "-m", "siren_nodes.viewer", "--ros-args", "-p", "browser:=false")
 _DOMAIN: Final = "79"
-"""Where the user names none: both programs need the same."""
+"""ROS domain if the user sets none: both programs must use the same."""
 _SHORT: Final = "duration_s:=0.05"
 _BEGIN_BYTES: Final = 100_000
-"""The client has the scene. A short episode has ended before."""
+"""After this many bytes the client has received the scene; a short episode may end before."""
 _PATIENCE_S: Final = 60.0
 
 
 @contextmanager
 def reading_viewer() -> Iterator[list[int]]:
-    """A viewer with a client; the sizes of what the client has read."""
+    """Start a viewer with a client; yields the sizes of what the client has read."""
     with subprocess.Popen(_VIEWER, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:  # noqa: S603 - own module
         address = process.stdout.readline().strip() if process.stdout else ""
         read: list[int] = []
@@ -48,7 +48,7 @@ def reading_viewer() -> Iterator[list[int]]:
 
 
 def run_once(parameters: Sequence[str], folder: Path, *, viewed: bool) -> tuple[float, float, int]:
-    """Seconds of simulated time in a second, processor time of the program, and bytes that the client read."""
+    """Run an episode: simulated seconds per second, processor time of the program, bytes that the client read."""
     if not viewed:
         figures, _ = measure("none", parameters, folder)
         return figures["real_time_factor"], figures["processor_s"], 0

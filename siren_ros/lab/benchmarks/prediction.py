@@ -1,4 +1,4 @@
-"""How fast predictors are: ``python -m siren_ros.benchmarks.prediction BAG… --models cv,idm --samples 100000``.
+"""Measures speed of predictors: ``python -m siren_ros.benchmarks.prediction BAG… --models cv,idm --samples 100000``.
 
 Goes through the samples of the bags, over and over until there were as many as asked for. Prints for each model the
 time of its predictions, and first the time that making the samples took; reading the bags is not in it. The wall time
@@ -25,15 +25,15 @@ SAMPLES: Final = 100_000
 
 @dataclass(frozen=True)
 class Taken:
-    """What a task took."""
+    """Wall time and processor time of a task."""
 
     samples: int
     wall_s: float
     processors_s: float
-    """Summed over all threads."""
+    """Processor time, summed over all threads."""
 
     def row(self, name: str) -> str:
-        """One row of the table: both times as they were, and for ``SAMPLES``."""
+        """One row of the table: both times as measured, and scaled to ``SAMPLES``."""
         scale = SAMPLES / max(self.samples, 1)
         times = (self.wall_s, self.processors_s, self.wall_s * scale, self.processors_s * scale)
         return f"{name:<12}{self.samples:>10}" + "".join(f"{value:>12.1f}" for value in times)
@@ -42,7 +42,7 @@ class Taken:
 def sampling(
     records: Sequence[EpisodeRecord], window: HistoryWindow, population: Population
 ) -> tuple[Taken, list[ScoredSamples]]:
-    """Makes the samples of every record once."""
+    """Make the samples of every record once, and measure it."""
     wall, processors = time.perf_counter(), time.process_time()
     samples = [samples_of(record, window, population) for record in records]
     taken = Taken(sum(map(len, samples)), time.perf_counter() - wall, time.process_time() - processors)
@@ -50,8 +50,8 @@ def sampling(
 
 
 def predicting(predictor: Predictor, samples: Sequence[ScoredSamples], least: int) -> Taken:
-    """Predicts at least so many samples."""
-    predictor.predict(samples[0].batch)  # compiles its loops, starts its threads
+    """Predict at least this number of samples, and measure it."""
+    predictor.predict(samples[0].batch)  # compiles loops and starts threads, so that they are not measured
     wall, processors, done = time.perf_counter(), time.process_time(), 0
     while done < least:
         for scored in samples:
@@ -61,7 +61,7 @@ def predicting(predictor: Predictor, samples: Sequence[ScoredSamples], least: in
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints one row for each model."""
+    """Print one row for each model."""
     parser = argparse.ArgumentParser(prog="prediction", description=__doc__)
     parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="episodes, or folders of them")
     parser.add_argument("--models", default="cv,idm", help=f"of {', '.join(PREDICTORS)}, by commas")

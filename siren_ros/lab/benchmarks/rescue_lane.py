@@ -1,4 +1,4 @@
-"""S8 beside SUMO's own bluelight device on the same traffic: ``python -m siren_ros.benchmarks.rescue_lane``.
+"""Compares S8 with SUMO's bluelight device on the same traffic: ``python -m siren_ros.benchmarks.rescue_lane``.
 
 Every seed is driven twice: by this project, and by SUMO alone with its device on the EMV and the template's drivers,
 who make way for the siren as the device makes them. The cause of the jam is gone after some time, so that the traffic
@@ -31,42 +31,42 @@ from siren_ros.simulation.world.traffic_state import TrafficState
 
 DURATION_S: Final = 150.0
 JAM_ENDS_S: Final = 90.0
-"""When the head of the jam drives on: the EMV is past it by then, and half of the jam flows at the end."""
+"""Time at which the head of the jam drives on: the EMV has passed by then, and half of the jam flows at the end."""
 AFTER_S: Final = 30.0
-"""Time behind the EMV after which the rescue lane is looked at again: when a second EMV may come."""
+"""Time after the EMV at which the rescue lane is measured again, for a possible second EMV."""
 OVERLAP_M: Final = 0.05
-"""Bodies that overlap by less touch by rounding."""
+"""Overlaps below this are rounding errors."""
 FLOWS_MPS: Final = 18.0
-"""Faster vehicles of the jam flow again."""
+"""Vehicles of the jam that are faster than this flow again."""
 OFF_MIDDLE_M: Final = 0.3
-"""A vehicle in flowing traffic that is farther from the middle of its lane still keeps to the side."""
+"""A vehicle in flowing traffic farther than this from the middle of its lane still keeps to the side."""
 _EACH_STEPS: Final = 5
 
 
 @dataclass(frozen=True)
 class RescueFigures:
-    """One drive through one jam."""
+    """Figures of one drive through one jam."""
 
     open_before: float
     """Share of the jam with a free width for the EMV when it was 90 m away."""
     open_after: float
-    """The same 30 s after the EMV was there, of places with vehicles on both sides."""
+    """The same share 30 s after the EMV, among places with vehicles on both sides."""
     through_s: float
     """Time from the rear of the jam to its head; NaN where the EMV did not get through."""
     jam_m: float
-    """Way that the EMV came in the jam."""
+    """Distance that the EMV drove in the jam."""
     overlaps: int
-    """Pairs of vehicles whose bodies overlap at some time."""
+    """Number of pairs of vehicles that overlap at some time."""
     emv_overlaps: int
-    """Of these, pairs with the EMV."""
+    """Number of these pairs that include the EMV."""
     overtaking: int
-    """Civilians that overtake the EMV."""
+    """Number of civilians that overtake the EMV."""
     off_middle: float
-    """Of the vehicles of the jam that flow at the end, the share that still keeps to the side of its lane."""
+    """Share of the jam's vehicles flowing at the end that still keep to the side of their lane."""
 
 
 def sumo_states(traffic: TrafficState) -> ActorStates:
-    """The world as SUMO has it."""
+    """SUMO's vehicles as states of actors."""
     arrays: dict[str, Any] = {name: np.zeros(len(traffic), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
     speed, yaw = traffic.sumo_speed_mps, traffic.sumo_yaw_rad
     poses = {"x_m": traffic.sumo_x_m, "y_m": traffic.sumo_y_m, "yaw_rad": yaw, "actor_id": traffic.actor_id}
@@ -79,7 +79,7 @@ def sumo_states(traffic: TrafficState) -> ActorStates:
 
 
 def bluelight_steps(setup: EpisodeSetup, steps: int) -> Iterator[LoopStep]:
-    """The steps of an episode as SUMO alone drives it."""
+    """Steps of an episode that SUMO alone drives."""
     plan = replace(setup.plan, duty=False)
     arguments = setup.compiled_map, setup.network, plan, setup.level
     with BluelightSimulation(*arguments, seed=setup.description.seed) as simulation:
@@ -89,7 +89,7 @@ def bluelight_steps(setup: EpisodeSetup, steps: int) -> Iterator[LoopStep]:
 
 
 def figures_of(record: EpisodeRecord, jam: frozenset[str]) -> RescueFigures:
-    """The figures of a record of S8; ``jam`` are the names of the vehicles of its jam.
+    """Figures of a record of S8; ``jam`` contains the names of the vehicles of its jam.
 
     Raises:
         ValueError: The record's road has no two lanes.
@@ -120,7 +120,7 @@ def figures_of(record: EpisodeRecord, jam: frozenset[str]) -> RescueFigures:
 
 
 def _tracks(record: EpisodeRecord, road: RoadView, ids: Sequence[int]) -> tuple[Rows, Floats, Floats]:
-    """Indices of states, and where on the road some actors are then, NaN while they are not in traffic."""
+    """Indices of states, and positions of some actors on the road at these; NaN while they are not in traffic."""
     times = np.arange(0, record.steps, _EACH_STEPS)
     along, left = np.full((2, len(ids), len(times)), np.nan)
     for row, actor in enumerate(ids):
@@ -166,7 +166,7 @@ def _overtaking(record: EpisodeRecord, road: RoadView, emv_id: int) -> int:
 
 
 def _off_middle(record: EpisodeRecord, road: RoadView, ids: Sequence[int], left_m: Floats) -> float:
-    """``left_m`` are lateral places of the vehicles at the end."""
+    """Share of flowing vehicles that keep to the side; ``left_m`` are their lateral positions at the end."""
     final = record.states[-1]
     speed = dict(zip(final.actor_id.tolist(), final.speed_mps.tolist(), strict=True))
     lane_m = -2.0 * road.boundary_m
@@ -176,7 +176,7 @@ def _off_middle(record: EpisodeRecord, road: RoadView, ids: Sequence[int], left_
 
 
 def compare(request: EpisodeRequest) -> Mapping[str, RescueFigures]:
-    """The figures of one seed, by who drives."""
+    """Figures of one seed, by the program that drives."""
     setup = set_up_episode(request)
     if setup.plan.jam is not None:
         setup = replace(setup, plan=replace(setup.plan, jam=replace(setup.plan.jam, until_s=JAM_ENDS_S)))
@@ -193,7 +193,7 @@ _HEAD: Final = (
 
 
 def means_of(found: Sequence[RescueFigures]) -> dict[str, float]:
-    """The mean of each figure over the drives that have it; NaN where none has."""
+    """Mean of each figure over the drives that have it; NaN if none has."""
     columns = {part.name: [float(getattr(figures, part.name)) for figures in found] for part in fields(RescueFigures)}
     known = {name: [value for value in values if not math.isnan(value)] for name, values in columns.items()}
     return {name: sum(values) / len(values) if values else math.nan for name, values in known.items()}

@@ -1,4 +1,4 @@
-"""Speed of LiDAR and cameras on this machine: ``python -m siren_ros.benchmarks.sensors [--map FILE]``."""
+"""Measures the speed of LiDAR and cameras: ``python -m siren_ros.benchmarks.sensors [--map FILE]``."""
 
 import argparse
 import resource
@@ -35,7 +35,7 @@ _SPACING_M = 9.0
 def traffic(
     network: RoadNetwork, shapes: dict[ActorClass, VehicleShape], vehicles: int
 ) -> tuple[ActorStates, dict[int, ActorDescription]]:
-    """An ambulance, and vehicles on the lanes around it."""
+    """An ambulance, and vehicles on the lanes around it, as measured traffic."""
     rng = np.random.default_rng(0)
     lanes = [lane for lane in network.lanes if lane.kind == LaneKind.DRIVING and lane.length_m > 40.0]
     middle = np.array([lane.centre.at(lane.length_m / 2.0) for lane in lanes])
@@ -62,7 +62,7 @@ def traffic(
 
 
 def milliseconds(*works: Callable[[], object]) -> list[float]:
-    """Median time of each function; they take turns, so that all run under the same load."""
+    """Median time of each function; they alternate, so that all run under the same load."""
     times: list[list[float]] = [[] for _ in works]
     for _ in range(_ROUNDS):
         for work, taken in zip(works, times, strict=True):
@@ -89,7 +89,7 @@ def lidar_figures(
     descriptions: dict[int, ActorDescription],
     base: Matrix,
 ) -> None:
-    """Rays per second of a whole sweep and, for comparison, of bare casts of the same rays.
+    """Print rays per second of a whole sweep and, for comparison, of only casting the same rays.
 
     The bare casts are Open3D's ``cast_rays`` and our own packets; all of them use all cores.
     """
@@ -127,7 +127,7 @@ def camera_figures(
     descriptions: dict[int, ActorDescription],
     base: Matrix,
 ) -> None:
-    """Time of each camera's picture, of the bare draw with read-back, with labels, and of its JPEG.
+    """Print the time of each camera's picture: drawing with read-back, with labels, and the JPEG.
 
     The vehicles are placed again for every picture; in an episode up to four cameras share one placement.
     """

@@ -1,4 +1,4 @@
-"""Many episodes one after the other: equal bytes, nothing left behind, flat memory.
+"""Runs many episodes in sequence and checks for equal bytes, leftover processes and files, and memory growth.
 
 ``python -m siren_ros.benchmarks.soak --episodes 100 --duration 5`` runs mixed templates, levels, seeds and process
 modes, now and then with a LiDAR or on another map (``--map``), each twice as a separate program. It prints a line
@@ -42,19 +42,19 @@ _PAGES_COLUMN: Final = 1
 
 @dataclass(frozen=True)
 class WorkerMemory:
-    """Resident memory after each episode, in MB, and where the warm-up ends."""
+    """Resident memory after each episode in MB, and the end of the warm-up."""
 
     resident_mb: tuple[float, ...]
     warm_up: int
 
     @property
     def settled_mb(self) -> tuple[float, ...]:
-        """After the warm-up."""
+        """Memory after the warm-up."""
         return self.resident_mb[self.warm_up :]
 
     @property
     def slope_mb(self) -> float:
-        """Growth per episode after the warm-up: the median of the slopes between all pairs (Theil and Sen).
+        """Growth per episode after the warm-up: median of the slopes between all pairs (Theil and Sen).
 
         One episode with more vehicles than all before it lifts the level once; that is no leak.
         """
@@ -64,12 +64,12 @@ class WorkerMemory:
 
     @property
     def flat(self) -> bool:
-        """Whether it does not grow."""
+        """Whether memory does not grow."""
         return self.slope_mb <= FLAT_MB_PER_EPISODE
 
 
 def measure_worker(requests: Sequence[EpisodeRequest], warm_up: int) -> WorkerMemory:
-    """Runs episodes one after the other in this process; the memory counts after the warm-up, so many of them."""
+    """Run episodes in sequence in this process; memory counts after the first ``warm_up`` of them."""
     sizes_mb: list[float] = []
     for request in requests:
         for _ in closed_loop(set_up_episode(request), plan_length(request)):
@@ -82,7 +82,7 @@ def measure_worker(requests: Sequence[EpisodeRequest], warm_up: int) -> WorkerMe
 
 
 MARK: Final = "SIREN_SOAK_MARK"
-"""Environment variable that marks all processes of an episode, whatever process is their parent now."""
+"""Environment variable that marks all processes of an episode, even if their parent has ended."""
 LIMIT_S: Final = 600.0
 WORKER_LIMIT_S: Final = 86_400.0
 _LINES: Final = 3
@@ -90,7 +90,7 @@ _LINES: Final = 3
 
 @dataclass(frozen=True)
 class SoakCase:
-    """What is run."""
+    """Settings of one test case."""
 
     template: str
     level: str
@@ -99,7 +99,7 @@ class SoakCase:
     sensors: str = "none"
     map: str = ""
     processes: tuple[bool, bool] = (False, False)
-    """Of the first and of the second run: one process for each node."""
+    """Whether each node has its own process, in the first and in the second run."""
 
     @property
     def name(self) -> str:
@@ -109,7 +109,7 @@ class SoakCase:
         return f"{self.template}/{self.level}/seed{self.seed}/{suite}/{town}/{modes}"
 
     def parameters(self, bag: Path, run: int) -> list[str]:
-        """The parameters of ``cosim``."""
+        """Parameters of ``cosim`` for a run."""
         asked = [f"template:={self.template}", f"level:={self.level}", f"seed:={self.seed}", f"bag:={bag}"]
         asked += [f"duration_s:={self.duration_s}", f"sensors:={self.sensors}", "kitti:=false"]
         asked += [f"map:={self.map}"] if self.map else []
@@ -118,11 +118,11 @@ class SoakCase:
 
 @dataclass(frozen=True)
 class SoakResult:
-    """What is wrong with a case; empty tuples where all is well."""
+    """Faults of a case; empty tuples if there are none."""
 
     case: SoakCase
     refused: bool = False
-    """Both runs refused the input: the map has no site of the template's kind."""
+    """Whether both runs refused the input, because the map has no site for the template."""
     failures: tuple[str, ...] = ()
     hashes_differ: bool = False
     lost: tuple[str, ...] = ()
@@ -133,12 +133,12 @@ class SoakResult:
 
     @property
     def clean(self) -> bool:
-        """Whether nothing is wrong with it."""
+        """Whether there is no fault."""
         return not any((self.failures, self.hashes_differ, self.lost, self.processes, self.segments, self.locks))
 
 
 def run_case(case: SoakCase, folder: Path) -> SoakResult:
-    """Run a case twice in folders of its own."""
+    """Run a case twice in separate folders."""
     mark = uuid.uuid4().hex
     before = set(abandoned_segments(0.0))
     runs = [_run(case, run, folder / str(run), mark) for run in range(2)]
@@ -179,7 +179,7 @@ def digest(bag: Path) -> dict[str, str]:
 
 
 def lost_messages(bag: Path) -> list[str]:
-    """What the record lacks against the rates of its topics, or why it cannot be read."""
+    """Messages that the record lacks at the rates of its topics, or why it cannot be read."""
     if not bag.is_dir():
         return []
     try:
@@ -191,14 +191,14 @@ def lost_messages(bag: Path) -> list[str]:
 
 
 def left_behind(bag: Path) -> list[Path]:
-    """Files next to a finished bag, or in it, that do not belong there."""
+    """Files in or beside a finished bag that do not belong there."""
     around = [path for path in sorted(bag.parent.iterdir()) if path != bag]
     within = [path for path in sorted(bag.glob("*")) if path.name != "metadata.yaml" and path.suffix != ".mcap"]
     return around + within
 
 
 def marked_processes(mark: str, processes: Path = Path("/proc")) -> Mapping[int, str]:
-    """Command lines of the live processes with a mark in their environment, by process id."""
+    """Command lines of live processes with a mark in their environment, by process id."""
     commands = {}
     for entry in sorted(processes.glob("[0-9]*")):
         with suppress(OSError):
@@ -209,7 +209,7 @@ def marked_processes(mark: str, processes: Path = Path("/proc")) -> Mapping[int,
 
 
 def end_marked(mark: str) -> tuple[str, ...]:
-    """End what an episode has left running; returns the command lines."""
+    """End the processes that an episode has left; returns their command lines."""
     left = marked_processes(mark)
     for number in left:
         with suppress(OSError):
@@ -218,7 +218,7 @@ def end_marked(mark: str) -> tuple[str, ...]:
 
 
 def mixed_cases(count: int, duration_s: float, templates: Sequence[str], lidar_suite: str, town: str) -> list[SoakCase]:
-    """Cases that go through templates, levels, seeds and process modes.
+    """Make cases that cycle through templates, levels, seeds and process modes.
 
     Every fifth case has the suite with a LiDAR, every tenth case the map of the file ``town``, if there is one.
     """
@@ -243,7 +243,7 @@ lidars:
   lidar: {mount: {x_m: 0.0, y_m: 0.0, z_m: 1.93}, channels: 8, points_per_second: 40000, rate_hz: 20}
 """
 WARM_UP_ROUNDS: Final = 3
-"""Runs of every template before the worker's memory counts: numba and SUMO keep memory after their first use."""
+"""Runs of every template before memory counts, because numba and SUMO keep memory after their first use."""
 
 
 def lines_of(result: SoakResult) -> list[str]:
@@ -257,7 +257,7 @@ def lines_of(result: SoakResult) -> list[str]:
 
 
 def totals_of(results: Sequence[SoakResult], memory: WorkerMemory | None) -> list[str]:
-    """The last lines."""
+    """Final lines with the totals."""
     ran = [result for result in results if not result.refused]
     totals = {
         "failed": sum(bool(result.failures) for result in results),
@@ -279,7 +279,7 @@ def totals_of(results: Sequence[SoakResult], memory: WorkerMemory | None) -> lis
 
 
 def soak(options: argparse.Namespace, folder: Path) -> list[SoakResult]:
-    """Run the cases, and print what is found."""
+    """Run the cases and print the results."""
     suite = folder / "small.yaml"
     suite.write_text(SMALL_SUITE, encoding="utf-8")
     cases = mixed_cases(options.episodes, options.duration, options.templates, str(suite), options.map)
@@ -297,7 +297,7 @@ def soak(options: argparse.Namespace, folder: Path) -> list[SoakResult]:
 
 
 def worker_memory(options: argparse.Namespace) -> WorkerMemory:
-    """The memory of a worker in a fresh process."""
+    """Measure the memory of a worker in a fresh process."""
     templates, warm_up = options.templates, WARM_UP_ROUNDS * len(options.templates)
     count = max(options.worker_episodes, warm_up + 2)
     requests = [EpisodeRequest(templates[row % len(templates)], "", row, "", options.duration) for row in range(count)]
@@ -306,7 +306,7 @@ def worker_memory(options: argparse.Namespace) -> WorkerMemory:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs everything; exit code 1 where anything is wrong."""
+    """Run everything; exit code 1 if there is a fault."""
     options = _parser().parse_args(argv)
     with tempfile.TemporaryDirectory(prefix="siren_soak_") as scratch:
         results = soak(options, Path(scratch))

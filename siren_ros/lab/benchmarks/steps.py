@@ -1,4 +1,4 @@
-"""Processor time of a step of the closed loop, next to SUMO's own: ``python -m siren_ros.benchmarks.steps``.
+"""Compares the processor time of a step with SUMO's own part: ``python -m siren_ros.benchmarks.steps``.
 
 It runs episodes without ROS and sensors, then makes libsumo's calls of each episode again alone. What is left is the
 project's own work: behaviour, conflicts, dynamics, and everything around libsumo. Both take turns in one process, so
@@ -27,14 +27,17 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.traffic.sumo.call_log import CallLog
 
 GRIDS: Final = {20: 3, 100: 6, 400: 12}
-"""Vehicles, and streets in each direction of the grid on which their density is about the same."""
+"""Number of vehicles, and streets per direction of a grid on which their density is about equal."""
 _BLOCK_M: Final = 150
 _ROUNDS: Final = 3
 _STEPS: Final = 600
 
 
 def with_vehicles(template: str, vehicles: int, folder: Path) -> str:
-    """A file with a template for this many background vehicles, beyond the shipped range; the template itself for 0."""
+    """File of a template with this number of background vehicles, beyond the shipped range.
+
+    For 0 the template itself.
+    """
     if not vehicles:
         return template
     content = yaml.safe_load(named_params_file("templates", "templates", template).read_text(encoding="utf-8"))
@@ -46,7 +49,7 @@ def with_vehicles(template: str, vehicles: int, folder: Path) -> str:
 
 
 def street_grid(streets: int, folder: Path) -> Path:
-    """A net of streets with two lanes in each direction and signals where they cross."""
+    """Net of streets with two lanes per direction, and signals at crossings."""
     net = folder / f"grid{streets}.net.xml"
     options = {
         "--grid.number": streets,
@@ -64,14 +67,14 @@ def street_grid(streets: int, folder: Path) -> Path:
 
 
 def step_times_ms(setup: EpisodeSetup, steps: int) -> list[float]:
-    """Processor time of each step after the first; that one has the warm-up."""
+    """Processor time of each step, except the first, which includes the warm-up."""
     loop = closed_loop(setup, steps)
     marks_s = [time.process_time() for _ in loop]
     return [1e3 * taken for taken in np.diff(marks_s).tolist()]
 
 
 def measure(setup: EpisodeSetup, steps: int, rounds: int) -> dict[str, float]:
-    """Mean processor time of a step and of libsumo's calls in it, medians over the rounds, and what follows."""
+    """Mean processor time of a step and of libsumo's calls in it, as medians over the rounds, and derived figures."""
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as folder:
         with CallLog(Path(folder)) as log:
             actors = [len(step.states) for step in closed_loop(setup, steps)]
@@ -91,7 +94,7 @@ def measure(setup: EpisodeSetup, steps: int, rounds: int) -> dict[str, float]:
 
 
 def _cases(options: argparse.Namespace, folder: Path) -> Iterator[tuple[str, EpisodeRequest]]:
-    """Names and requests of the episodes."""
+    """Names and requests of the measured episodes."""
     for vehicles in options.background:
         for template in options.templates:
             request = EpisodeRequest(with_vehicles(template, vehicles, folder), seed=0, sensors="none")
@@ -102,7 +105,7 @@ def _cases(options: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Epi
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a row for each episode."""
+    """Print a row for each episode."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--templates", nargs="+", default=["S2", "S4"], metavar="ID")
     parser.add_argument("--background", nargs="*", type=int, default=[0, 200], help="vehicles; 0: the template's own")

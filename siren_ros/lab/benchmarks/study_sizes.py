@@ -1,4 +1,4 @@
-"""What the episodes of a study cost: ``python -m siren_ros.benchmarks.study_sizes STUDY``.
+"""Estimates the cost of a study's episodes: ``python -m siren_ros.benchmarks.study_sizes STUDY``.
 
 Prints the processor time and the size of the bag of an episode on average, and what 10,000 episodes
 cost. The numbers come from the study's table of episodes, ``manifest.parquet``.
@@ -19,7 +19,7 @@ _MANY = 10_000
 
 
 def sizes_of(rows: Sequence[EpisodeRow]) -> dict[str, float]:
-    """Means over the recorded episodes, and the cost of ``_MANY`` such episodes; InputError where there is none."""
+    """Means over the recorded episodes, and the cost of ``_MANY`` such episodes; InputError if there is none."""
     recorded = [row for row in rows if row.bag]
     if not recorded:
         raise InputError("study", len(rows), "a study with episodes that were made")
@@ -35,7 +35,7 @@ def sizes_of(rows: Sequence[EpisodeRow]) -> dict[str, float]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints one line for each number."""
+    """Print one line for each number."""
     parser = argparse.ArgumentParser(prog="study_sizes", description=__doc__)
     parser.add_argument("study", type=Path, help="folder that siren generate made")
     add_json(parser)

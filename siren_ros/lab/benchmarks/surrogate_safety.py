@@ -1,4 +1,4 @@
-"""TTC and DRAC held against SUMO's own device: ``python -m siren_ros.benchmarks.surrogate_safety --vehicles 80``.
+"""Compares TTC and DRAC with SUMO's own device: ``python -m siren_ros.benchmarks.surrogate_safety --vehicles 80``.
 
 Lets impatient drivers go their ways through a map under SUMO alone, and compares both measures where both apply: one
 vehicle follows another on its lane, and SUMO's TTC is below 3 s. Prints how far they are apart, moment by moment and in
@@ -32,12 +32,12 @@ from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES
 LENGTH_M: Final = 4.6
 WIDTH_M: Final = 1.8
 _FOLLOWER: Final = "2"
-"""SUMO's code of an encounter in which the vehicle with the device follows the other one on the same lane."""
+"""SUMO's code for an encounter in which the vehicle with the device follows the other on the same lane."""
 _DRIVERS: Final = {
     "vClass": "passenger",
     "length": f"{LENGTH_M}",
     "width": f"{WIDTH_M}",
-    "tau": "0.5",  # short headways and imperfect drivers: conflicts are what is compared
+    "tau": "0.5",  # short headways and imperfect drivers cause conflicts to compare
     "sigma": "0.8",
     "minGap": "1.0",
     "speedDev": "0.3",
@@ -47,7 +47,7 @@ _DRIVERS: Final = {
 
 @dataclass(frozen=True)
 class Conflict:
-    """What the device notes of one pair, while one follows the other; NaN where a measure has no value."""
+    """What the device records for one pair while one follows the other; NaN where a measure has no value."""
 
     follower: str
     leader: str
@@ -58,7 +58,7 @@ class Conflict:
 
 @dataclass(frozen=True)
 class DeviceRun:
-    """Everything of one run."""
+    """Results of one run."""
 
     tracks: Mapping[str, StateRows]
     """Poses and speeds of each vehicle, by SUMO's name."""
@@ -66,7 +66,7 @@ class DeviceRun:
 
 
 def run_device(net: Path, network: RoadNetwork, vehicles: int, duration_s: float, seed: int) -> DeviceRun:
-    """Lets so many impatient drivers set out through SUMO's file ``net``; CalledProcessError where SUMO fails."""
+    """Run SUMO with impatient drivers on the file ``net``; CalledProcessError if SUMO fails."""
     with tempfile.TemporaryDirectory(prefix="siren-") as name:
         folder = Path(name)
         routes, poses, log = folder / "routes.xml", folder / "poses.xml", folder / "ssm.xml"
@@ -118,7 +118,7 @@ def _tracks(path: Path) -> dict[str, StateRows]:
 
 
 def tracks_of(values: Floats) -> StateRows:
-    """From step, front bumper, SUMO's angle (clockwise from north, in degrees) and speed."""
+    """States from step, front bumper, SUMO's angle (clockwise from north, in degrees) and speed."""
     step, x, y, angle, speed = values.T
     yaw = np.radians(90.0 - angle)
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -159,28 +159,28 @@ def _root(path: Path) -> Element:
 
 @dataclass(frozen=True)
 class Compared:
-    """One pair: SUMO's measures and ours at the same moments, shape ``(N,)`` each."""
+    """One pair: SUMO's measures and ours at the same moments, each of shape ``(N,)``."""
 
     sumo_ttc_s: Floats
     our_ttc_s: Floats
-    """Infinite where the footprints miss each other."""
+    """Our TTC; infinite if the footprints miss each other."""
     sumo_drac_mps2: Floats
     our_drac_mps2: Floats
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far the two are apart."""
+    """Differences between both measures."""
 
     pairs: int
     moments: int
     missed: int
-    """Moments at which SUMO sees a conflict, and the swept footprints miss each other."""
+    """Number of moments at which SUMO has a conflict and our footprints miss each other."""
     ttc_s: Floats
-    """Distances of the moments that both see, shape ``(M,)``."""
+    """Differences at moments with a value on both sides, shape ``(M,)``."""
     drac_mps2: Floats
     least_ttc_s: Floats
-    """Distances of each pair's least TTC, shape ``(P,)``."""
+    """Differences of each pair's smallest TTC, shape ``(P,)``."""
     most_drac_mps2: Floats
 
 
@@ -204,7 +204,7 @@ def _pair(run: DeviceRun, conflict: Conflict) -> Compared:
 
 
 def agreement_of(pairs: Sequence[Compared]) -> Agreement:
-    """Distances over all moments and over each pair's extremes; pairs that ours never sees count as missed only."""
+    """Differences over all moments and over each pair's extremes; pairs without our values count only as missed."""
     seen = [(pair, np.isfinite(pair.our_ttc_s)) for pair in pairs]
     both = [pair for pair, known in seen if known.any()]
     return Agreement(
@@ -224,7 +224,7 @@ def _joined(parts: Sequence[Floats]) -> Floats:
 
 
 def lines_of(agreement: Agreement) -> list[str]:
-    """The printed text."""
+    """Result as text lines."""
     count = f"{agreement.pairs} pairs that follow each other, {agreement.moments} moments with SUMO's TTC below "
     lines = [f"{count}{HORIZON_S:g} s; at {agreement.missed} the swept footprints miss each other"]
     for what, unit, values in (
@@ -242,7 +242,7 @@ def lines_of(agreement: Agreement) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs SUMO and prints the agreement."""
+    """Run SUMO and print the differences."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--map", type=Path, help="map file (default: the town)")
     parser.add_argument("--vehicles", type=int, default=80, help="(default %(default)s)")

@@ -1,4 +1,4 @@
-"""How well the templates work over seeds, printed as one row per template.
+"""Tests templates over many seeds, and prints one row per template.
 
 ``python -m siren_ros.benchmarks.templates --templates S1 S3 --seeds 0:20`` runs the episodes without ROS and
 prints in how many the template's predicate holds, what failed in the others, contacts, teleports, violated checks,
@@ -54,17 +54,17 @@ from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.world.traffic_state import EventKind
 
 STILL_MPS: Final = 0.1
-"""Slower than this an EMV stands."""
+"""An EMV slower than this stands."""
 
 
 @dataclass(frozen=True)
 class EpisodeFigures:
-    """What one episode brought."""
+    """Figures of one episode."""
 
     template: str
     seed: int
     error: str = ""
-    """Why the episode failed; the other figures are then void."""
+    """Reason why the episode failed; the other figures are then void."""
     holds: bool = False
     failing: tuple[str, ...] = ()
     """Parts of the predicate that do not hold."""
@@ -78,19 +78,19 @@ class EpisodeFigures:
     standstill_s: float = 0.0
     """Longest uninterrupted standstill of an EMV."""
     emv_speed_mps: float = 0.0
-    """Mean of the first EMV."""
+    """Mean speed of the first EMV."""
     cv_ade_m: float = float("nan")
     """Mean displacement error of constant velocity, 5 s ahead (paper, table of trajectory prediction)."""
     step_ms: float = float("nan")
-    """Behaviour and dynamics, median; only where it was asked for."""
+    """Median time of behaviour and dynamics per step; NaN unless requested."""
     realisation: Realisation | None = None
     way_m: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """Of the first EMV, cumulative over the steps."""
+    """Distance driven by the first EMV, cumulative over the steps."""
 
 
 @dataclass(frozen=True)
 class EpisodeTask:
-    """The request, and what to measure beyond the record."""
+    """A request, and what to measure besides its record."""
 
     request: EpisodeRequest
     timed: bool = False
@@ -98,7 +98,7 @@ class EpisodeTask:
 
 
 def measure_episode(task: EpisodeTask) -> EpisodeFigures:
-    """Runs an episode and evaluates its record; the figures of a failed episode hold the error."""
+    """Run an episode and evaluate its record; the figures of a failed episode contain the error."""
     request = task.request
     try:
         setup = set_up_episode(request)
@@ -149,7 +149,7 @@ def longest_standstill_s(speed_mps: npt.NDArray[np.float64]) -> float:
 
 
 def travel_times_s(first: EpisodeFigures, second: EpisodeFigures) -> tuple[float, float]:
-    """Times of two EMVs over the distance that both cover."""
+    """Times of two EMVs for the distance that both drive."""
     common_m = min(first.way_m[-1], second.way_m[-1])
     first_s, second_s = (float(np.searchsorted(figures.way_m, common_m)) * STEP_S for figures in (first, second))
     return first_s, second_s
@@ -180,7 +180,7 @@ _HEAD = (
 
 
 def seeds_of_option(text: str) -> tuple[int, ...]:
-    """The type of ``--seeds``: ``first:last``, the last not included, or a single number; argparse prints the error."""
+    """Parse ``--seeds``: ``first:last`` without the last one, or a single number; argparse prints errors."""
     try:
         return seeds_of([text])
     except InputError as error:
@@ -188,7 +188,7 @@ def seeds_of_option(text: str) -> tuple[int, ...]:
 
 
 def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> list[EpisodeFigures]:
-    """The figures of all episodes in order. Each has a fresh process: where that dies, no other one is lost."""
+    """Measure all episodes, in order. Each has a fresh process, so that a crash affects no other episode."""
     with ProcessPool(jobs, fresh=True, preload="siren_ros.running.studies.ready_worker") as pool:
 
         def measure(task: EpisodeTask) -> EpisodeFigures:
@@ -201,7 +201,7 @@ def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> list[EpisodeFigures]
 
 
 def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
-    """One template's row of the printed table, of the figures of ``json_row`` and some more."""
+    """A template's row of the printed table: the figures of ``json_row`` and some more."""
     ran = [episode for episode in episodes if not episode.error]
     if not ran:
         return f"{name:<4}{f'0/{len(episodes)}':>7}{len(episodes):>7}"
@@ -219,7 +219,7 @@ def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
 
 
 def spread_of(episodes: Iterable[EpisodeFigures]) -> str:
-    """How the seeds differ: mean and standard deviation of what makes a realisation."""
+    """Text with mean and standard deviation of what differs between seeds."""
     realised = [episode.realisation for episode in episodes if episode.realisation is not None]
     named = {
         "arrival s": [realisation.arrival_s for realisation in realised],
@@ -236,24 +236,24 @@ def spread_of(episodes: Iterable[EpisodeFigures]) -> str:
 
 
 def placebo_levels(name: str) -> tuple[EmergencyLevel, ...]:
-    """The levels below the least one at which the cause of a template's interaction exists."""
+    """Levels below the lowest one at which a template's interaction has its cause."""
     needed = DECLARED_PREDICATES[load_template(name).predicate.name].needs
     levels = list(EmergencyLevel)
     return tuple(levels[: levels.index(needed)])
 
 
 WITHOUT_DUTY: Final = "response.duty=0"
-"""The placebo of templates whose interaction needs more than a level: drivers who open no rescue lane."""
+"""Placebo value for templates whose interaction needs more than a level: drivers open no rescue lane."""
 
 
 def placebo_row(name: str, by_level: Mapping[str, Sequence[EpisodeFigures]]) -> str:
-    """One template's row of ``--placebo``."""
+    """A template's row of ``--placebo``."""
     texts = (f"{level} {sum(episode.holds for episode in ran)}/{len(ran)}" for level, ran in by_level.items())
     return f"{name:<4}holds without its cause: {', '.join(texts)}"
 
 
 def json_row(name: str, episodes: Sequence[EpisodeFigures]) -> dict[str, Any]:
-    """One template's row as JSON types; ``holds`` is a dash where no episode ran, as on a map without a site."""
+    """A template's row as JSON types; ``holds`` is a dash if no episode ran, as on a map without a site."""
     ran = [episode for episode in episodes if not episode.error]
     row: dict[str, Any] = {
         "template": name,
@@ -288,7 +288,7 @@ def json_row(name: str, episodes: Sequence[EpisodeFigures]) -> dict[str, Any]:
 
 
 def details_of(episodes: Iterable[EpisodeFigures]) -> Iterator[str]:
-    """One line per seed that failed, with the failing part, and the violated checks with their seeds."""
+    """One line per failed seed with the failing part, and violated checks with their seeds."""
     violated: Counter[str] = Counter()
     for episode in episodes:
         if episode.error:
@@ -301,7 +301,7 @@ def details_of(episodes: Iterable[EpisodeFigures]) -> Iterator[str]:
 
 
 def compared_row(name: str, levels: tuple[str, str], runs: Sequence[Sequence[EpisodeFigures]]) -> dict[str, Any]:
-    """One template's row of ``--compare``: what the second level gains on the first, seed by seed.
+    """A template's row of ``--compare``: gain of the second level over the first, seed by seed.
 
     ``distance`` is the gain of the EMV's way over the same time as a share, with its interval; ``time`` the share of
     its travel time over the same way that is saved.
@@ -326,13 +326,13 @@ def compared_row(name: str, levels: tuple[str, str], runs: Sequence[Sequence[Epi
 
 
 def distance_gain(first: EpisodeFigures, second: EpisodeFigures) -> float:
-    """How much farther a second EMV comes in the same time, as a share."""
+    """Additional distance that the second EMV drives in the same time, as a share."""
     last = min(len(first.way_m), len(second.way_m)) - 1
     return float(second.way_m[last] / first.way_m[last] - 1.0)
 
 
 def compared_text(row: Mapping[str, Any]) -> str:
-    """A row of ``--compare`` as it is printed."""
+    """A row of ``--compare`` as printed text."""
     levels, between = "against".join(f" {level} " for level in row["levels"]), row["distance"]
     if not row["seeds"]:
         return f"{row['template']:<4}{levels}no episode ran"

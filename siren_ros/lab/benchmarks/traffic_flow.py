@@ -1,4 +1,4 @@
-"""How the traffic flows, over templates and seeds: ``python -m siren_ros.benchmarks.traffic_flow --seeds 0:5``.
+"""Measures traffic flow over templates and seeds: ``python -m siren_ros.benchmarks.traffic_flow --seeds 0:5``.
 
 Prints how queues discharge (L0, where nobody makes way), how drivers follow, and how civilians accelerate and brake at
 each template's own level, with what traffic engineers measure on roads.
@@ -36,25 +36,25 @@ NOMINAL_S: Final = 90.0
 
 @dataclass(frozen=True)
 class FlowSamples:
-    """What one episode gives."""
+    """Samples of one episode."""
 
     through_s: Floats
     cars_s: Floats
-    """Those of ``through_s`` between passenger cars."""
+    """The part of ``through_s`` between passenger cars."""
     turning_s: Floats
     following_s: Floats
     accel_mps2: Floats
 
 
 def record_at(request: EpisodeRequest, level: str = "") -> EpisodeRecord:
-    """The record of an episode without ROS and sensors; at L0 for long enough that the signal is green again."""
+    """Record an episode without ROS and sensors; at L0 it lasts until the signal is green again."""
     asked = replace(request, level=level, duration_s=NOMINAL_S if level else 0.0)
     setup = set_up_episode(asked)
     return record_of(setup, list(closed_loop(setup, plan_length(asked))))
 
 
 def measure(request: EpisodeRequest) -> FlowSamples:
-    """The samples of an episode."""
+    """Measure the samples of an episode."""
     own, nominal = record_at(request), record_at(request, "L0")
     queues = discharge_headways(nominal)
     through_s, turning_s = queues.headway_s[~queues.turns], queues.headway_s[queues.turns]
@@ -84,7 +84,7 @@ def summary(samples: Sequence[FlowSamples]) -> dict[str, float]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a row for each template, and one for all."""
+    """Print a row for each template, and one for all."""
     options = _parser().parse_args(argv)
     requests = [
         EpisodeRequest(template, seed=seed, map=options.map, preset=options.preset, sensors="none")

@@ -1,4 +1,4 @@
-"""How well two episodes share this machine: ``python -m siren_ros.benchmarks.two_at_once``.
+"""Measures how well two episodes run in parallel: ``python -m siren_ros.benchmarks.two_at_once``.
 
 It runs an episode alone and two at once, with several suites of sensors, and the same of a loop that needs nothing but
 a processor. Two episodes at once that are as much faster than one after the other as two such loops have a ratio of 1.
@@ -24,7 +24,7 @@ _LOOP: Final = "sum(number * number for number in range(60_000_000))"
 
 
 def speed_up(work: Callable[[int], object]) -> float:
-    """How many times as fast two calls at once are as one after the other; the argument tells the calls apart."""
+    """Speed of two parallel calls relative to two calls in sequence; the argument tells the calls apart."""
     start_s = time.perf_counter()
     work(0)
     alone_s = time.perf_counter() - start_s
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("parameters", nargs="*", help="further parameters of cosim")
     add_json(parser)
     options = parser.parse_args(argv)
-    os.environ.pop(VARIABLE, None)  # each episode looks for a free domain
+    os.environ.pop(VARIABLE, None)  # lets each episode find a free domain
     loops: list[float] = []
     episodes: dict[str, list[float]] = {suite: [] for suite in options.suites}
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as scratch:

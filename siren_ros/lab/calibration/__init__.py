@@ -1,1 +1,1 @@
-"""Fits the EMV's parameters, SUMO's and the controller's, to trajectories."""
+"""Fits parameters of the EMV (SUMO's and the controller's) to trajectories."""

@@ -1,4 +1,4 @@
-"""Fits parameters to trajectories: rounds of searches over a lengthening horizon, until two of them agree."""
+"""Fits parameters to trajectories: rounds of searches over a growing horizon, until two rounds agree."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,23 +27,24 @@ from siren_ros.lab.calibration.searches import (
 from siren_ros.lab.calibration.targets import FAILED_M, WHOLE
 
 AGREE_SHARE: Final = 0.02
-"""Two rounds agree where their errors differ by less than this share …"""
+"""Relative difference of errors below which two rounds agree."""
 AGREE_M: Final = 0.01
-"""… or by less than this."""
+"""Absolute difference of errors below which two rounds agree."""
 SAME_PLACE: Final = 0.01
-"""Two rounds that are nearer to each other than this share of every range, over one horizon, go on alike, unless the
-error of the first one grew from there: then the second one may find what the first one did not."""
+"""Two rounds over the same horizon that are nearer than this share of every range would continue equally; the second
+one stops, unless the first one's error grew from there."""
 GROWN_SHARE: Final = 0.25
-"""An error that grows by more than this share from one horizon to the next is a decision that falls another way …"""
+"""Relative growth of the error between horizons that shows a changed decision in the simulation; it must also exceed
+``GROWN_M``."""
 GROWN_M: Final = 0.03
-"""… where it also grows by more than this."""
+"""Absolute growth of the error between horizons that shows a changed decision; it must also exceed ``GROWN_SHARE``."""
 OPEN_M: Final = 0.5
-"""Error from which the evolution in the middle of a round begins: its first steps are the moves that let such an error
-grow by a tenth, so that it looks where the horizon before has left the parameters open."""
+"""Error above which a round continues with an evolution. Its first steps are moves that raise such an error by a tenth,
+so that it searches where the last horizon has left the parameters open."""
 
 
 def search_rounds(tried: Tried, horizons: Sequence[float], places: int, rng: np.random.Generator) -> bool:
-    """Rounds until two of them agree on the least error over the whole trajectories; False where the tries are spent.
+    """Run rounds until two agree on the smallest error over whole trajectories; False if the tries run out first.
 
     The first round begins at the best of some places that are spread over the ranges. Each further one begins with an
     evolution (CMA-ES) from a random place, with twice the population of the one before (IPOP; Auger and Hansen, CEC
@@ -69,7 +70,7 @@ def search_rounds(tried: Tried, horizons: Sequence[float], places: int, rng: np.
 def _lengthen(
     tried: Tried, horizons: Sequence[float], begin: Floats, before: Sequence[Sequence[Bottom]], rng: np.random.Generator
 ) -> list[Bottom]:
-    """Goes down over each horizon from the bottom over the one before."""
+    """Search over each horizon, from the result of the one before."""
     way: list[Bottom] = []
     for number, horizon_s in enumerate(horizons):
         tried.horizon_s = horizon_s
@@ -96,14 +97,14 @@ def _agreed(ways: Sequence[Sequence[Bottom]]) -> bool:
 
 
 EVALUATIONS_EACH: Final = 100
-"""Tries for each parameter, at most: three rounds to their ends. The first two, which are enough where the errors have
+"""Largest number of tries per parameter, enough for three complete rounds. Two rounds, which suffice if the error has
 one valley, take 40 to 50 for each of three parameters."""
 SPREAD_OUT_PART: Final = 8
-"""At most an eighth of the tries goes to places that are spread over the ranges."""
+"""The evenly spread places get at most this part (an eighth) of the tries."""
 _ENDS: Final = 2
-"""One try in the middle of the ranges, and one at the end where the tries are spent, over the whole trajectories."""
+"""Tries outside the search: one in the middle of the ranges, and one at the end over the whole trajectories."""
 UNDETERMINED_SHARE: Final = 0.1
-"""Spread above which the trajectories do not determine a parameter, as a share of its range."""
+"""A parameter whose spread is a larger share of its range is not determined by the trajectories."""
 
 
 @dataclass(frozen=True)
@@ -112,18 +113,18 @@ class Fitted:
 
     values: Mapping[str, float]
     spread: Mapping[str, float]
-    """How far each value can move, the others following, until the error has grown by a tenth."""
+    """How far each value can move, with the others adjusted, until the error has grown by a tenth."""
     undetermined: tuple[str, ...]
     """Parameters with a spread above ``UNDETERMINED_SHARE``."""
     error_m: float
-    """With the values."""
+    """Error with the fitted values."""
     start_error_m: float
-    """In the middle of all ranges."""
+    """Error in the middle of all ranges."""
     evaluations: int
     history_m: tuple[float, ...]
-    """Least error over the whole trajectories, after each group of tries that were that long."""
+    """Smallest error over the whole trajectories, after each group of such tries."""
     agreed: bool
-    """Whether two rounds from different places came to the same error before the tries were spent."""
+    """Whether two rounds from different places reached the same error before the tries ran out."""
 
 
 def fit(
@@ -134,7 +135,7 @@ def fit(
     report: Tell = lambda *_: None,
     horizons: Sequence[float] = (WHOLE,),
 ) -> Fitted:
-    """The parameters, each within its range, with the least error that ``search_rounds`` finds.
+    """Find the parameters with the smallest error, each in its range, with ``search_rounds``.
 
     The search ends where two rounds come to the least error, or after so many ``evaluations``; a group of tries is
     finished. The same seed and residuals give the same result. ``report`` is called after each group. ``horizons`` are
@@ -151,7 +152,7 @@ def fit(
     tried.budget = evaluations - tries_for(count) - 1
     (start_error,) = errors_m(tried([tried.best]))
     agreed = search_rounds(tried, horizons, 2 ** int(np.log2(max(evaluations / SPREAD_OUT_PART, 2.0))) - 1, rng)
-    tried.horizon_s, tried.budget = WHOLE, tried.count + 2  # these always get their tries
+    tried.horizon_s, tried.budget = WHOLE, tried.count + 2  # these two tries are always allowed
     if not agreed:
         tried([tried.farthest])
     if tried.best_error_m >= FAILED_M:

@@ -32,7 +32,7 @@ class Parameter:
         return self.name.startswith(_OF_SUMO)
 
     def at(self, share: float) -> float:
-        """The value at a share of the range."""
+        """Value at a share of the range."""
         return self.low + share * (self.high - self.low)
 
     def share_of(self, value: float) -> float:
@@ -52,7 +52,7 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
 
 
 def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
-    """The parameters of some names, in their order; InputError for no name, an unknown name, or a name twice."""
+    """Parameters by name, in the given order; InputError for no name, an unknown name, or a repeated one."""
     for name in names:
         if name not in PARAMETERS:
             raise InputError("parameters", name, f"one or several of {', '.join(PARAMETERS)}")
@@ -62,7 +62,7 @@ def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 def check_effect(parameters: Sequence[Parameter], levels: Collection[str]) -> None:
-    """Refuse parameters that change nothing: SUMO's where ROS drives the EMV at all levels, and the other way round.
+    """Refuse parameters without an effect: SUMO's if ROS drives the EMV at all levels, and vice versa.
 
     Raises:
         InputError: Names the parameter, and those that have an effect.

@@ -1,4 +1,4 @@
-"""Searches for the least error: even places, CMA-ES and least squares, what they have tried, and the spread there."""
+"""Searches for the smallest error: evenly spread places, CMA-ES and least squares; records tries and spread."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,26 +15,26 @@ from siren_ros.lab.calibration.parameters import Parameter
 from siren_ros.lab.calibration.targets import WHOLE, Target, residuals_m
 
 Residuals = Callable[[Sequence[Mapping[str, float]], float], Sequence[Floats]]
-"""Vectors of several tries, which may be simulated at the same time, over the trajectories' first seconds. Over one
-horizon all have the same length, and the Euclidean norm of one is the error of its try in metres."""
+"""Computes the residual vectors of several tries, which may run in parallel, over the trajectories' first seconds. Over
+one horizon all have the same length; the norm of a vector is its try's error in metres."""
 Tell = Callable[[int, float, float], None]
-"""Takes the number of tries, the horizon and the least error there."""
+"""Receives the number of tries, the horizon, and the smallest error over it."""
 
 
 def errors_m(residuals: Iterable[Floats]) -> list[float]:
-    """The errors of tries by their residuals."""
+    """Errors of tries from their residuals."""
     return [float(np.linalg.norm(apart)) for apart in residuals]
 
 
 class Spent(Exception):  # noqa: N818 - the end of a search, and no error
-    """No tries are left."""
+    """Raised when no tries are left."""
 
 
 class Tried:
-    """Runs the tries of a search. Parameters are shares of their ranges, 0 to 1."""
+    """Runs and records the tries of a search. Parameters are shares of their ranges, 0 to 1."""
 
     def __init__(self, parameters: Sequence[Parameter], residuals: Residuals, report: Tell) -> None:
-        """Nothing has been tried."""
+        """Start without any try."""
         self._parameters = parameters
         self._residuals = residuals
         self._report = report
@@ -49,29 +49,29 @@ class Tried:
 
     @property
     def left(self) -> int:
-        """Tries that are left."""
+        """Number of remaining tries."""
         return max(self.budget - self.count, 0)
 
     @property
     def best(self) -> Floats:
-        """The place with the least error over the whole trajectories; the middle before the first try."""
+        """Place with the smallest error over the whole trajectories; the middle before the first try."""
         return self._at(WHOLE)[0]
 
     @property
     def best_error_m(self) -> float:
-        """Its error; infinite before the first try."""
+        """Error at ``best``; infinite before the first try."""
         return self._at(WHOLE)[1]
 
     @property
     def farthest(self) -> Floats:
-        """The best place over the longest horizon short of the whole one; the best of all where there is none."""
+        """Best place over the longest horizon below the whole one; the best of all if there is none."""
         return self._at(max((horizon for horizon in self._best if horizon != WHOLE), default=WHOLE))[0]
 
     def _at(self, horizon_s: float) -> tuple[Floats, float]:
         return self._best.get(horizon_s, (np.full(len(self._parameters), 0.5), np.inf))
 
     def __call__(self, tries: Iterable[Iterable[float]]) -> list[Floats]:
-        """The residuals of several tries over the horizon; those that were begun are finished.
+        """Compute residuals of several tries over the horizon; tries that have begun are completed.
 
         Raises:
             Spent: No tries are left.
@@ -91,7 +91,7 @@ class Tried:
         return residuals
 
     def values(self, shares: Floats) -> dict[str, float]:
-        """The parameters' values at shares of their ranges."""
+        """Convert shares of the ranges to parameter values."""
         return {each.name: each.at(float(share)) for each, share in zip(self._parameters, shares, strict=True)}
 
 
@@ -99,7 +99,7 @@ class Tried:
 def residuals_over(
     targets: Sequence[Target], jobs: int, report: Callable[[], None] = lambda: None
 ) -> Iterator[Residuals]:
-    """The residuals of a try are those of all targets, so that its error is the root mean square over the targets.
+    """Make the residual function for several targets; a try's error is the root mean square over the targets.
 
     Every try of a target is a separate call. A horizon cuts all trajectories to their first seconds, and an episode
     ends with its trajectory. ``report`` is called after each simulated episode.
@@ -116,38 +116,38 @@ def residuals_over(
 
 
 START_STEP: Final = 0.25
-"""First standard deviation of the evolution, as a share of each range: two of them reach from its middle to its end."""
+"""First standard deviation of the evolution as a share of each range: twice it reaches from the middle to the end."""
 NEAR_SHARE: Final = 0.05
-"""The evolution ends where all its standard deviations are below this share of the ranges …"""
+"""The evolution ends when all its standard deviations are below this share of the ranges."""
 EVOLUTION_EACH: Final = 15
-"""… or after so many tries for each parameter, times its population's factor: it has found the valley by then, and
-least squares finds the bottom in a tenth of the tries that an evolution needs to creep along the valley's floor."""
+"""Limit of the evolution: tries per parameter, times its population's factor. By then it has found the valley; least
+squares finds the bottom in a tenth of the tries that an evolution needs along the valley."""
 SLOPE_SHARE: Final = 0.01
-"""Step of the differences that the slope is taken from, as a share of each range: the error is smooth at this scale,
-while smaller steps see how a decision falls into one simulated step or the next."""
+"""Step of the differences that give the slope, as a share of each range. The error is smooth at this scale; smaller
+steps react to decisions that move from one simulated step to the next."""
 LEAST_STEP: Final = 0.02
-"""Least first standard deviation."""
+"""Smallest first standard deviation."""
 _TOLX_PART: Final = 0.2
 _CLOSE: Final = 1e-4
 _CLOSE_BEFORE: Final = 5e-3
 _DESCENTS_BEFORE: Final = 8
-"""Over horizons before the whole one: the next one moves the bottom in any case."""
+"""Limit of descents over horizons before the whole one, because the next horizon moves the result anyway."""
 _DESCENTS: Final = 25
 _PULL_M: Final = 1e-4
 
 
 @dataclass(frozen=True)
 class Bottom:
-    """Where least squares ends."""
+    """Result of least squares."""
 
     place: Floats
     error_m: float
     slopes: Floats
-    """Of the residuals there, a column for each parameter."""
+    """Derivatives of the residuals, one column per parameter."""
 
 
 def spread_out(tried: Tried, dimensions: int, count: int) -> Floats:
-    """Tries the middle of all ranges and more places spread evenly over them (Sobol); gives the best one.
+    """Try the middle of all ranges and places spread evenly over them (Sobol); returns the best.
 
     The number of places is a power of two less one.
 
@@ -161,7 +161,7 @@ def spread_out(tried: Tried, dimensions: int, count: int) -> Floats:
 def evolve(
     tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1, steps: Floats | None = None
 ) -> Floats:
-    """CMA-ES (N. Hansen, arXiv:1604.00772); gives the best place that it has seen.
+    """Search with CMA-ES (N. Hansen, arXiv:1604.00772); returns the best place found.
 
     ``begin`` is the mean of the first generation. The population is so many ``times`` as large as the method proposes.
     ``steps`` are the first standard deviations as shares of the ranges; None for ``START_STEP``.
@@ -182,17 +182,17 @@ def evolve(
 
 
 def evolution(begin: Floats, rng: np.random.Generator, times: int = 1, steps: Floats | None = None) -> Any:
-    """The search of the package ``cma`` before its first generation, within the ranges; InputError without it."""
+    """The search of the package ``cma`` within the ranges, before its first generation; InputError if it is missing."""
     try:
         import cma  # noqa: PLC0415 - an extra
     except ModuleNotFoundError as error:
         raise InputError("package", "cma", "./env --with calibration siren calibrate …") from error
     first = np.full(len(begin), START_STEP) if steps is None else np.clip(steps, LEAST_STEP, START_STEP)
-    # CMA-ES works from two dimensions on; a single parameter gets a companion that says nothing.
+    # CMA-ES needs two dimensions, so a single parameter gets a second one without effect.
     mean, first = (begin, first) if len(begin) > 1 else (np.append(begin, 0.5), np.append(first, first))
     options = {
         "bounds": [0.0, 1.0],
-        "seed": np.nan,  # its own seeding would change numpy's global generator
+        "seed": np.nan,  # with a seed, cma would change numpy's global generator
         "randn": lambda *shape: rng.standard_normal(shape),
         "CMA_stds": (first / START_STEP).tolist(),
         "tolx": min(NEAR_SHARE, _TOLX_PART * float(first.max())),
@@ -209,7 +209,7 @@ def evolution(begin: Floats, rng: np.random.Generator, times: int = 1, steps: Fl
 
 
 def descend(tried: Tried, begin: Floats) -> Bottom:
-    """Goes down to the bottom by least squares (trust region, within the ranges).
+    """Find the bottom by least squares (trust region, within the ranges).
 
     Where several parameters change the way nearly alike, the errors form a narrow valley. An evolution soon comes to
     its floor and then creeps along it; the residuals of all times say at once which way it falls.
@@ -227,7 +227,7 @@ def descend(tried: Tried, begin: Floats) -> Bottom:
 
     whole = tried.horizon_s == WHOLE
     close, descents = (_CLOSE, _DESCENTS) if whole else (_CLOSE_BEFORE, _DESCENTS_BEFORE)
-    # A parameter that changes nothing stays where it is: a faint pull keeps the slopes independent.
+    # A weak pull keeps parameters without effect where they are, and the slopes independent.
     pull = _PULL_M * np.eye(len(begin))
     solution = scipy.optimize.least_squares(
         lambda place: np.concatenate((at(place), pull @ (place - begin))), begin,
@@ -238,27 +238,27 @@ def descend(tried: Tried, begin: Floats) -> Bottom:
 
 
 def slope(tried: Tried, place: Floats, residuals: Floats) -> Floats:
-    """How the residuals change for each parameter's range; a column for each parameter."""
-    steps = np.where(place > 0.5, -SLOPE_SHARE, SLOPE_SHARE)  # always within the ranges
+    """Derivatives of the residuals over each parameter's range, one column per parameter."""
+    steps = np.where(place > 0.5, -SLOPE_SHARE, SLOPE_SHARE)  # the step always stays in the range
     moved = tried(place + np.diag(steps))
     return np.stack([(other - residuals) / step for other, step in zip(moved, steps, strict=True)], axis=1)
 
 
 GROWTH: Final = 0.1
-"""A parameter may move as far as lets the error grow by this share."""
+"""Growth of the error that limits the spread of a parameter."""
 LEAST_ERROR_M: Final = 0.05
-"""Errors are taken to be at least so large: no tracker knows an EMV's places better."""
+"""Smallest error that is assumed, since no tracker measures an EMV's position better."""
 STEP_SHARE: Final = 0.02
-"""Step of the differences, as a share of each range."""
+"""Step of the differences as a share of each range."""
 
 
 def tries_for(dimensions: int) -> int:
-    """So many tries ``spread_shares`` makes."""
+    """Number of tries that ``spread_shares`` makes."""
     return 2 * dimensions
 
 
 def spread_shares(tried: Tried, place: Floats, error_m: float) -> Floats:
-    """How far each parameter can move from a place until the error has grown by a tenth, as shares of the ranges.
+    """How far each parameter can move until the error has grown by a tenth, as a share of its range.
 
     The other parameters follow so that the error grows as little as possible: with the slopes J of the residuals, the
     squared error grows by dᵀJᵀJd for a move d, and the farthest move of one parameter on such an ellipsoid is the root
@@ -273,8 +273,8 @@ def spread_shares(tried: Tried, place: Floats, error_m: float) -> Floats:
 
 
 def move_shares(slopes: Floats, error_m: float) -> Floats:
-    """The farthest moves on the ellipsoid of a tenth more error; ``slopes`` have a column for each parameter."""
+    """Farthest moves within the ellipsoid of a tenth more error; ``slopes`` has one column per parameter."""
     grown = ((1.0 + GROWTH) ** 2 - 1.0) * max(error_m, LEAST_ERROR_M) ** 2
-    # A move over the whole range adds at least `grown`, so that no direction is without an end.
+    # A move over a whole range adds at least `grown`, so that every direction is bounded.
     inverse = np.linalg.inv(slopes.T @ slopes + grown * np.eye(slopes.shape[1]))
     return np.minimum(np.sqrt(grown * np.diag(inverse)), 1.0)

@@ -1,4 +1,4 @@
-"""What parameters are fitted to: trajectories of an EMV with the situations in which they were driven.
+"""Targets of a fit: trajectories of an EMV, with the situations in which they were driven.
 
 A situation is simulated with other parameters; the residuals compare both trajectories, first over their first
 seconds, then over more and more, then over all.
@@ -31,14 +31,14 @@ _COLUMNS = ("time_s", "x_m", "y_m")
 
 @dataclass(frozen=True)
 class Trajectory:
-    """An EMV's way in the ``map`` frame, times rising; shapes ``(T,)`` and ``(T, 2)``."""
+    """Path of an EMV in the ``map`` frame with increasing times; shapes ``(T,)`` and ``(T, 2)``."""
 
     time_s: Floats
     xy_m: Floats
 
     @classmethod
     def of_record(cls, record: EpisodeRecord) -> Self:
-        """The way of an episode's first EMV; InputError where the episode has none."""
+        """Path of an episode's first EMV; InputError if the episode has none."""
         track = record.track(record.emv_ids[0]) if record.emv_ids else None
         if track is None or not len(track):
             raise InputError("bag", record.description.template, "an episode with an EMV")
@@ -46,7 +46,7 @@ class Trajectory:
 
     @classmethod
     def read(cls, file: Path) -> Self:
-        """From a CSV file with the columns ``time_s``, ``x_m`` and ``y_m``, times from the episode's beginning.
+        """Read a CSV file with the columns ``time_s``, ``x_m`` and ``y_m``; times count from the episode's start.
 
         Raises:
             InputError: No such file, columns or numbers, or times that do not rise.
@@ -64,21 +64,21 @@ class Trajectory:
 
     @property
     def end_s(self) -> float:
-        """Its last time."""
+        """Last time of the trajectory."""
         return float(self.time_s[-1])
 
     @property
     def length_s(self) -> float:
-        """From its first time to its last one."""
+        """Duration from the first to the last time."""
         return float(self.time_s[-1] - self.time_s[0])
 
     def until(self, length_s: float) -> "Trajectory":
-        """Its first seconds, two places at least."""
+        """The trajectory's first seconds, with at least two places."""
         places = max(2, int(np.searchsorted(self.time_s, self.time_s[0] + length_s + 1e-9)))
         return Trajectory(self.time_s[:places], self.xy_m[:places])
 
     def residuals_m(self, other: "Trajectory") -> Floats:
-        """Differences of x and y at this trajectory's times over the root of their number, shape ``(2T,)``.
+        """Differences of x and y at this trajectory's times, divided by the root of their number, shape ``(2T,)``.
 
         The Euclidean norm is the root mean square of the distance: the error whose minimum is the most likely way where
         all places have the same noise. Times before the other one begins count nothing. Where the other one ends before
@@ -94,22 +94,22 @@ class Trajectory:
         return np.concatenate(apart) * np.tile(there, 2) / np.sqrt(there.sum())
 
     def distance_m(self, other: "Trajectory") -> float:
-        """Root mean square of the distance, as ``residuals_m`` has it."""
+        """Root mean square distance, with the rules of ``residuals_m``."""
         return float(np.linalg.norm(self.residuals_m(other)))
 
 
 FAILED_M = 1000.0
-"""Distance of a try that fails: farther than any that does not."""
+"""Error of a failed try, larger than that of any other."""
 
 
 @dataclass(frozen=True)
 class Situation:
-    """Map, traffic and start in which an EMV drives."""
+    """Map, traffic and start of an EMV's drive."""
 
     request: EpisodeRequest
-    """Its level says who drives the EMV."""
+    """Request of the episode; its level decides who drives the EMV."""
     files: tuple[InputFile, ...] = ()
-    """Parameter files of the record that it is from; empty: those of ``params``."""
+    """Parameter files of the original record; if empty, those of ``params``."""
 
     @classmethod
     def of_record(cls, record: EpisodeRecord) -> "Situation":
@@ -130,13 +130,13 @@ class Situation:
 
     @lru_cache(maxsize=8)  # noqa: B019 - situations are few, and equal ones share an entry
     def set_up(self) -> EpisodeSetup:
-        """The episode before its first step; made once in each process."""
+        """Set up the episode before its first step; the result is cached in each process."""
         return set_up_episode(self.request, RecordedFiles(self.files) if self.files else FILES_ON_DISK)
 
 
 @dataclass(frozen=True)
 class Target:
-    """A trajectory with the situation in which it was driven."""
+    """A trajectory with its situation."""
 
     name: str
     situation: Situation
@@ -144,7 +144,7 @@ class Target:
 
 
 def driven(situation: Situation, values: Mapping[str, float], until_s: float) -> Trajectory:
-    """How the EMV drives in a situation with some parameters; the others have their defaults.
+    """Simulate how the EMV drives in a situation with some parameters; the others have their defaults.
 
     The try may end at the simulated time ``until_s``.
 
@@ -164,7 +164,7 @@ def driven(situation: Situation, values: Mapping[str, float], until_s: float) ->
 
 
 def residuals_m(target: Target, values: Mapping[str, float]) -> Floats:
-    """Between the given trajectory and the one driven with some parameters; of norm ``FAILED_M`` where that fails."""
+    """Residuals between a target and the drive with some parameters; of norm ``FAILED_M`` if the drive fails."""
     count, way = 2 * len(target.trajectory.time_s), None
     with suppress(SirenError):
         way = driven(target.situation, values, target.trajectory.end_s)
@@ -176,16 +176,16 @@ def residuals_m(target: Target, values: Mapping[str, float]) -> Floats:
 
 
 WHOLE: Final = float("inf")
-"""The horizon of the whole trajectories."""
+"""Horizon of the whole trajectories."""
 FIRST_S: Final = 6.0
 GROWTH: Final = 1.5
-"""Each horizon is longer than the one before by this factor …"""
+"""Factor from one horizon to the next."""
 LAST: Final = 1.2
-"""… and one that leaves out less than this factor is left out itself."""
+"""A horizon that shortens the whole trajectory by less than this factor is left out."""
 
 
 def horizons_of(targets: Sequence[Target]) -> tuple[float, ...]:
-    """Lengths of the trajectories' beginnings that are fitted one after the other, the last one ``WHOLE``.
+    """Horizons of the fit in increasing order; the last one is ``WHOLE``.
 
     The traffic answers the EMV, and the EMV the traffic: a small difference grows over time, and a decision that falls
     the other way ends in another place. So the error over a long time has many valleys, and over a short time few. The

@@ -1,4 +1,4 @@
-"""Environments of Gymnasium and PettingZoo in which drivers learn; the import registers them."""
+"""Gymnasium and PettingZoo environments in which drivers learn; the import registers them."""
 
 from siren_ros.lab.learning.registration import parallel_env as parallel_env
 from siren_ros.lab.learning.registration import register_environments

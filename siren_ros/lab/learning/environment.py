@@ -1,4 +1,4 @@
-"""The environments of Gymnasium: the seat of a civilian, and the one of an emergency vehicle."""
+"""The Gymnasium environments: one for a civilian's driver, one for an emergency vehicle's."""
 
 from pathlib import Path
 from typing import Any, ClassVar
@@ -54,7 +54,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
-        """Begins an episode, as the class says.
+        """Begin an episode, as described for the class.
 
         Args:
             seed: Of the episode.
@@ -72,7 +72,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return result.observation, result.info
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """Simulates ``decision_s`` with an action.
+        """Simulate ``decision_s`` with an action.
 
         Raises:
             InputError: The action is not one of the action space; nothing has changed then.
@@ -83,14 +83,14 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return result.observation, result.reward, result.terminated, result.truncated, result.info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The picture from above, shape ``(400, 640, 3)``, for ``rgb_array``; the window shows it for ``human``."""
+        """Picture from above, shape ``(400, 640, 3)``, for ``rgb_array``; for ``human`` the window shows it."""
         if self.render_mode == "rgb_array":
             return self._picture()
         self._show()
         return None
 
     def save(self, bag: str | Path) -> RecordedEpisode:
-        """Writes the bag of the present episode up to its present step; ``siren replay --check`` repeats it.
+        """Write the bag of the current episode up to its current step; ``siren replay --check`` can repeat it.
 
         Raises:
             InputError: The bag exists already or cannot be written.
@@ -100,7 +100,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     @property
     def rollout(self) -> Rollout:
-        """The present episode, with all its steps.
+        """The current episode with all its steps.
 
         Raises:
             EpisodeError: No episode has begun.
@@ -109,11 +109,11 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     @property
     def moment(self) -> Moment:
-        """The present step as the driver sees it, for drivers that are no networks."""
+        """The current step from the driver's view, for drivers that are not networks."""
         return self._session.moment
 
     def close(self) -> None:
-        """Ends SUMO and closes the window."""
+        """End SUMO and close the window."""
         self._session.close()
         if self._window is not None:
             self._window.close()
@@ -131,12 +131,12 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
 
 class YieldEnv(SeatEnv):
-    """``siren/Yield-v0``: the civilian that the EMV has to pass."""
+    """``siren/Yield-v0``: drives the civilian that the EMV must pass."""
 
     seat = Seat.CIVILIAN
 
 
 class EmergencyEnv(SeatEnv):
-    """``siren/Emergency-v0``: the first emergency vehicle."""
+    """``siren/Emergency-v0``: drives the first emergency vehicle."""
 
     seat = Seat.EMV

@@ -1,4 +1,4 @@
-"""What happened in a seat between two steps of an episode: the material of observations and rewards."""
+"""What a driver experiences between two steps: the basis of observations and rewards."""
 
 from dataclasses import dataclass
 
@@ -14,33 +14,33 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 @dataclass(frozen=True)
 class Moment:
-    """A step from a seat, where traffic keeps right."""
+    """One step from a driver's view; left-hand traffic is mirrored."""
 
     sight: Sight
     before: Sight
-    """One step before; the same one at the first step."""
+    """The view one step before; at the first step the same view."""
     emv_id: int
-    """The first emergency vehicle."""
+    """Id of the first emergency vehicle."""
     emv_wanted_mps: float
-    """Its speed where nobody is in its way."""
+    """Speed of the emergency vehicle if no other vehicle were in its way."""
     contact: bool
-    """Whether the own vehicle touched somebody at this step."""
+    """Whether the own vehicle touched another actor at this step."""
     red_lines: int
-    """Stop lines that the own front crossed at this step while they were red."""
+    """Number of red stop lines that the own front crossed at this step."""
 
     @property
     def emv_row(self) -> int | None:
-        """Row of the first emergency vehicle; None where it is not on the map."""
+        """Row of the first emergency vehicle; None if it is not on the map."""
         states = self.sight.states
         row = int(np.searchsorted(states.actor_id, self.emv_id))
         return row if row < len(states) and states.actor_id[row] == self.emv_id else None
 
 
 class SeatView:
-    """The view from one seat of a rollout, step by step."""
+    """The view of one driver on a rollout, step by step."""
 
     def __init__(self, rollout: Rollout, seat: Seat) -> None:
-        """Finds the way of the seat.
+        """Find the path of the seat's vehicle.
 
         Raises:
             InputError: The episode has nobody in the seat, or its route cannot be driven from its first lane.
@@ -55,7 +55,7 @@ class SeatView:
         self._last: Moment | None = None
 
     def look(self, scene: Scene) -> Moment | None:
-        """The moment of a step; None where the vehicle has left the map."""
+        """View of a step; None if the vehicle has left the map."""
         states, signals = scene.states, scene.step.traffic.signals
         row = int(np.searchsorted(states.actor_id, self.actor_id))
         if self.actor_id == NO_ACTOR or row == len(states) or states.actor_id[row] != self.actor_id:

@@ -1,4 +1,4 @@
-"""Practice in the civilian's seat: episodes that teachers and pupils drive, of which the best ones are imitated."""
+"""Practice drives of the civilian: several drivers drive an episode, and the best drive is imitated."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,33 +16,34 @@ from siren_ros.reports.exam.grading import VIOLATED
 from siren_ros.running.seat.manoeuvres import Manoeuvre
 
 Layers = tuple[tuple[Floats32, Floats32], ...]
-"""Matrices, shape ``(outputs, inputs)``, and offsets of a network, the first layer first; tanh is between layers."""
+"""Layers of a network, first one first: matrices, shape ``(outputs, inputs)``, and offsets, with tanh between
+layers."""
 _IN_LINE_M: Final = 3.0
 _IN_LINE_GAP_M: Final = 40.0
 _HEARD_GAP_M: Final = 60.0
 
 
 Chooser = Callable[[npt.NDArray[Any], Moment], int]
-"""Chooses the manoeuvre for an observation of the kind ``vector``, and the moment that it shows."""
+"""Chooses a manoeuvre from an observation of kind ``vector`` and its moment."""
 
 
 def keeps_lane(_observation: npt.NDArray[Any], _moment: Moment) -> int:
-    """A driver without any regard for sirens, behind its leader as by the IDM."""
+    """Teacher that ignores sirens and follows its leader by the IDM."""
     return Manoeuvre.KEEP
 
 
 def pulls_over(_observation: npt.NDArray[Any], moment: Moment) -> int:
-    """A driver that pulls over while a siren comes from behind in its line."""
+    """Teacher that pulls over while a siren approaches from behind in its lane."""
     return Manoeuvre.PULL_OVER if _comes(moment, _IN_LINE_GAP_M, _IN_LINE_M) else Manoeuvre.KEEP
 
 
 def goes_right(_observation: npt.NDArray[Any], moment: Moment) -> int:
-    """A driver that goes to the lanes on the right while a siren comes from behind, and drives on there."""
+    """Teacher that changes to the right while a siren approaches from behind, and continues there."""
     return Manoeuvre.RIGHT if _comes(moment, _HEARD_GAP_M) and _lane_on_the_right(moment) else Manoeuvre.KEEP
 
 
 def goes_right_or_pulls_over(observation: npt.NDArray[Any], moment: Moment) -> int:
-    """A driver that goes to the right, and in the rightmost lane pulls over."""
+    """Teacher that changes to the right, and pulls over in the rightmost lane."""
     if _comes(moment, _HEARD_GAP_M, _IN_LINE_M) and not _lane_on_the_right(moment):
         return Manoeuvre.PULL_OVER
     return goes_right(observation, moment)
@@ -53,7 +54,7 @@ def _comes(moment: Moment, gap_m: float, aside_m: float = np.inf) -> bool:
 
 
 def _lane_on_the_right(moment: Moment) -> bool:
-    """Whether there is one beside the lane that the own centre is in."""
+    """Whether there is a lane to the right of the own one."""
     sight = moment.sight
     lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
     return lanes.lane_at(row, sight.left_m) > lanes.rightmost(row)
@@ -65,11 +66,11 @@ TEACHERS: Final[Mapping[str, Chooser]] = {
     "goes-right-or-pulls-over": goes_right_or_pulls_over,
     "keeps-lane": keeps_lane,
 }
-"""Rules that a driver can imitate."""
+"""Rule-based drivers that can be imitated."""
 
 
 def logits_of(layers: Layers, observations: npt.NDArray[Any]) -> Floats32:
-    """The outputs of a network, shape ``(…, 5)``, for observations of shape ``(…, SIZE)``."""
+    """Outputs of a network, shape ``(…, 5)``, for observations of shape ``(…, SIZE)``."""
     values = np.asarray(observations, np.float32)
     for number, (matrix, offset) in enumerate(layers):
         values = (np.tanh(values) if number else values) @ matrix.T + offset
@@ -78,15 +79,15 @@ def logits_of(layers: Layers, observations: npt.NDArray[Any]) -> Floats32:
 
 @dataclass(frozen=True)
 class Pupil:
-    """A driver that learns: it chooses the greatest output, or tries others too."""
+    """A learning driver: it chooses the largest output, or sometimes tries other manoeuvres."""
 
     layers: Layers
     temperature: float
-    """0: the greatest output. Above: the outputs, divided by it, are the logarithms of probabilities."""
+    """With 0 it takes the largest output; above, the outputs divided by it are logarithms of probabilities."""
     random: np.random.Generator
 
     def __call__(self, observation: npt.NDArray[Any], _moment: Moment) -> int:
-        """A chooser."""
+        """Choose a manoeuvre."""
         logits = logits_of(self.layers, observation)
         if self.temperature > 0.0:
             logits = logits / np.float32(self.temperature) + self.random.gumbel(size=len(logits)).astype(np.float32)
@@ -95,24 +96,24 @@ class Pupil:
 
 @dataclass(frozen=True)
 class Practice:
-    """An episode that a driver has driven."""
+    """One driven episode."""
 
     observations: Floats32
-    """At each decision, shape ``(N, SIZE)``."""
+    """Observation at each decision, shape ``(N, SIZE)``."""
     actions: npt.NDArray[np.int64]
-    """Shape ``(N,)``."""
+    """Chosen actions, shape ``(N,)``."""
     reward: float
     """Sum of the rewards."""
     violations: int
-    """Clauses of the task's rulebook that it violated, minor and major."""
+    """Number of violated clauses of the task's rulebook, minor and major."""
 
     def score(self, violation: float) -> float:
-        """The reward less what each violated clause costs."""
+        """Reward minus the cost of the violated clauses."""
         return self.reward - violation * self.violations
 
 
 def practised(task: Task, seed: int, choose: Chooser) -> Practice | None:
-    """An episode with a driver in the seat; None where the seed gives none."""
+    """Drive an episode with a driver in the seat; None if the seed gives no episode."""
     environment, seen, done, total, info = YieldEnv(**vars(task)), [], [], 0.0, dict[str, Any]()
     try:
         observation, _ = environment.reset(seed=seed)
@@ -132,7 +133,7 @@ def practised(task: Task, seed: int, choose: Chooser) -> Practice | None:
 
 
 def best_of(practices: Sequence[Practice | None], violation: float, margin: float) -> tuple[Practice, Floats] | None:
-    """The episode to imitate, and the scores of all; None where one of them failed.
+    """Choose the drive to imitate, and give the scores of all; None if one failed.
 
     Args:
         practices: The same episode with several drivers, those that are to be preferred first.

@@ -1,4 +1,4 @@
-"""The observation of the kind ``raster``: a small picture from above in the own frame, the own heading up."""
+"""Observations of kind ``raster``: a small picture from above in the own frame, with the own heading up."""
 
 import math
 from functools import lru_cache
@@ -16,9 +16,9 @@ from siren_ros.simulation.world.actors import Lights
 
 SIDE_PX: Final = 64
 PX_PER_M: Final = 1.0
-"""The picture shows 64 m by 64 m."""
+"""Scale of the picture, which covers 64 m by 64 m."""
 BEHIND_SHARE: Final = 0.5
-"""Part of the picture that lies behind the own centre."""
+"""Share of the picture behind the own centre."""
 SHAPE: Final = (SIDE_PX, SIDE_PX, 3)
 _ROAD, _WAY, _OTHER, _SIREN, _OWN = 90, 180, 255, 255, 120
 _PAVED: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
@@ -29,7 +29,7 @@ Raster = npt.NDArray[np.uint8]
 
 
 class RasterView:
-    """Draws moments of one episode. Channel 0 has roads and the way ahead, 1 other vehicles, 2 EMVs and the own one.
+    """Draws the moments of one episode. Channel 0: roads and own path; 1: other vehicles; 2: EMVs and own vehicle.
 
     Roads are 90 and the way 180; other vehicles 255; EMVs 255 with a siren and 180 without, the own vehicle 120.
     """
@@ -50,7 +50,7 @@ class RasterView:
                 (0.5 * SIDE_PX - left * PX_PER_M, (1.0 - BEHIND_SHARE) * SIDE_PX - ahead * PX_PER_M), axis=-1
             )
 
-        # From a pixel of the picture to one of the map: left = (c − column) / PX, ahead = (r − row) / PX.
+        # From picture pixels to map pixels: left = (c − column) / PX, ahead = (r − row) / PX.
         k, middle, base = self._scale / PX_PER_M, 0.5 * SIDE_PX, (1.0 - BEHIND_SHARE) * SIDE_PX
         a, b = k * sin, -k * cos
         c = (x - self._west_m) * self._scale - a * middle - b * base
@@ -79,7 +79,7 @@ class RasterView:
 
 @lru_cache(maxsize=MAPS_KEPT)
 def _roads(network: RoadNetwork) -> tuple[Image.Image, float, float, float]:
-    """The paved lanes of a map from above, its west and north edges and its pixels for a metre."""
+    """Draw the paved lanes of a map from above; also gives its west and north edges and pixels per metre."""
     outlines = [lane_outline(lane) for lane in network.lanes if lane.kind in _PAVED]
     outlines += [junction.outline for junction in network.junctions.values() if len(junction.outline) >= 3]
     points = np.concatenate(outlines)

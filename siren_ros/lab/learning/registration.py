@@ -1,4 +1,4 @@
-"""The names under which Gymnasium makes the environments."""
+"""Registers the environments' names with Gymnasium."""
 
 from typing import Any, Final
 
@@ -11,18 +11,18 @@ except ModuleNotFoundError as missing:
     raise InputError("environment", f"no {missing.name}", _runs) from missing
 
 ENVIRONMENTS: Final = {"siren/Yield-v0": "YieldEnv", "siren/Emergency-v0": "EmergencyEnv"}
-"""Classes of ``siren_ros.lab.learning.environment`` by the names of their environments."""
+"""Classes in ``siren_ros.lab.learning.environment`` by environment name."""
 
 
 def register_environments() -> None:
-    """Make the environments known to ``gymnasium.make``; those that it knows already stay."""
+    """Register the environments for ``gymnasium.make``; those already registered stay."""
     for name, kind in ENVIRONMENTS.items():
         if name not in gymnasium.registry:
             gymnasium.register(name, f"siren_ros.lab.learning.environment:{kind}")
 
 
 def parallel_env(**options: Any) -> Any:
-    """An environment with a driver in several seats, for PettingZoo's parallel API.
+    """Make an environment with several drivers, for PettingZoo's parallel API.
 
     Args:
         options: Those of ``siren_ros.lab.learning.several_seats.SeveralSeatsEnv``.

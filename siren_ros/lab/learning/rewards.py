@@ -1,4 +1,4 @@
-"""The reward: terms of a step with weights.
+"""The reward: weighted terms of each step.
 
 Rulebooks are graded at an episode's end, over its whole record. A term with a clause is what that clause counts in a
 step.
@@ -15,31 +15,31 @@ from siren_ros.lab.learning.rollout import Seat
 from siren_ros.simulation.world.actors import indicator_to
 
 OFF_ROAD_M: Final = 12.0
-"""A vehicle that is farther from its way has left the road."""
+"""A vehicle farther than this from its path has left the road."""
 _STANDS_MPS: Final = 0.5
 _STUCK_GAP_M: Final = 10.0
 _STUCK_MPS: Final = 2.0
-"""With the gap: when an EMV is stuck behind the driver (clause ``obstruction`` of the rulebooks)."""
+"""An EMV slower than this close behind the driver is stuck (clause ``obstruction`` of the rulebooks)."""
 _ASIDE_MPS: Final = 0.2
-"""Of a move to the side that needs an indicator (clause ``indicator``)."""
+"""Lateral speed of a move that needs an indicator (clause ``indicator``)."""
 _GENTLE_MPS2: Final = 4.0
-"""Deceleration from which the clause ``braking`` counts."""
+"""Deceleration above which the clause ``braking`` counts."""
 _SHORT_S: Final = 1.0
 """Time to collision below which the clause ``time_to_collision`` counts."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """A part of the reward."""
+    """One term of the reward."""
 
     of: Callable[[Moment], float]
-    """Its amount at a step."""
+    """Computes its amount at a step."""
     unit: str
     meaning: str
     clause: str
-    """Clause of the rulebooks whose step it is; empty where there is none."""
+    """Clause of the rulebooks that it applies step by step; empty if there is none."""
     weights: Mapping[Seat, float]
-    """Reward for one unit, by the seat."""
+    """Reward per unit, by seat."""
 
 
 def _contact(moment: Moment) -> float:
@@ -115,11 +115,11 @@ TERMS: Final[Mapping[str, Term]] = {
     "emv_delay": Term(_emv_delay, "s", "time that the EMV loses against its own speed", "", _weights(-0.2, -1.0)),
     "progress": Term(_progress, "s", "way driven, as time at the speed limit", "return", _weights(0.1, 0.1)),
 }
-"""The terms by name."""
+"""Terms by name."""
 
 
 def weights_of(seat: Seat, changes: Mapping[str, float] | None = None) -> Mapping[str, float]:
-    """The weight of each term in a seat, with one's own in place of some.
+    """Weight of each term in a seat, with some replaced by the user's.
 
     Raises:
         InputError: There is no such term.

@@ -1,4 +1,4 @@
-"""A rollout: one episode whose drivers in seats answer step by step, and its bag from their answers."""
+"""A rollout: one episode in which drivers answer step by step, and its bag from their answers."""
 
 import warnings
 from collections.abc import Generator
@@ -20,10 +20,10 @@ from siren_ros.simulation.world.mirror_image import mirror_image
 
 
 class Seat(StrEnum):
-    """Whose place a driver takes."""
+    """Vehicle whose driver is replaced."""
 
     CIVILIAN = "civilian"
-    """The AV under test: the civilian that the EMV has to pass."""
+    """The AV under test: the civilian that the EMV must pass."""
     EMV = "emv"
     """The first emergency vehicle."""
 
@@ -36,14 +36,14 @@ _TAKES_TURNS: Final = (
 
 @dataclass(frozen=True)
 class Scene:
-    """A step as drivers see it: where traffic keeps left, its mirror image."""
+    """A step from the drivers' view; left-hand traffic is mirrored."""
 
     step: LoopStep
     states: ActorStates
 
 
 class Rollout:
-    """One episode, simulated from one answer to the next.
+    """One episode that is simulated step by step with the drivers' answers.
 
     A process has one SUMO. A rollout that begins takes it from another one, which takes it back when it goes on: it
     simulates its steps again from its answers.
@@ -52,7 +52,7 @@ class Rollout:
     _running: ClassVar["Rollout | None"] = None
 
     def __init__(self, request: EpisodeRequest) -> None:
-        """Sets the episode up and simulates its first step.
+        """Set the episode up and simulate its first step.
 
         Raises:
             InputError: The request cannot be used.
@@ -86,7 +86,7 @@ class Rollout:
 
     @property
     def scene(self) -> Scene:
-        """The present step."""
+        """The current step."""
         step = self.steps[-1]
         return Scene(step, mirror_image(step.states) if self.setup.network.left_hand else step.states)
 
@@ -96,7 +96,7 @@ class Rollout:
         return described.av_id if seat is Seat.CIVILIAN else described.emv_ids[0]
 
     def advance(self, controls: Controls) -> None:
-        """Simulates the next step with the answers to the present one, given as the drivers see the world.
+        """Simulate the next step with answers to the current one, given in the drivers' (mirrored) view.
 
         Raises:
             EpisodeError: An answer cannot be used, the episode failed, or its time is over.
@@ -117,7 +117,7 @@ class Rollout:
         self._answers.append(dict(controls))
 
     def save(self, bag: Path) -> RecordedEpisode:
-        """Simulates the rollout again and writes its bag, which ends with the rollout's last step.
+        """Simulate the rollout again and write its bag, which ends with the rollout's last step.
 
         The bag's request has the rollout's duration where it ended before the episode's time. ``siren replay --check``
         repeats the bag from the answers in it.
@@ -134,7 +134,7 @@ class Rollout:
         return record_episode(setup, bag, lambda step: answers.get(step.states.step, {}))
 
     def close(self) -> None:
-        """Ends SUMO; may be called twice."""
+        """End SUMO; a second call has no effect."""
         if self._loop is not None:
             self._loop.close()
             self._loop = None
@@ -142,7 +142,7 @@ class Rollout:
             Rollout._running = None
 
     def _begin(self) -> None:
-        """Simulates from the first step on, as far as there are answers."""
+        """Simulate from the first step through all given answers."""
         if Rollout._running is not None:
             Rollout._running.taken = True
         self._free_sumo()

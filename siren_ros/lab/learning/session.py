@@ -1,4 +1,4 @@
-"""Episodes with drivers in seats, decision by decision: what an environment of any interface does."""
+"""Runs episodes with drivers, decision by decision; the basis of all environments."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,14 +26,14 @@ from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
 from siren_ros.simulation.world.commands import AvControl
 
 _TRIES: Final = 20
-"""Seeds that are drawn until one gives an episode: not every seed finds a place for every template."""
+"""Number of seeds that are tried for an episode: some seeds have no place for some templates."""
 _END_M: Final = 8.0
-"""A vehicle that is this near to the end of its way has come to it."""
+"""A vehicle this near to the end of its path has reached it."""
 
 
 @dataclass
 class SeatResult:
-    """What a driver gets after a decision."""
+    """Result of a decision for one driver."""
 
     observation: npt.NDArray[Any]
     reward: float = 0.0
@@ -43,7 +43,7 @@ class SeatResult:
 
 
 class _Driver:
-    """One seat of an episode."""
+    """One driver in an episode."""
 
     def __init__(self, task: Task, rollout: Rollout, seat: Seat) -> None:
         self.seat, self.view, self._task = seat, SeatView(rollout, seat), task
@@ -59,20 +59,20 @@ class _Driver:
         """Why the driver's episode has ended; empty before."""
 
     def decide(self, action: Any) -> None:
-        """Take an action: a manoeuvre is turned into an aim, pedals are kept for the steps that follow."""
+        """Take an action: a manoeuvre sets an aim, pedals stay for the following steps."""
         self._action = action
         if self._task.action == Action.MANOEUVRE:
             self.aim = aim_of(self.aim, Manoeuvre(int(np.asarray(action).item())), self.moment.sight)
 
     def control(self) -> AvControl:
-        """The answer to the present step."""
+        """Control of the vehicle at the current step."""
         sight = self.moment.sight
         if self._task.action == Action.MANOEUVRE:
             return by_manoeuvre(self.aim, sight, self.moment.emv_wanted_mps if sight.body.is_emv else None)
         return by_pedals(np.asarray(self._action, np.float32), sight, self._vehicles)
 
     def look(self, rollout: Rollout) -> dict[str, float]:
-        """See the step that was simulated; gives the amounts of the terms."""
+        """Process the simulated step; returns the amounts of the reward's terms."""
         moment = self.view.look(rollout.scene)
         if moment is None:
             self.ended = "arrived"
@@ -88,14 +88,14 @@ class _Driver:
         return terms
 
     def observe(self) -> npt.NDArray[Any]:
-        """The observation of the last step at which the vehicle was there."""
+        """Observation at the last step at which the vehicle was present."""
         return features_of(self.moment.sight) if self._raster is None else self._raster.draw(self.moment)
 
 
 def _simulate(
     rollout: Rollout, active: Mapping[Seat, _Driver], sums: Mapping[Seat, dict[str, float]], steps: int
 ) -> str:
-    """Simulates some steps, until all drivers are at their end or the time is over, and adds the terms to their sums.
+    """Simulate some steps, until all drivers have ended or the time is over, and add up the terms.
 
     Returns:
         Why the episode failed; empty where it did not.
@@ -115,10 +115,10 @@ def _simulate(
 
 
 class Session:
-    """Episodes of a task, one after the other, with drivers in some seats."""
+    """Runs episodes of a task one after the other, with drivers in some seats."""
 
     def __init__(self, task: Task, seats: Sequence[Seat], record_to: Path | None = None) -> None:
-        """Checks the options.
+        """Check the options.
 
         Raises:
             InputError: An option cannot be used.
@@ -140,7 +140,7 @@ class Session:
     def reset(
         self, seed: int | None, random: np.random.Generator, options: Mapping[str, Any] | None = None
     ) -> dict[Seat, SeatResult]:
-        """Begins the episode of a seed; without one that of a seed that is drawn.
+        """Begin the episode of a seed; without a seed one is drawn.
 
         Args:
             seed: Of the episode.
@@ -173,7 +173,7 @@ class Session:
         self._drivers = {seat: _Driver(self.task, self.rollout, seat) for seat in self.seats}
 
     def advance(self, actions: Mapping[Seat, Any]) -> dict[Seat, SeatResult]:
-        """Simulates from one decision to the next; gives the results of those who were not at their end before.
+        """Simulate until the next decision; returns results for drivers that had not ended before.
 
         Raises:
             InputError: An action cannot be used, or a driver has none; nothing has changed then.
@@ -222,7 +222,7 @@ class Session:
         }
 
     def _clauses(self, driver: _Driver) -> dict[str, str]:
-        """The grade of each clause of the rulebook; empty for an EMV's driver, whom rulebooks do not bind."""
+        """Grade of each clause of the rulebook; empty for an EMV's driver, to whom rulebooks do not apply."""
         rollout = self.present
         if self._rulebook is None or driver.seat is Seat.EMV:
             return {}
@@ -231,7 +231,7 @@ class Session:
 
     @property
     def present(self) -> Rollout:
-        """The present episode.
+        """The current episode.
 
         Raises:
             EpisodeError: None has begun.
@@ -242,22 +242,22 @@ class Session:
 
     @property
     def moment(self) -> Moment:
-        """The present moment of the first seat."""
+        """The current moment of the first seat."""
         return self._drivers[self.seats[0]].moment
 
     def save(self, bag: Path) -> RecordedEpisode:
-        """Writes the bag of the present episode up to its present step, as ``Rollout.save``."""
+        """Write the bag of the current episode up to its current step, as ``Rollout.save``."""
         return self.present.save(bag)
 
     def close(self) -> None:
-        """Ends the episode."""
+        """End the episode."""
         if self.rollout is not None:
             self.rollout.close()
         self._drivers, self.rollout = {}, None
 
 
 def _free_name(bag: Path) -> Path:
-    """The bag's place, with a number where it is taken."""
+    """Free path for a bag: a number is added if its name is taken."""
     number, free = 2, bag
     while free.exists():
         number, free = number + 1, bag.with_name(f"{bag.name}_{number}")

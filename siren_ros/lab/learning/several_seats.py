@@ -1,4 +1,4 @@
-"""The environment of PettingZoo's parallel API: drivers in several seats of one episode."""
+"""The environment for PettingZoo's parallel API: several drivers in one episode."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ Results = dict[Seat, SeatResult]
 
 
 class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
-    """Drivers in the seats ``emv`` and ``civilian``. Each one's episode ends by itself; seeds as in ``SeatEnv``."""
+    """Drivers of ``emv`` and ``civilian``. The episode of each ends separately; seeds as in ``SeatEnv``."""
 
     metadata: ClassVar[dict[str, Any]] = {
         "name": "siren_v0",
@@ -37,7 +37,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         record_to: str | Path | None = None,
         **options: Any,
     ) -> None:
-        """Checks the options.
+        """Check the options.
 
         Args:
             drivers: The seats with a driver.
@@ -63,17 +63,17 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         self._view: TopView | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """The space of a driver's observations."""
+        """Space of a driver's observations."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """The space of a driver's actions."""
+        """Space of a driver's actions."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, npt.NDArray[Any]], dict[str, dict[str, Any]]]:
-        """Begins an episode; ``options`` as in ``SeatEnv.reset``.
+        """Begin an episode; ``options`` as in ``SeatEnv.reset``.
 
         Raises:
             InputError: An option or the request cannot be used.
@@ -89,7 +89,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         )
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
-        """Simulates ``decision_s``; drivers whose episodes end leave ``agents``.
+        """Simulate ``decision_s``; drivers whose episode ends leave ``agents``.
 
         Raises:
             InputError: A driver has no action, or one that is not of the action space; nothing has changed then.
@@ -103,7 +103,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         return tuple({str(seat): getattr(result, part) for seat, result in results.items()} for part in parts)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The picture from above around the first seat, shape ``(400, 640, 3)``; None without ``rgb_array``."""
+        """Picture from above around the first seat, shape ``(400, 640, 3)``; None without ``rgb_array``."""
         rollout = self._session.rollout
         if self.render_mode is None or rollout is None:
             return None
@@ -112,9 +112,9 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         return self._view.draw(rollout.steps[-1], rollout.actors, self._session.moment.sight.body.actor_id)
 
     def save(self, bag: str | Path) -> RecordedEpisode:
-        """Writes the bag of the present episode, as ``SeatEnv.save``."""
+        """Write the bag of the current episode, as ``SeatEnv.save``."""
         return self._session.save(Path(bag))
 
     def close(self) -> None:
-        """Ends SUMO."""
+        """End SUMO."""
         self._session.close()

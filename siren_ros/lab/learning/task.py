@@ -1,4 +1,4 @@
-"""What an environment is asked for: the episodes, the seats' spaces, the reward."""
+"""The options of a learning environment: episodes, spaces, reward."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,7 @@ from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 
 DECISION_S: Final = 0.2
 SEEDS: Final = (0, 1000)
-"""Seeds of episodes that are drawn; those from 1000 on are for tests of what has been learned."""
+"""Seeds from which episodes are drawn; seeds from 1000 on are reserved for tests of learned drivers."""
 _PEDALS: Final = 3
 
 
@@ -37,7 +37,7 @@ class Action(StrEnum):
 
 
 _OF_SPACES: Final = frozenset({"observation", "action"})
-"""Options that an environment keeps, because its spaces depend on them."""
+"""Options that cannot change between episodes, because the spaces depend on them."""
 
 
 def _refuse_unknown(options: Mapping[str, Any], known: Collection[str]) -> None:
@@ -57,29 +57,29 @@ class Task:
     template: str = "S2"
     """Template of the episodes, as in a request."""
     level: str | int | None = None
-    """Level, such as ``2`` or ``L2``; without one the template's own."""
+    """Level, such as ``2`` or ``L2``; None for the template's own."""
     map: str = ""
     """Map, as in a request."""
     site: str = ""
-    """Site on the map, as in a request; empty: the seed draws one."""
+    """Site on the map, as in a request; if empty, the seed decides."""
     preset: str = "paper"
-    """How the other civilians react."""
+    """Preset of the other civilians' behaviour."""
     values: str = ""
     """Values of the template's parameters, as in a request."""
     duration_s: float = 0.0
-    """Simulated time of an episode; 0: the template's own."""
+    """Simulated time of an episode; 0 for the template's own."""
     observation: str = Observation.VECTOR.value
-    """Kind of the observations: ``vector`` or ``raster``."""
+    """Kind of observations: ``vector`` or ``raster``."""
     action: str = Action.MANOEUVRE.value
-    """Kind of the actions: ``manoeuvre`` or ``continuous``."""
+    """Kind of actions: ``manoeuvre`` or ``continuous``."""
     decision_s: float = DECISION_S
-    """Simulated time from one action to the next, a multiple of 0.05 s."""
+    """Simulated time between actions, a multiple of 0.05 s."""
     rewards: Mapping[str, float] = field(default_factory=dict)
-    """Weights in place of those in the table of the reward."""
+    """Weights that replace those in the table of rewards."""
     rulebook: str = "international"
-    """Rulebook of the grades in ``info`` at the end; empty: none."""
+    """Rulebook that grades the driver in ``info`` at the end; empty for none."""
     seeds: tuple[int, int] = SEEDS
-    """The first seed that may be drawn, and the one after the last."""
+    """Range of seeds that are drawn: the first one, and the one after the last."""
 
     def __post_init__(self) -> None:
         for name, kinds in (("observation", Observation), ("action", Action)):
@@ -96,12 +96,12 @@ class Task:
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> "Task":
-        """The task of an environment with some options; InputError also names an option that does not exist."""
+        """Make a task from options; InputError also for an unknown option."""
         _refuse_unknown(options, [*cls.__dataclass_fields__])
         return cls(**options)
 
     def changed(self, options: Mapping[str, Any]) -> "Task":
-        """The task of one episode, with the options of its reset in place of the environment's.
+        """The task for one episode, with options of its reset.
 
         Raises:
             InputError: An option does not exist, cannot be used, or would change a space.
@@ -110,7 +110,7 @@ class Task:
         return replace(self, **options)
 
     def check_action(self, action: Any) -> None:
-        """Raise InputError for an action that is not one of the action space.
+        """Check an action; InputError unless it is in the action space.
 
         Numbers beyond −1 and 1 of a continuous action are no error: they count as −1 and 1.
         """
@@ -124,7 +124,7 @@ class Task:
 
     @property
     def steps_per_decision(self) -> int:
-        """Simulated steps from one action to the next."""
+        """Number of simulated steps between actions."""
         return round(self.decision_s / STEP_S)
 
     @property
@@ -132,7 +132,7 @@ class Task:
         return "" if self.level is None else level_name(self.level)
 
     def request(self, seed: int, *, with_av: bool) -> EpisodeRequest:
-        """The request of the episode with a seed."""
+        """Request of the episode with a seed."""
         return EpisodeRequest(
             template=self.template,
             level=self._level,
@@ -147,13 +147,13 @@ class Task:
         )
 
     def observation_space(self) -> spaces.Box:
-        """The space of the observations."""
+        """Space of the observations."""
         if self.observation == Observation.RASTER:
             return spaces.Box(0, 255, SHAPE, np.uint8)
         return spaces.Box(-1.0, 1.0, (SIZE,), np.float32)
 
     def action_space(self) -> spaces.Space[Any]:
-        """The space of the actions."""
+        """Space of the actions."""
         if self.action == Action.CONTINUOUS:
             return spaces.Box(-1.0, 1.0, (_PEDALS,), np.float32)
         return spaces.Discrete(len(Manoeuvre))

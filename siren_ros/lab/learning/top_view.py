@@ -1,4 +1,4 @@
-"""The picture of a step from above, around a driver in a seat, and the window that shows it."""
+"""A picture of a step from above, around a driver's vehicle, and a window that shows it."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -24,16 +24,16 @@ from siren_ros.simulation.world.actors import ActorDescription
 
 SIZE_PX: Final = (640, 400)
 PX_PER_M: Final = 5.0
-"""Shows 128 m by 80 m."""
+"""Scale of the picture, which covers 128 m by 80 m."""
 _RING: Final = "#1a86b8"
 _RING_PX: Final = 20
 """Radius of the ring around the driver's vehicle."""
 _TILE_M: Final = 100.0
-"""The roads are drawn so far beyond what is shown, and again where a vehicle comes to the edge of that."""
+"""Roads are drawn this far beyond the picture, and again when a vehicle reaches that edge."""
 
 
 class TopView:
-    """Draws steps of one episode; the roads are kept from one picture to the next."""
+    """Draws the steps of one episode; the drawn roads are reused."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
@@ -42,7 +42,7 @@ class TopView:
         self._centre_m = np.zeros(2)
 
     def draw(self, step: LoopStep, actors: Mapping[int, ActorDescription], actor_id: int) -> npt.NDArray[np.uint8]:
-        """The picture of a step around an actor, or around where it was last, shape ``(400, 640, 3)``."""
+        """Draw a step around an actor, or around its last place, shape ``(400, 640, 3)``."""
         states = step.states
         row = int(np.searchsorted(states.actor_id, actor_id))
         if row < len(states) and states.actor_id[row] == actor_id:
@@ -59,7 +59,7 @@ class TopView:
         return np.array(picture)
 
     def _roads(self, centre_m: Points) -> MapImage:
-        """The image of the roads, drawn anew where the present one does not reach around this place."""
+        """Image of the roads; it is drawn again if the present one does not cover this place."""
         kept = self._map
         if kept is not None:
             corner = _corner(kept, centre_m)
@@ -72,15 +72,15 @@ class TopView:
 
 
 def _corner(roads: MapImage, centre_m: Points) -> npt.NDArray[np.int_]:
-    """Top left corner in the roads' image of the picture around a place, in pixels."""
+    """Top left corner of the picture around a place, in pixels of the roads' image."""
     return np.round(roads.to_px(centre_m) - 0.5 * np.array(SIZE_PX)).astype(int)
 
 
 class Window:
-    """A window that shows pictures one after the other."""
+    """A window that shows pictures."""
 
     def __init__(self, title: str) -> None:
-        """Opens nothing yet.
+        """Prepare; the window opens later.
 
         Raises:
             InputError: pygame is missing.
@@ -93,7 +93,7 @@ class Window:
         self._title, self._surface = title, None
 
     def show(self, picture: npt.NDArray[np.uint8], fps: int) -> None:
-        """Shows a picture, shape ``(H, W, 3)``, at most so many a second."""
+        """Show a picture, shape ``(H, W, 3)``, at most ``fps`` per second."""
         pygame = self._pygame
         if self._surface is None:
             pygame.display.init()
@@ -106,7 +106,7 @@ class Window:
         self._clock.tick(fps)
 
     def close(self) -> None:
-        """Closes the window."""
+        """Close the window."""
         if self._surface is not None:
             self._pygame.display.quit()
             self._surface = None

@@ -1,1 +1,1 @@
-"""Every measured figure, picture and film of the documents, made by commands and kept in one file of results."""
+"""Makes all measured figures, pictures and films of the documents with commands; one file keeps the results."""

@@ -1,4 +1,4 @@
-"""Makes the parts: says what it will do, runs the commands, keeps each part's figures as soon as it is done."""
+"""Makes the parts of a reproduction: prints the plan, runs commands, stores each part's figures when it is done."""
 
 import json
 import shlex
@@ -18,24 +18,24 @@ from siren_ros.lab.reproduction.parts import FigureFile, Part, inputs_sha256, sh
 from siren_ros.lab.reproduction.results import Figure, PartResult, figures_in, machine, read_results, write_results
 
 _LAST_LINES: Final = 5
-"""Of a failed command's output, in the message."""
+"""Number of output lines of a failed command in the error message."""
 _STAMP: Final = "inputs_sha256"
-"""File of a part's folder: the inputs that the work in it is for."""
+"""File in a part's folder with the hash of the inputs that the work in it belongs to."""
 Say = Callable[[str], None]
 
 
 class PartError(SirenError):
-    """A command of a part failed, or did not write what the part's figures are read from."""
+    """Raised if a command of a part fails, or does not write the file with its figures."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A part, and what becomes of it."""
+    """A part with its state in the plan."""
 
     part: Part
     inputs_sha256: str
     missing: tuple[str, ...]
-    """Files that it needs and that are not there; it is skipped."""
+    """Files that are missing; with any of these the part is skipped."""
     due: bool
 
     def __str__(self) -> str:
@@ -49,7 +49,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Where parts are made: the repository, a folder for the work, the file of results."""
+    """The places of a reproduction: repository, folder for the work, file of results."""
 
     repository: Path
     out: Path
@@ -57,7 +57,7 @@ class Reproduction:
     workers: int
 
     def plan(self, parts: Mapping[str, Part], only: Sequence[str] = ()) -> list[Step]:
-        """The parts in their order, with those that they need.
+        """Plan the parts in order, including parts that they need.
 
         A part is due when its inputs are not those of its figures, or when a part that is due reads its folder and the
         folder is gone.
@@ -88,12 +88,12 @@ class Reproduction:
         return list(steps.values())
 
     def _work_of(self, step: Step) -> bool:
-        """Whether the part's folder holds the work on these very inputs."""
+        """Whether the part's folder contains work with exactly these inputs."""
         stamp = self.out / step.part.name / _STAMP
         return stamp.is_file() and stamp.read_text(encoding="utf-8") == step.inputs_sha256
 
     def make(self, steps: Sequence[Step], say: Say) -> list[str]:
-        """Makes what is due, and gives a line for each part that failed; it does not stop those that do not need it."""
+        """Make the parts that are due; returns a line per failed part. Parts that do not need a failed one continue."""
         for step in steps:
             say(str(step))
         due = [step for step in steps if step.due]
@@ -121,7 +121,7 @@ class Reproduction:
         return [f"{name}: {why}" for name, why in failed.items()]
 
     def _with_new_inputs(self, step: Step, hashes: dict[str, str]) -> Step:
-        """The step after those above it: what they put into the repository, such as weights, may be its inputs."""
+        """The step with inputs computed again, because earlier steps may have written them (for example weights)."""
         if step.missing:
             return step
         above = [hashes[need] for need in step.part.needs]
@@ -130,7 +130,7 @@ class Reproduction:
         return replace(step, inputs_sha256=sha, due=step.due or sha != step.inputs_sha256)
 
     def _make(self, step: Step) -> PartResult:
-        """Runs the commands of a part, reads its figures and puts its files into the repository.
+        """Run the commands of a part, read its figures, and put its files into the repository.
 
         Work on the same inputs that was interrupted goes on: the commands themselves resume.
         """
@@ -167,7 +167,7 @@ class Reproduction:
                     cwd=self.repository,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    start_new_session=True,  # a terminal's Ctrl-C is for this process, which ends the command
+                    start_new_session=True,  # Ctrl-C reaches only this process, which then ends the command
                 )
             except OSError as error:
                 raise PartError(f"`{command}`: {error.strerror}") from error
@@ -182,7 +182,7 @@ class Reproduction:
 
 
 def _ratio(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
-    """The figure of ``NAME=A/B``."""
+    """Compute the figure of ``NAME=A/B``."""
     name, _, ratio = text.partition("=")
     above, _, below = ratio.partition("/")
     try:
@@ -192,7 +192,7 @@ def _ratio(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
 
 
 def _mean(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
-    """The figure of ``NAME=PATTERN``."""
+    """Compute the figure of ``NAME=PATTERN``."""
     name, _, pattern = text.partition("=")
     try:
         return name, fmean(float(value) for figure, value in figures.items() if fnmatchcase(figure, pattern))
@@ -201,7 +201,7 @@ def _mean(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
 
 
 def _files(folder: Path, source: FigureFile) -> list[tuple[Path, str]]:
-    """The files with figures, each with what stands before its names."""
+    """Files with figures, each with the prefix of its names."""
     if "*" not in source.path:
         return [(folder / source.path, source.prefix)]
     found = sorted(folder.glob(source.path))

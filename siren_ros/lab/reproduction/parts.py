@@ -1,4 +1,4 @@
-"""The parts of a reproduction, read from ``params/reproduction.yaml``: commands, inputs, figures to keep."""
+"""The parts of a reproduction from ``params/reproduction.yaml``: commands, inputs, figures to keep."""
 
 import hashlib
 import json
@@ -12,65 +12,65 @@ from siren_ros.base.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.errors import InputError
 
 HOURS: Final = 60.0
-"""Minutes of an hour."""
+"""Number of minutes in an hour."""
 _MOST_MINUTES: Final = 14 * 24 * HOURS
 
 
 @dataclass(frozen=True)
 class FigureFile:
-    """A JSON file that a part's commands write, and which of its numbers are figures."""
+    """A JSON file that a part's commands write, and which of its numbers are kept as figures."""
 
     path: str
-    """In the part's folder. A pattern such as ``*/scores.json`` stands for all files that match; the names of their
-    folders follow the prefix."""
+    """Path in the part's folder. A pattern such as ``*/scores.json`` means all matching files; their folders' names
+    follow the prefix."""
     keep: tuple[str, ...]
-    """Patterns (``fnmatch``) of the dotted names of the numbers."""
+    """Patterns (``fnmatch``) for the dotted names of figures."""
     prefix: str
-    """Stands before the names, with a dot; empty for none."""
+    """Prefix of the names, joined with a dot; empty for none."""
     leave_out: tuple[str, ...] = ()
-    """Parts that the names of the figures do not have."""
+    """Parts of the dotted names that are removed."""
     ratios: tuple[str, ...] = ()
-    """``NAME=A/B``: a figure that is the ratio of two others, by the figures' names."""
+    """Figures that are ratios of others, as ``NAME=A/B`` with names of figures."""
     means: tuple[str, ...] = ()
-    """``NAME=PATTERN``: a figure that is the mean of others, by a pattern of the figures' names."""
+    """Figures that are means of others, as ``NAME=PATTERN`` with a pattern of figures' names."""
 
 
 @dataclass(frozen=True)
 class TargetFile:
-    """A file of the repository that a part makes: a picture, a film, trained weights."""
+    """A file that a part makes for the repository: a picture, a film, trained weights."""
 
     source: str
-    """In the part's folder."""
+    """Path in the part's folder."""
     target: str
-    """In the repository."""
+    """Path in the repository."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part: it is made as a whole, and made again when its inputs change."""
+    """One part. It is made as a whole, and again when its inputs change."""
 
     name: str
     about: str
     minutes: float
-    """Wall time on two cores."""
+    """Wall time on two cores in minutes."""
     needs: tuple[str, ...]
-    """Parts whose folders its commands read."""
+    """Names of parts whose folders its commands read."""
     code: tuple[str, ...]
     """Files and folders of the repository that decide its figures."""
     files: tuple[str, ...]
-    """Files outside the repository that it needs, relative to the repository; without them it is skipped."""
+    """Files outside the repository that it needs, as paths relative to it; without them the part is skipped."""
     commands: tuple[str, ...]
-    """``{out}`` is the part's folder, ``{NAME}`` that of the needed part NAME, ``{workers}`` a number."""
+    """Commands; ``{out}`` is the part's folder, ``{NAME}`` that of the needed part NAME, ``{workers}`` a number."""
     figures: tuple[FigureFile, ...]
     targets: tuple[TargetFile, ...]
 
     def missing(self, repository: Path) -> tuple[str, ...]:
-        """Files that the part needs and that are not there."""
+        """Needed files that are missing."""
         return tuple(file for file in self.files if not (repository / file).exists())
 
 
 def read_parts(file: Path, repository: Path) -> dict[str, Part]:
-    """The parts by name, in the order of the file; a part stands below those that it needs.
+    """Read the parts by name, in the order of the file; a part must stand below the parts that it needs.
 
     Raises:
         InputError: The file names a part that does not stand above, or a path that the repository does not have.
@@ -126,12 +126,12 @@ def _part(entry: StrictMapping, code: Mapping[str, tuple[str, ...]]) -> Part:
 
 
 def _words(mapping: StrictMapping, key: str) -> tuple[str, ...]:
-    """An optional list."""
+    """An optional list of words."""
     return mapping.words(key) if mapping.has(key) else ()
 
 
 def inputs_sha256(part: Part, repository: Path, needed: Iterable[str]) -> str:
-    """A hash of what decides a part: commands, code, outside files, and the hashes of the parts that it needs."""
+    """Hash of everything that decides a part: commands, code, outside files, hashes of needed parts."""
     digest = hashlib.sha256(json.dumps([part.commands, part.files, list(needed)]).encode())
     roots = [repository / name for name in (*part.code, *part.files)]
     for path in sorted(file for root in roots for file in ([root] if root.is_file() else root.rglob("*"))):
@@ -142,5 +142,5 @@ def inputs_sha256(part: Part, repository: Path, needed: Iterable[str]) -> str:
 
 
 def shown_minutes(minutes: float) -> str:
-    """A duration for people: ``12 min``, ``3.5 h``."""
+    """A duration as text: ``12 min``, ``3.5 h``."""
     return f"{math.ceil(minutes)} min" if minutes < 2 * HOURS else f"{minutes / HOURS:.1f} h"

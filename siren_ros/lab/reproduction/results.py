@@ -1,4 +1,4 @@
-"""The file of results: the figures of each part with the commands, the code and the machine that made them."""
+"""The file of results: figures of each part, with the commands, code and machine that made them."""
 
 import json
 import os
@@ -20,15 +20,15 @@ _LABELS: Final = (
     *("of", "name", "template", "model", "metric", "outcome", "group"),
     *("class", "map", "level", "levels", "kind"),
 )
-"""Keys whose texts, or lists of texts, name a row of a list, in the order in which they stand in its name."""
+"""Keys whose texts (or lists of texts) name a list item, in this order."""
 
 
 @dataclass(frozen=True)
 class PartResult:
-    """What one part has given."""
+    """Result of one part."""
 
     inputs_sha256: str
-    """Of what decides the part; empty for figures that were typed in before the command existed."""
+    """Hash of the part's inputs; empty for figures that were entered by hand."""
     commands: tuple[str, ...]
     machine: Mapping[str, str]
     minutes: float
@@ -36,7 +36,7 @@ class PartResult:
 
 
 def read_results(file: Path) -> dict[str, PartResult]:
-    """The results by part, none where the file is not there; InputError where the file is damaged."""
+    """Read the results by part, empty if there is no file; InputError if the file is damaged."""
     if not file.exists():
         return {}
     try:
@@ -51,13 +51,13 @@ def read_results(file: Path) -> dict[str, PartResult]:
 
 
 def write_results(file: Path, results: Mapping[str, PartResult]) -> None:
-    """Writes the results whole; names are sorted, so that a change shows as few lines."""
+    """Write all results, sorted by name, so that changes affect few lines."""
     content = {"parts": {name: asdict(part) for name, part in sorted(results.items())}}
     write_text(file, json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
 
 
 def machine() -> dict[str, str]:
-    """What a reader must know of the machine: cores, load, processor, Python, versions of what computes.
+    """Facts about the machine: cores, load, processor, Python, versions of numerical packages.
 
     The load is the mean number of waiting processes in the last minute: times mean little where it exceeds the cores.
     """
@@ -80,7 +80,7 @@ def machine() -> dict[str, str]:
 def figures_in(
     content: Any, keep: tuple[str, ...], prefix: str = "", leave_out: tuple[str, ...] = ()
 ) -> dict[str, Figure]:
-    """The numbers and texts of a JSON document by dotted names, as far as a pattern of ``keep`` matches.
+    """Numbers and texts of a JSON document by dotted names that match a pattern of ``keep``.
 
     An item of a list is named by its texts under the keys ``name``, ``template``, ``model`` and so on, otherwise by its
     place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``. Spaces and
@@ -122,7 +122,7 @@ def _leaves(content: Any, above: tuple[str, ...]) -> Iterator[tuple[str, Figure]
 
 
 def _label(value: Any) -> str:
-    """What names a row: a text, or texts such as two levels as ``L3-L1``; empty for anything else."""
+    """Name of a list item: a text, or texts such as two levels as ``L3-L1``; empty for other values."""
     if isinstance(value, list) and all(isinstance(text, str) for text in value):
         return "-".join(value)
     return value if isinstance(value, str) else ""

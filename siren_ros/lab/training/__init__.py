@@ -1,1 +1,1 @@
-"""Training of the models that ship with the project; the only folder with torch but the published predictors'."""
+"""Trains the shipped models. Only this folder and that of published predictors use torch."""

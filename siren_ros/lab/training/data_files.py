@@ -1,4 +1,4 @@
-"""Files of training data: each is made in a separate process and kept, so that a second run finds it."""
+"""Files of training data: each is made in a separate process and kept for later runs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from siren_ros.running.studies.workers import attempt_processes
 
 
 class Named(Protocol):
-    """A part of a plan."""
+    """Protocol of an item of a plan."""
 
     @property
     def name(self) -> str:
-        """Tells it apart from the others."""
+        """Unique name of the item."""
 
 
 Planned = TypeVar("Planned", bound=Named)
@@ -28,17 +28,17 @@ _RETRIES: Final = 2
 
 @dataclass(frozen=True)
 class MadeFiles(Generic[Planned]):
-    """What became of a plan."""
+    """Result of a plan."""
 
     files: tuple[tuple[Planned, Path], ...]
     missing: tuple[tuple[Planned, str], ...]
-    """Parts without a file, with the reason: a map without a site, a failed episode."""
+    """Items without a file, with the reason: a map without a site, a failed episode."""
 
 
 def make_files(
     paths: Mapping[Planned, Path], make: Callable[[Planned, Path], None], jobs: int, done: Callable[[], None]
 ) -> MadeFiles[Planned]:
-    """Makes the files that are not there yet, several at once.
+    """Make the missing files, several in parallel.
 
     ``make`` is a function of a module, because it runs in other processes. ``done`` is called after each file, also of
     those that are there.
@@ -63,11 +63,11 @@ def make_files(
 
 
 _MOST_BYTES: Final = 1 << 32
-"""Of a file in memory; the sweeps of ten minutes have a third."""
+"""Limit of a file's size in memory; the sweeps of ten minutes need a third of it."""
 
 
 def read_arrays(path: Path, head: str) -> tuple[Any, dict[str, Any]]:
-    """What ``write_arrays`` wrote: the JSON in the array ``head``, and the other arrays.
+    """Read a file of ``write_arrays``: the JSON in the array ``head``, and the other arrays.
 
     Raises:
         InputError: The file cannot be read, is none of these, or is larger than 4 GiB in memory.
@@ -80,7 +80,7 @@ def read_arrays(path: Path, head: str) -> tuple[Any, dict[str, Any]]:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
-    """Writes numpy's file of several arrays, whole or not at all; OSError where it cannot be written."""
+    """Write several arrays to a numpy file, completely or not at all; OSError if it cannot be written."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as new:
         (np.savez_compressed if compressed else np.savez)(new, **arrays)

@@ -1,4 +1,4 @@
-"""What the three trainings share: settings of the fittings, and networks as files with cards."""
+"""Common settings of all trainings, and networks as files with cards."""
 
 import hashlib
 import platform
@@ -14,30 +14,30 @@ _PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
 
 @dataclass(frozen=True)
 class FitSettings:
-    """What the descent of every network needs."""
+    """Settings of the gradient descent of every network."""
 
     seed: int = 0
     learning_rate: float = 2e-3
-    """The highest one."""
+    """Largest learning rate."""
     weight_decay: float = 1e-2
-    """Of AdamW."""
+    """Weight decay of AdamW."""
 
 
 ARCHITECTURES: Final = ("paths", "lstm", "transformer")
-"""Networks of the prediction task: SIREN's own along the roads, and two baselines without a map."""
+"""Networks for prediction: SIREN's own with the road's paths, and two baselines without a map."""
 
 
 @dataclass(frozen=True)
 class FitConfig(FitSettings):
-    """How the predictor's network is fitted."""
+    """Settings of the predictor's training."""
 
     architecture: str = ARCHITECTURES[0]
 
     epochs: int = 8
-    """Each sample comes twice, without errors and with those of a tracker."""
+    """Number of epochs; in each, every sample occurs twice, without errors and with a tracker's."""
     batch: int = 512
     averaging: float = 0.995
-    """Share of the old weights in their running mean, which is what is kept."""
+    """Share of the old weights in their running mean, which is the final network."""
     width: int = 64
     layers: int = 2
     share_of_all: float = 0.05
@@ -50,49 +50,49 @@ class FitConfig(FitSettings):
 
 @dataclass(frozen=True)
 class FilmFitConfig(FitSettings):
-    """How the sequence model is fitted."""
+    """Settings of the sequence model's training."""
 
     epochs: int = 14
     steps: int = 20
-    """Batches of an epoch."""
+    """Number of batches in an epoch."""
     batch: int = 12
-    """Clips at once."""
+    """Number of clips in a batch."""
     clip_frames: int = 24
-    """Pictures of a training clip: 4.8 s."""
+    """Number of pictures in a training clip: 4.8 s."""
     near_steps: int = 12
-    """A picture is of a class if the conflict is within so many steps before or after it: 0.6 s."""
+    """A picture has the class of a conflict within this many steps before or after it (0.6 s)."""
     frame_weight: float = 1.0
-    """Weight of the pictures' classes against that of the clip's."""
+    """Weight of the pictures' classes relative to the clip's."""
     focus: float = 1.5
-    """Exponent of the focal loss (Lin et al. 2017): clips that the network knows well already count less."""
+    """Exponent of the focal loss (Lin et al. 2017), which reduces the weight of well-known clips."""
     thresholds: RiskThresholds = field(default_factory=RiskThresholds)
 
 
 @dataclass(frozen=True)
 class DriverFit(FitSettings):
-    """How the driver is trained: it imitates the best of several drives of each episode, of rules and of its own."""
+    """Settings of the driver's training, which imitates the best of several drives (by rules or its own)."""
 
     learning_rate: float = 3e-3
     weight_decay: float = 1e-3
     passes: int = 400
-    """Over all imitated decisions, in each round."""
+    """Passes over all imitated decisions, in each round."""
     widths: tuple[int, ...] = (64, 64)
     episodes: tuple[int, ...] = (36, 12, 12)
-    """Of each round. In the first one teachers drive alone, then the driver drives too."""
+    """Episodes of each round. In the first round only teachers drive, later the driver too."""
     tries: int = 2
-    """Drives of each episode in which the driver tries other manoeuvres too."""
+    """Drives of each episode in which the driver also tries other manoeuvres."""
     temperature: float = 1.0
-    """Of those (``Pupil``)."""
+    """Temperature of these drives (``Pupil``)."""
     violation: float = 3.0
     """Reward that a violated clause costs."""
     margin: float = 0.25
-    """Reward by which a drive is better than an earlier one."""
+    """Difference of reward by which a drive must be better than an earlier one."""
     full_gap: float = 5.0
-    """Reward by which the best drive is above the mean of all from which on an episode counts fully…"""
+    """Difference between the best drive and the mean at which an episode gets full weight."""
     least_weight: float = 0.1
-    """…and what one counts in which all drives are alike."""
+    """Weight of an episode in which all drives are equally good."""
     templates: tuple[str, ...] = ("S1", "S2")
-    """Those in which the EMV has to pass the driver on a road without a free shoulder."""
+    """Templates in which the EMV must pass the driver on a road without a free shoulder."""
     levels: tuple[int, ...] = (2, 3)
     task: Mapping[str, Any] = field(default_factory=lambda: {"decision_s": 0.5})
     """Further options of the environment."""
@@ -100,19 +100,19 @@ class DriverFit(FitSettings):
 
 @dataclass(frozen=True)
 class FittedNetwork:
-    """A network as a file."""
+    """A fitted network as a file."""
 
     onnx: bytes
     parameters: int
     made_with: str
-    """Library and version."""
+    """Library and version that made it."""
     processor_s: float = 0.0
-    """Processor time of the fitting, where it is counted over several programs."""
+    """Processor time of the fitting, if it is counted over several runs."""
     plans: tuple[tuple[int, int, int], ...] = ()
-    """From which step, of how many, on how many frames: several where a training went on with other numbers."""
+    """First step, planned steps and frames of each run; several if a training continued with other numbers."""
 
     def card(self, config: FitSettings, **about: Any) -> dict[str, Any]:
-        """The beginning of a card: what the model is, its hash and size, what it was made with, and its settings."""
+        """Beginning of a card: what the model is, its hash and size, how it was made, its settings."""
         return {
             **about,
             "sha256": hashlib.sha256(self.onnx).hexdigest(),
@@ -125,30 +125,30 @@ class FittedNetwork:
 
 @dataclass(frozen=True)
 class NetworkSize:
-    """Widths of the layers; the output has a cell for every four pillars along x and along y."""
+    """Widths of the layers; an output cell covers four pillars along x and along y."""
 
     pillar: int = 24
     stages: tuple[int, int, int] = (48, 96, 128)
-    """Channels at 4, 8 and 16 pillars for a cell."""
+    """Channels of the stages with cells of 4, 8 and 16 pillars."""
     layers: int = 3
-    """Convolutions of each stage."""
+    """Number of convolutions per stage."""
     neck: int = 32
-    """Channels that each stage gives to the head."""
+    """Number of channels from each stage to the head."""
     head: int = 48
 
 
 @dataclass(frozen=True)
 class DetectionFit(FitSettings):
-    """How the detector's network is fitted."""
+    """Settings of the detector's training."""
 
     learning_rate: float = 3e-3
     steps: int = 4000
     batch: int = 2
     averaging: float = 0.998
-    """Share of the old weights in their running mean, which is what is kept."""
+    """Share of the old weights in their running mean, which is the final network."""
     box_weight: float = 0.5
     class_weight: float = 0.2
     checkpoint_steps: int = 100
     device: str = "cpu"
     half: bool = True
-    """Convolutions in bfloat16: a third less time on processors with AVX-512 BF16."""
+    """Whether convolutions use bfloat16, which saves a third of the time on processors with AVX-512 BF16."""

@@ -1,4 +1,4 @@
-"""Samples as PyTorch's datasets: by number, or as a stream that is dealt to ranks and workers. Needs torch.
+"""Samples as PyTorch datasets: by number, or as a stream divided among ranks and workers. Needs torch.
 
 Both take files of ``siren pack``; ``SampleDataset`` also takes samples in memory, as they come out of bags.
 """
@@ -19,14 +19,14 @@ __all__ = ["SampleDataset", "SampleStream", "collated"]
 
 
 def tensors_of(sample: Sample) -> dict[str, Any]:
-    """Arrays and numbers as tensors; texts stay."""
+    """Convert arrays and numbers to tensors; texts stay."""
     return {
         name: value if isinstance(value, str) else torch.from_numpy(np.array(value)) for name, value in sample.items()
     }
 
 
 def collated(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """A batch: tensors of equal shape are stacked; texts, and tensors of different length, are lists."""
+    """Join a batch: tensors of equal shape are stacked; texts and tensors of different length become lists."""
     batch: dict[str, Any] = {}
     for name in samples[0]:
         values = [sample[name] for sample in samples]
@@ -39,7 +39,7 @@ class SampleDataset(Dataset):
     """Samples by number, for DataLoader's own samplers."""
 
     def __init__(self, source: SampleSource | Path | str) -> None:
-        """Samples in memory, or a file of ``siren pack``; InputError where it cannot be read."""
+        """Take samples in memory, or a file of ``siren pack``; InputError if it cannot be read."""
         self.source: SampleSource = PackedSamples(Path(source)) if isinstance(source, Path | str) else source
 
     def __len__(self) -> int:
@@ -57,7 +57,7 @@ class SampleStream(IterableDataset):
     """
 
     def __init__(self, files: Sequence[Path | str], seed: int | None = 0, rank: int = 0, ranks: int = 1) -> None:
-        """The files, the seed of the order (None: that of the files), and this process among those that train.
+        """Take files, the seed of the order (None for the files' order), and this process's rank among all.
 
         Raises:
             InputError: A file that cannot be read, or a rank that is not below the number of ranks.
@@ -72,7 +72,7 @@ class SampleStream(IterableDataset):
         return sum(map(len, self._files))
 
     def set_epoch(self, epoch: int) -> None:
-        """Each epoch has an order of its own; call it before the loader is iterated."""
+        """Set the epoch, since each has its own order; call it before iterating over the loader."""
         self._epoch = epoch
 
     def __iter__(self) -> Iterator[dict[str, Any]]:

@@ -1,1 +1,1 @@
-"""Training of the pillar detector: frames out of bags, targets, augmentation, fitting, figures."""
+"""Trains the pillar detector: frames from bags, targets, augmentation, fitting, evaluation."""

@@ -1,4 +1,4 @@
-"""Batches of the detector's training: drawn frames, turned, mirrored and scaled, with CenterPoint's targets.
+"""Batches for the detector's training: drawn frames with augmentation, and CenterPoint's targets.
 
 A batch is a function of seed and step, so that a run that goes on draws the same frames.
 """
@@ -17,11 +17,11 @@ from siren_ros.scoring.evaluation.detection.detectors.pillars import PillarGrid,
 _SCALE: Final = 0.05
 _LIFT_M: Final = 0.2
 _EXTINCTION_PER_M: Final = 0.03
-"""Highest of the air, a little above that of the look ``fog``; light goes through it twice."""
+"""Largest extinction of the air, slightly above that of the look ``fog``; light passes it twice."""
 
 
 def turned(frame: TrainingFrame, angle_rad: float, *, mirrored: bool, scale: float) -> TrainingFrame:
-    """The frame mirrored about the x axis, then turned counter-clockwise and scaled, with its labels."""
+    """Mirror the frame about the x axis, then turn it counter-clockwise and scale it, with its labels."""
     points, boxes = frame.points.copy(), frame.boxes.copy()
     if mirrored:
         points[:, 1] *= -1.0
@@ -36,7 +36,7 @@ def turned(frame: TrainingFrame, angle_rad: float, *, mirrored: bool, scale: flo
 
 
 def varied(frame: TrainingFrame, random: np.random.Generator) -> TrainingFrame:
-    """A random variant: any direction, either hand, 5 % larger or smaller, another height, clear or thick air."""
+    """Random variant: any direction, mirrored or not, scaled by up to 5 %, other height, clear air or fog."""
     angle = float(random.uniform(-np.pi, np.pi))
     scale = float(random.uniform(1.0 - _SCALE, 1.0 + _SCALE))
     variant = turned(frame, angle, mirrored=bool(random.random() < 0.5), scale=scale)
@@ -54,35 +54,36 @@ def _rotated(xy: Floats32, angle_rad: float) -> Floats32:
 
 
 STRIDE: Final = 4
-"""Pillars along x of a cell of the answer."""
+"""Size of an output cell in pillars."""
 BOX_CHANNELS: Final = ("dx", "dy", "z", "log_length", "log_width", "log_height", "sin", "cos", "vx", "vy")
-"""Offsets from the middle of the cell in metres; heading as sine and cosine."""
+"""Channels of a box: offsets from the middle of the cell in metres; heading as sine and cosine."""
 _LEAST_OVERLAP: Final = 0.1
 _LEAST_RADIUS: Final = 1
 _NEAR: Final = 1
-"""Boxes are learned at the cell of the centre and this many cells around it, as the highest cell may be a neighbour."""
+"""Boxes are learned in the cell of the centre and in cells up to this far around it, since the highest cell may be a
+neighbour."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Of one frame, with R rows and columns."""
+    """Targets of one frame with R rows and columns."""
 
     heat: Floats32
-    """1 at the cells of centres, falling around them, shape ``(R, R)``."""
+    """Heat map: 1 in the cells of centres, decreasing around them, shape ``(R, R)``."""
     counts: Floats32
-    """0 at cells that teach nothing about the heat: vehicles that only older sweeps hit; shape ``(R, R)``."""
+    """Weight of the heat map, 0 in cells of vehicles that only older sweeps hit; shape ``(R, R)``."""
     cell: npt.NDArray[np.int64]
     """Cells with a box, ``row * R + column``, shape ``(T,)``."""
     box: Floats32
-    """Their channels, shape ``(T, 10)``."""
+    """Channels of these cells' boxes, shape ``(T, 10)``."""
     weight: Floats32
-    """Of each of these cells, shape ``(T,)``."""
+    """Weight of each of these cells, shape ``(T,)``."""
     label: npt.NDArray[np.int64]
     """Index into ``CLASS_NAMES``, shape ``(T,)``."""
 
 
 def gaussian_radius(length: float, width: float, least_overlap: float = _LEAST_OVERLAP) -> float:
-    """How far a box may be shifted along both axes and still overlap itself by that share (IoU).
+    """Largest shift of a box along both axes that keeps an overlap (IoU) with itself of the given share.
 
     With a shift of r along both axes the overlap is ``(l - r)(w - r)``, which over the union is the least IoU at the
     smaller root of ``r² - (l + w) r + l w (1 - o) / (1 + o) = 0`` (CornerNet).
@@ -92,7 +93,7 @@ def gaussian_radius(length: float, width: float, least_overlap: float = _LEAST_O
 
 
 def targets_of(boxes: Floats32, grid: PillarGrid) -> Targets:
-    """The answer that a frame's labels ask for; columns of ``boxes`` as in ``BOX_COLUMNS``."""
+    """Targets for the labels of a frame; columns of ``boxes`` as in ``BOX_COLUMNS``."""
     rows = grid.cells // STRIDE
     cell_m = STRIDE * grid.cell_m
     heat, counts = np.zeros((rows, rows), dtype=np.float32), np.ones((rows, rows), dtype=np.float32)
@@ -136,7 +137,7 @@ def targets_of(boxes: Floats32, grid: PillarGrid) -> Targets:
 
 
 def _bump(row: int, column: int, radius: int, rows: int) -> tuple[tuple[slice, slice], Floats]:
-    """A Gaussian around a cell, cut at the border: the cells, and the values."""
+    """A Gaussian around a cell, cut at the border: its cells and values."""
     window = tuple(slice(max(0, at - radius), min(rows, at + radius + 1)) for at in (row, column))
     away = [np.arange(part.start, part.stop) - at for part, at in zip(window, (row, column), strict=True)]
     sigma = (2 * radius + 1) / 6.0
@@ -146,7 +147,7 @@ def _bump(row: int, column: int, radius: int, rows: int) -> tuple[tuple[slice, s
 
 @dataclass(frozen=True)
 class FrameDraws:
-    """All frames of the training, in an order that is new in every pass over them."""
+    """All training frames, in a new random order in every pass."""
 
     episodes: Sequence[BagFrames]
     grid: PillarGrid
@@ -157,12 +158,12 @@ class FrameDraws:
         return sum(len(episode) for episode in self.episodes)
 
     def rows(self, step: int) -> list[int]:
-        """Numbers of the frames of a step."""
+        """Numbers of the frames of a training step."""
         places = [divmod(position, len(self)) for position in range(step * self.batch, (step + 1) * self.batch)]
         return [int(np.random.default_rng([self.seed, turn]).permutation(len(self))[place]) for turn, place in places]
 
     def batch_of(self, step: int) -> list[tuple[Pillars, Targets]]:
-        """Pillars and targets of the frames of a step, varied."""
+        """Pillars and targets of the frames of a training step, augmented."""
         random = np.random.default_rng([self.seed, 1, step])
         ends = np.cumsum([len(episode) for episode in self.episodes])
         batch = []

@@ -1,4 +1,4 @@
-"""Frames to train the detector on: sweeps and labels of bags, made once and kept in files that a second run reads."""
+"""Training frames of the detector: sweeps and labels of bags, cached in files."""
 
 import hashlib
 import json
@@ -29,12 +29,12 @@ from siren_ros.simulation.world.actors import PEOPLE_CLASSES
 from siren_ros.simulation.world.carrier import GroundTruth
 
 FRAME_PERIOD_STEPS: Final = STEPS_PER_S // 2
-"""Frames are taken twice a second, as nuScenes' keyframes."""
+"""Steps between training frames: two per second, like nuScenes' keyframes."""
 BOX_COLUMNS: Final = ("x", "y", "z", "length", "width", "height", "yaw", "vx", "vy", "class", "points")
 _SPARE: Final = 1.5
-"""A file keeps more points of a pillar than a network gets, because augmentation moves them to other pillars."""
+"""Factor by which a file keeps more points per pillar than a network gets, because augmentation moves points."""
 _METRE: Final = 512
-"""Coordinates are kept in steps of 1/512 m."""
+"""Number of stored coordinate steps per metre."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +42,21 @@ class TrainingFrame:
     """One frame in the LiDAR's frame."""
 
     points: Floats32
-    """As ``sorted_points`` takes them, shape ``(N, 5)``."""
+    """Points for ``sorted_points``, shape ``(N, 5)``."""
     boxes: Floats32
-    """Columns as in ``BOX_COLUMNS``, shape ``(B, 11)``; the class is an index into ``CLASS_NAMES``."""
+    """Boxes with columns ``BOX_COLUMNS`` and the class as index into ``CLASS_NAMES``, shape ``(B, 11)``."""
 
 
 @dataclass(frozen=True)
 class BagFrames:
-    """The frames of one episode, points compact."""
+    """Frames of one episode with points in compact form."""
 
     about: dict[str, Any]
     """Template, level, seed, map and version of the episode."""
     xyz: npt.NDArray[np.int16]
     intensity_age: npt.NDArray[np.uint8]
     first_point: npt.NDArray[np.int64]
-    """Where the points of each frame begin, shape ``(F + 1,)``."""
+    """Index of each frame's first point, shape ``(F + 1,)``."""
     boxes: Floats32
     first_box: npt.NDArray[np.int64]
 
@@ -64,12 +64,12 @@ class BagFrames:
         return len(self.first_point) - 1
 
     def digest(self) -> bytes:
-        """A hash of all points and labels: equal frames have an equal one, whatever the bag's name and time."""
+        """Hash of all points and labels; equal frames have the same hash, whatever the bag's name and time."""
         parts = (self.xyz, self.intensity_age, self.first_point, self.boxes, self.first_box)
         return hashlib.sha256(b"".join(part.tobytes() for part in parts)).digest()
 
     def frame(self, number: int) -> TrainingFrame:
-        """One of the frames."""
+        """One frame by its number."""
         part = slice(self.first_point[number], self.first_point[number + 1])
         points = np.empty((part.stop - part.start, 5), dtype=np.float32)
         points[:, :3] = self.xyz[part].astype(np.float32) / _METRE
@@ -79,7 +79,7 @@ class BagFrames:
 
 
 def frames_of_bag(bag: Path, grid: PillarGrid) -> BagFrames:
-    """Reads an episode, two frames of each second; BagError where the bag is damaged or has no LiDAR."""
+    """Read an episode, two frames per second; BagError if the bag is damaged or has no LiDAR."""
     kept = replace(grid, points=int(_SPARE * grid.points))
     points: list[Floats32] = []
     boxes: list[Floats32] = []
@@ -111,7 +111,7 @@ def about_episode(bag: Path) -> dict[str, Any]:
 
 
 def boxes_of_truth(truth: GroundTruth) -> Floats32:
-    """The labels of the vehicles at one step, shape ``(B, 11)``; people are none, and belong to the background."""
+    """Labels of the vehicles at one step, shape ``(B, 11)``; people have none and belong to the background."""
     vehicles = ~np.isin(truth.actor_class, [*PEOPLE_CLASSES])
     classes = [class_of(int(code)) for code in truth.actor_class]
     columns = (
@@ -124,7 +124,7 @@ def boxes_of_truth(truth: GroundTruth) -> Floats32:
 
 
 def joined_frames(about: dict[str, Any], points: Sequence[Floats32], boxes: Sequence[Floats32]) -> BagFrames:
-    """Several frames as they are kept; points and boxes of each frame as in ``TrainingFrame``."""
+    """Join frames in compact form; points and boxes of each frame as in ``TrainingFrame``."""
     table = np.concatenate(points) if points else np.zeros((0, 5), dtype=np.float32)
     fine = np.stack((np.rint(table[:, 3] * 255.0), np.rint(table[:, 4] / STEP_S)), axis=-1)
     return BagFrames(
@@ -138,26 +138,26 @@ def joined_frames(about: dict[str, Any], points: Sequence[Floats32], boxes: Sequ
 
 
 def write_frames(path: Path, frames: BagFrames) -> None:
-    """Writes a file whole or not at all."""
+    """Write a file completely or not at all."""
     arrays = {field.name: getattr(frames, field.name) for field in fields(BagFrames) if field.name != "about"}
     write_arrays(path, {"about": np.array(json.dumps(frames.about)), **arrays}, compressed=False)
 
 
 def read_frames_file(path: Path) -> BagFrames:
-    """What ``write_frames`` wrote."""
+    """Read a file of ``write_frames``."""
     about, arrays = read_arrays(path, "about")
     return BagFrames(about=about, **arrays)
 
 
 FRAMES_SUFFIX: Final = ".npz"
 _FORM: Final = 2
-"""Of the files; another form has other names."""
+"""Version of the files; it is part of their names."""
 
 
 def frames_among(
     paths: Sequence[Path], folder: Path, grid: PillarGrid, report: Callable[[str], None]
 ) -> tuple[BagFrames, ...]:
-    """The frames of bags, folders with bags, or files of frames of an earlier run, in the order of their paths.
+    """Frames of bags, of folders with bags, or of cached files, in the order of their paths.
 
     Files of frames are kept in the folder. ``report`` is called with a line for each bag that was read.
 
@@ -181,7 +181,7 @@ def frames_among(
 
 
 def check_apart(trained: Iterable[Mapping[str, Any]], judged: Iterable[Mapping[str, Any]]) -> None:
-    """Refuses episodes (``template``, ``map``, ``seed``) that judge and share map and seed with one of the training.
+    """Check that no judged episode shares map and seed with a training episode.
 
     Raises:
         InputError: The first such episode.

@@ -1,4 +1,4 @@
-"""The whole training of the detector: frames, weights, figures as of ``siren evaluate detection``, card."""
+"""The complete training of the detector: frames, weights, figures as of ``siren evaluate detection``, card."""
 
 import hashlib
 import tempfile
@@ -31,17 +31,17 @@ MEAN: Final = "mean"
 
 @dataclass(frozen=True)
 class JudgedEpisode:
-    """One episode with its detections."""
+    """One judged episode with its detections."""
 
     survey: BagSurvey
     frames: EpisodeFrames
     detections: FoundBoxes
     processor_s: float
-    """For all its frames, reading the bag included."""
+    """Processor time for all frames, including reading the bag."""
 
 
 def judged_episode(bag: Path, weights: Path, scratch: Path) -> JudgedEpisode:
-    """Runs a detector on an episode.
+    """Run a detector on an episode.
 
     Raises:
         BagError: The bag is damaged or has no LiDAR.
@@ -55,7 +55,7 @@ def judged_episode(bag: Path, weights: Path, scratch: Path) -> JudgedEpisode:
 
 
 def figures_of(episodes: Sequence[JudgedEpisode]) -> dict[str, Any]:
-    """The mAP of the one class, by template and the mean over them; by kind of emergency vehicle; the cost."""
+    """Figures: mAP by template and its mean, by kind of emergency vehicle, and the cost."""
     frames = frames_of([episode.frames for episode in episodes])
     parts = [
         replace(episode.detections, frame=episode.detections.frame + first)
@@ -105,22 +105,22 @@ TEST_MAPS: Final = "test_maps"
 
 @dataclass(frozen=True)
 class DetectorTraining:
-    """What is trained on what."""
+    """Settings of a training: data, outputs and limits."""
 
     bags: tuple[Path, ...]
     held_out: tuple[Path, ...]
     out: Path
-    """The ONNX file."""
+    """Path of the ONNX file."""
     cache: Path
     """Folder of frames and checkpoint."""
     config: DetectionFit
     threads: int = 1
     minutes: float | None = None
-    """Stops the fitting at the first checkpoint after this time; the same training then goes on from there."""
+    """Time limit: fitting stops at the first checkpoint after it; the same training can continue later."""
 
 
 def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[[str], None]) -> dict[str, Any] | None:
-    """Trains a detector, and writes the ONNX file and its card; gives the card, None where the time was up before.
+    """Train a detector, and write the ONNX file and its card; returns the card, or None if time was up first.
 
     ``report`` is called with lines on the progress.
 
@@ -175,7 +175,7 @@ def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[
 def judged_card(
     weights: Path, bags: Sequence[Path], trained_maps: set[str], report: Callable[[str], None]
 ) -> dict[str, Any]:
-    """The parts of a card that say how the detector does on bags that it was not trained on."""
+    """Parts of a card that tell how the detector performs on bags outside its training."""
     splits: dict[str, list[JudgedEpisode]] = {TEST_SEEDS: [], TEST_MAPS: []}
     with tempfile.TemporaryDirectory() as scratch:
         for bag in bags:
@@ -190,7 +190,7 @@ def judged_card(
 
 
 def _episodes_json(abouts: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """How many episodes of which templates, maps and seeds."""
+    """Numbers of episodes, and their templates, maps and seeds."""
     maps = sorted({str(about["map"]) for about in abouts})
     return {
         "episodes": len(abouts),

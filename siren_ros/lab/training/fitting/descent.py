@@ -1,4 +1,4 @@
-"""What the three fittings share: steps down the loss at a rate of one cycle, a running mean of the weights, ONNX."""
+"""Common parts of the fittings: gradient descent with a one-cycle rate, running mean of the weights, ONNX export."""
 
 import io
 import warnings
@@ -29,7 +29,7 @@ class Descent:
         averaging: float | None = None,
         betas: tuple[float, float] = (0.9, 0.999),
     ) -> None:
-        """Begins at the network's weights, on its device.
+        """Start with the network's weights, on its device.
 
         The rate rises in the share ``rising`` of all steps. ``averaging`` is the share of the old weights in their
         running mean; None keeps no mean. ``betas`` are AdamW's.
@@ -48,11 +48,11 @@ class Descent:
 
     @property
     def rate(self) -> float:
-        """The rate of the next step."""
+        """Learning rate of the next step."""
         return float(self._optimizer.param_groups[0]["lr"])
 
     def step(self, loss: Tensor) -> None:
-        """One step down a loss of the network."""
+        """Make one step to reduce a loss of the network."""
         self._optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), self._gradient_max)
@@ -62,33 +62,34 @@ class Descent:
             self._average.update_parameters(self.network)
 
     def result(self) -> Any:
-        """The network to keep, on the processor: the running mean where there is one."""
+        """Final network, on the processor: the running mean if there is one."""
         kept = self.network if self._average is None else self._average.module
         return kept.cpu().eval()
 
     def state(self) -> dict[str, Any]:
-        """Everything that a later run goes on from."""
+        """State from which a later run can continue."""
         average = {} if self._average is None else self._average.state_dict()
         return {"network": self.network.state_dict(), "average": average, "optimizer": self._optimizer.state_dict()}
 
     def go_on(self, state: dict[str, Any], done: int) -> None:
-        """Goes on after ``done`` steps from a ``state``, which may be of a descent with another number of steps."""
+        """Continue after ``done`` steps from a ``state``, also of a descent with another number of steps."""
         self.network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
         if self._average is not None:
             self._average.load_state_dict(state["average"])
         self._schedule.last_epoch = done - 1
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # the schedule misses the steps of the earlier run
+            # Torch warns that the schedule misses the steps of the earlier run.
+            warnings.simplefilter("ignore", UserWarning)
             self._schedule.step()
 
 
 def _mean(kept: float) -> Callable[..., None]:
-    """A running mean that forgets the first weights fast."""
+    """Function for a running mean that forgets the first weights quickly."""
 
     def update(means: Sequence[Tensor], values: Sequence[Tensor], count: Tensor | int) -> None:
         share = 1.0 - min(kept, (1.0 + float(count)) / (10.0 + float(count)))
-        for mean, value in zip(means, values, strict=True):  # AveragedModel has detached all of them
+        for mean, value in zip(means, values, strict=True):  # the weights are already detached by AveragedModel
             if mean.is_floating_point():
                 mean.lerp_(value, share)
             else:
@@ -106,7 +107,7 @@ def exported(
     free: dict[str, str],
     **figures: Any,
 ) -> FittedNetwork:
-    """A fitted network as a file.
+    """Export a fitted network.
 
     Args:
         network: What was fitted.
@@ -119,7 +120,7 @@ def exported(
     """
     buffer, axes = io.BytesIO(), {name: {0: size} for name, size in free.items()}
     with warnings.catch_warnings():
-        # The exporter that traces is announced to go; its successor needs three packages more.
+        # torch announces the end of the tracing exporter; its successor needs three more packages.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             answer.cpu().eval(),

@@ -1,4 +1,4 @@
-"""The detector's network and its fitting: the same frames, settings and seed give the same weights on one machine."""
+"""The detector's network and its fitting; equal frames, settings and seed give equal weights on one machine."""
 
 import time
 from collections.abc import Callable
@@ -19,12 +19,12 @@ from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import INP
 from siren_ros.scoring.evaluation.detection.detectors.pillars import FEATURES, PillarGrid, Pillars
 
 _PRIOR_LOGIT: Final = -4.0
-"""Before training, a cell holds a vehicle with a probability of 2 %."""
+"""Initial logit: before training, a cell has a vehicle with a probability of 2 %."""
 _SPEED_SCALE_MPS: Final = 5.0
 
 
 class PillarFeatures(nn.Module):
-    """PointPillars' feature net: each point through one layer, the largest of each channel over the pillar.
+    """PointPillars' feature net: one layer for each point, then the maximum of each channel over the pillar.
 
     The largest comes before normalisation and rectifier, which are monotonic: the same family of functions, at a small
     part of the cost.
@@ -36,12 +36,12 @@ class PillarFeatures(nn.Module):
         self.norm = nn.BatchNorm1d(width)
 
     def forward(self, points: Tensor) -> Tensor:
-        """Pillars ``(P, N, 10)`` to features ``(P, width)``."""
+        """Map pillars ``(P, N, 10)`` to features ``(P, width)``."""
         return torch.relu(self.norm(self.layer(points).max(dim=1).values.float()))
 
 
 class PillarNetwork(nn.Module):
-    """Pillars to a map of heat, boxes and classes."""
+    """Maps pillars to a heat map, boxes and classes."""
 
     def __init__(self, grid: PillarGrid, size: NetworkSize) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ class PillarNetwork(nn.Module):
             last.bias[0] = _PRIOR_LOGIT
 
     def forward(self, points: Tensor, cell: Tensor, frames: int = 1) -> tuple[Tensor, Tensor, Tensor]:
-        """Logits of a vehicle ``(B, R, R)``, logits of the classes ``(B, C, R, R)``, boxes ``(B, 10, R, R)``.
+        """Compute logits of vehicles ``(B, R, R)``, logits of classes ``(B, C, R, R)``, boxes ``(B, 10, R, R)``.
 
         Args:
             points: As in ``Pillars``, those of all frames one after the other.
@@ -101,11 +101,11 @@ def _convolution(before: int, after: int, stride: int = 1) -> nn.Sequential:
 
 
 _CHANNEL_WEIGHT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.2, 0.2)
-"""As CenterPoint: velocities, which are larger numbers, weigh 0.2."""
+"""Weights of box channels as in CenterPoint: velocities are larger numbers and get 0.2."""
 
 
 def heat_loss(logit: Tensor, heat: Tensor, counts: Tensor) -> Tensor:
-    """The focal loss of CornerNet for a heatmap, over the number of vehicles.
+    """Focal loss of CornerNet for a heat map, divided by the number of vehicles.
 
     Arguments have the shape ``(B, R, R)``: the logit of a vehicle, and the fields of ``Targets``.
     """
@@ -118,7 +118,7 @@ def heat_loss(logit: Tensor, heat: Tensor, counts: Tensor) -> Tensor:
 
 
 def box_loss(answer: Tensor, box: Tensor, weight: Tensor) -> Tensor:
-    """Absolute differences, over the weights of the cells; arguments have shapes ``(T, 10)``, ``(T, 10)``, ``(T,)``."""
+    """Absolute differences divided by the cells' weights; arguments of shapes ``(T, 10)``, ``(T, 10)``, ``(T,)``."""
     channels = answer.new_tensor(_CHANNEL_WEIGHT)
     return ((answer - box).abs() * channels * weight[:, None]).sum() / weight.sum().clamp(min=1.0)
 
@@ -126,7 +126,7 @@ def box_loss(answer: Tensor, box: Tensor, weight: Tensor) -> Tensor:
 def losses(
     answer: tuple[Tensor, Tensor, Tensor], targets: dict[str, Tensor], config: DetectionFit
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The whole loss of the network's answer, and its parts: heat, boxes, classes.
+    """Total loss of the network's answer, and its parts: heat, boxes, classes.
 
     ``targets`` are those of all frames by the fields of ``Targets``: maps of shape ``(B, R, R)``, cells counted on over
     the frames.
@@ -147,7 +147,7 @@ _CHECKPOINT_FORM: Final = 2
 
 @dataclass(frozen=True)
 class StepMeans:
-    """Means since the last report."""
+    """Mean values since the last report."""
 
     step: int
     loss: float
@@ -159,32 +159,32 @@ class StepMeans:
 
 @dataclass
 class Fitting:
-    """A training under way, or at its end."""
+    """State of a training."""
 
     network: PillarNetwork
-    """At the end the one to keep."""
+    """The network; at the end the final one."""
     descent: Descent
     step: int = 0
     processor_s: float = 0.0
-    """Since the first step, over all programs that went on from a checkpoint."""
+    """Processor time since the first step, over all runs that continued from a checkpoint."""
     sums: list[Tensor] = field(default_factory=list)
     """Losses since the last report."""
     plans: list[tuple[int, int, int]] = field(default_factory=list)
-    """What the steps followed: from which step, of how many, on how many frames."""
+    """History of the steps: first step, planned number of steps, number of frames."""
 
     def state(self) -> dict[str, Any]:
-        """Everything that ``restore`` goes on from."""
+        """State from which ``restore`` can continue."""
         plans = [list(plan) for plan in self.plans]
         return {"step": self.step, "processor_s": self.processor_s, "plans": plans, **self.descent.state()}
 
     def restore(self, state: dict[str, Any], steps: int) -> None:
-        """Goes on to so many steps from a checkpoint."""
+        """Continue from a checkpoint to the given number of steps."""
         self.step, self.processor_s = int(state["step"]), float(state["processor_s"])
         self.plans = [(first, steps, frames) for first, steps, frames in state["plans"]]
         self.descent.go_on(state, min(self.step, steps))
 
     def train_step(self, frames: list[tuple[Pillars, Targets]], config: DetectionFit, device: torch.device) -> None:
-        """One step on a batch."""
+        """Make one step on a batch."""
         self.network.train()
         points, cell = (part.to(device) for part in pillar_tensors([pillars for pillars, _ in frames], self.network))
         with torch.autocast(device.type, torch.bfloat16, enabled=config.half):
@@ -202,7 +202,7 @@ def fit(
     checkpoint: Path | None,
     report: Callable[[StepMeans], bool],
 ) -> Fitting | None:
-    """Trains a network, from its checkpoint where there is one; None where the training was stopped.
+    """Train a network, from its checkpoint if there is one; None if the training was stopped.
 
     More frames and another number of steps may be asked for than when the checkpoint was written. ``report`` is called
     after every ``checkpoint_steps``; False stops the training there.
@@ -242,7 +242,7 @@ def fit(
 
 
 def pillar_tensors(frames: list[Pillars], network: PillarNetwork) -> tuple[Tensor, Tensor]:
-    """The arguments of the network for some frames."""
+    """Network inputs for some frames."""
     side = network.grid.cells**2
     cell = np.concatenate([pillars.cell + number * side for number, pillars in enumerate(frames)])
     return torch.from_numpy(np.concatenate([pillars.points for pillars in frames])), torch.from_numpy(cell)
@@ -261,7 +261,7 @@ def _target_tensors(frames: list[Targets], device: torch.device) -> dict[str, Te
 def _read(path: Path, digest: str) -> dict[str, Any]:
     try:
         state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
-    except Exception as error:  # torch has no common class of its errors
+    except Exception as error:  # torch's errors have no common class
         raise InputError("checkpoint", str(path), f"a checkpoint of this training ({error})") from error
     if state.get("digest") != digest or "plans" not in state:
         raise InputError("checkpoint", str(path), "one of the same grid, size, seed and batch, or none")
@@ -272,14 +272,14 @@ _MOST_BOXES: Final = 150
 
 
 class BoxesOf(nn.Module):
-    """The network with CenterPoint's decoding: cells that are the highest among their neighbours."""
+    """The network with CenterPoint's decoding: cells that are local maxima of the heat map become boxes."""
 
     def __init__(self, network: PillarNetwork) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, points: Tensor, cell: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """One frame's pillars, to the outputs of ``DetectorNetwork``."""
+        """Convert one frame's pillars to the outputs of ``DetectorNetwork``."""
         logit, classes, box = self.network(points, cell)
         heat = torch.sigmoid(logit)
         highest = nn.functional.max_pool2d(heat[:, None], 3, stride=1, padding=1)[:, 0]
@@ -297,7 +297,7 @@ class BoxesOf(nn.Module):
 
 
 def export(network: PillarNetwork, **figures: Any) -> FittedNetwork:
-    """The network for one frame with any number of pillars; ``figures`` are further fields of the result."""
+    """Export the network for one frame with any number of pillars; ``figures`` are further fields of the result."""
     grid, pillars = network.grid, 7
     cells = torch.arange(pillars, dtype=torch.int64) * 3 % grid.cells**2
     example, free = (torch.rand(pillars, grid.points, len(FEATURES)), cells), dict.fromkeys(INPUTS, "pillars")
@@ -307,7 +307,7 @@ def export(network: PillarNetwork, **figures: Any) -> FittedNetwork:
 def fitted_detector(
     draws: FrameDraws, config: DetectionFit, threads: int, checkpoint: Path, report: Callable[[str], bool]
 ) -> FittedNetwork | None:
-    """Fits a network and exports it; None where ``report``, called with a line at each checkpoint, gave False."""
+    """Fit a network and export it; None if ``report``, called with a line at each checkpoint, returned False."""
     torch.set_num_threads(threads)
 
     def report_means(progress: StepMeans) -> bool:

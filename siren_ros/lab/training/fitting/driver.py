@@ -1,4 +1,4 @@
-"""A driver in the civilian's seat that imitates the best of several drives of each episode.
+"""Trains a driver for the civilian's seat that imitates the best of several drives of each episode.
 
 In the first round teachers drive, in later ones the driver itself too, also with manoeuvres that it would not choose:
 what goes better than before is imitated (reward-ranked imitation).
@@ -27,11 +27,11 @@ from siren_ros.running.seat.manoeuvres import Manoeuvre
 from siren_ros.scoring.evaluation.network_file import write_network
 
 Drive = tuple[Task, int, str, Layers, float]
-"""An episode's task and seed, the teacher or nobody, the driver's network and its temperature."""
+"""A drive: the episode's task and seed, the teacher (or empty), the driver's network and its temperature."""
 
 
 def trained_driver(path: Path, config: DriverFit, processes: int, report: Callable[[str], None]) -> Mapping[str, Any]:
-    """Fits a driver and writes it with its card. The same settings give the same weights on the same machine.
+    """Train a driver and write it with its card. Equal settings give equal weights on the same machine.
 
     Args:
         path: The ONNX file; its card is next to it.
@@ -78,7 +78,7 @@ def trained_driver(path: Path, config: DriverFit, processes: int, report: Callab
 
 
 def drive(one: Drive) -> Practice | None:
-    """Drives an episode, in a process of the training."""
+    """Drive an episode; it runs in a process of the training."""
     task, seed, teacher, layers, temperature = one
     tried = round(1000.0 * temperature)
     choose = TEACHERS[teacher] if teacher else Pupil(layers, temperature, np.random.default_rng((seed, tried)))
@@ -86,7 +86,7 @@ def drive(one: Drive) -> Practice | None:
 
 
 def _cells(config: DriverFit) -> Iterator[tuple[Task, int]]:
-    """Episodes without end: template after template, level after level, with the next seeds."""
+    """Endless sequence of episodes: by template and level, with the next seeds."""
     first, after = Task(**config.task).seeds
     seeds = cycle(range(first, after))
     for level in cycle(config.levels):
@@ -95,7 +95,7 @@ def _cells(config: DriverFit) -> Iterator[tuple[Task, int]]:
 
 
 def _drives(task: Task, seed: int, network: nn.Sequential | None, config: DriverFit) -> list[Drive]:
-    """All drives of an episode, those to be preferred first."""
+    """All drives of an episode, preferred ones first."""
     drives: list[Drive] = [(task, seed, teacher, (), 0.0) for teacher in TEACHERS]
     if network is not None:
         layers = tuple(
@@ -117,7 +117,7 @@ def _network(config: DriverFit) -> nn.Sequential:
 
 
 def _imitating(imitated: list[tuple[Practice, float]], config: DriverFit) -> nn.Sequential:
-    """A network that does what was done, by the weights of the episodes; rare manoeuvres count more, as a root."""
+    """Fit a network to the imitated decisions, weighted by episode; rare manoeuvres get more weight (square root)."""
     network = _network(config)
     observations = torch.as_tensor(np.concatenate([practice.observations for practice, _ in imitated]))
     actions = torch.as_tensor(np.concatenate([practice.actions for practice, _ in imitated]))

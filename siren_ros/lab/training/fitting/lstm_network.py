@@ -1,4 +1,4 @@
-"""A baseline that is trained: an LSTM over the vehicle's own past. It sees neither neighbours nor the map."""
+"""A trained baseline: an LSTM over the vehicle's own history, without neighbours and map."""
 
 import torch
 from torch import Tensor, nn
@@ -8,14 +8,14 @@ from siren_ros.lab.training.fitting.path_network import MODES, NetworkSize
 
 
 class LstmNetwork(MotionNetwork):
-    """The history is read point by point; the modes differ by what is learned for each."""
+    """LSTM over the points of the history; each mode has its own learned vector."""
 
     def __init__(self, size: NetworkSize) -> None:
         super().__init__(size)
         self.reader = nn.LSTM(4, size.width, batch_first=True)
 
     def forward(self, target: Tensor, *_others: Tensor) -> tuple[Tensor, Tensor]:
-        """As ``PathNetwork.forward``; the other arguments are not used."""
+        """As ``PathNetwork.forward``; the other arguments are ignored."""
         history, other = self.history(target)
         read = self.reader(history)[0][:, -1]
         vehicle = (read + other)[:, None].expand(-1, MODES, -1)

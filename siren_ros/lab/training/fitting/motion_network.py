@@ -1,4 +1,4 @@
-"""What networks without a map share: the history as a sequence, and motion that deviates from the present velocity."""
+"""Base of networks without a map: history as a sequence, and motion as deviation from the present velocity."""
 
 from typing import Final
 
@@ -19,11 +19,12 @@ from siren_ros.scoring.evaluation.prediction.siren_model.columns import SPEED_SC
 
 _POINTS: Final = HistoryWindow().points
 _SEQUENCE: Final = 2 * (_POINTS - 1) + 2 * _POINTS
-"""The first columns of a target: positions x and y without the present one, velocities x and y (``target_columns``)."""
+"""Number of sequence columns at the start of a target: positions x and y without the present, velocities x and y
+(``target_columns``)."""
 
 
 class MotionNetwork(FeatureNetwork):
-    """Base: six hypotheses from a token of the vehicle. Before training, each keeps the present velocity."""
+    """Base class: six hypotheses from a token of the vehicle. Before training, each keeps the present velocity."""
 
     def __init__(self, size: NetworkSize) -> None:
         super().__init__(size)

@@ -1,4 +1,4 @@
-"""The predictor's network: motion along and across the paths that the road allows, mixed by attention."""
+"""The predictor's network: motion along and across the road's paths, combined by attention."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,9 +10,9 @@ from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, futur
 
 MODES: Final = 6
 SPEED_UNIT_MPS: Final = 3.0
-"""Unit of the answers along the path: mean deviation from the present speed until each time."""
+"""Unit of the output along the path: mean deviation from the present speed until each time."""
 SIDEWAYS_UNIT_MPS: Final = 0.7
-"""The same across the path."""
+"""Unit of the output across the path."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class NetworkSize:
     """Sizes of the layers."""
 
     target: int
-    """Columns of the features."""
+    """Number of input columns of the target."""
     neighbour: int
     path: int
     width: int = 64
@@ -30,7 +30,7 @@ class NetworkSize:
 
 
 class Attention(nn.Module):
-    """Multi-head attention of some tokens over others, with a feed-forward part; normalised before each."""
+    """Multi-head attention from tokens to other tokens, with a feed-forward part; each is normalised first."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -44,7 +44,10 @@ class Attention(nn.Module):
         self.dropout = nn.Dropout(dropout)
 
     def forward(self, tokens: Tensor, source: Tensor, hidden: Tensor) -> Tensor:
-        """Tokens ``(N, A, width)``, source ``(N, B, width)``; ``hidden`` is 0 or very negative, ``(N, B)``."""
+        """Apply to tokens ``(N, A, width)`` and source ``(N, B, width)``.
+
+        ``hidden`` is 0 or very negative, ``(N, B)``.
+        """
         rows, wide = tokens.shape[1], tokens.shape[2] // self.heads
         query = self.query(self.before_query(tokens)).reshape(-1, rows, self.heads, wide).transpose(1, 2)
         both = (
@@ -59,7 +62,7 @@ class Attention(nn.Module):
 
 
 class FeatureNetwork(nn.Module):
-    """Base: the size, the times of the answer, and mean and spread of each column, which are set before training."""
+    """Base class: sizes, times of the output, and mean and spread of each column, which are set before training."""
 
     times_s: Tensor
     target_mean: Tensor
@@ -79,7 +82,7 @@ class FeatureNetwork(nn.Module):
 
 
 class PathNetwork(FeatureNetwork):
-    """Six hypotheses as motion along and across a mixture of the sample's paths and of its straight heading.
+    """Six hypotheses as motion along and across a mixture of the sample's paths and its straight heading.
 
     Before training, every hypothesis keeps the present speed along the likeliest paths.
     """
@@ -143,7 +146,7 @@ class PathNetwork(FeatureNetwork):
 
 
 def answer_layers(columns: int, width: int) -> tuple[nn.Sequential, nn.Sequential]:
-    """Layers that make a mode's motion, at first none beyond the present one, and its logit from a context."""
+    """Layers for a mode's motion (initially zero) and its logit, from a context."""
     drive = nn.Sequential(nn.Linear(columns, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * FUTURE_POINTS))
     likely = nn.Sequential(nn.Linear(columns, width), nn.GELU(), nn.Linear(width, 1))
     nn.init.zeros_(drive[-1].weight)
@@ -152,7 +155,7 @@ def answer_layers(columns: int, width: int) -> tuple[nn.Sequential, nn.Sequentia
 
 
 def encoder(columns: int, width: int) -> nn.Sequential:
-    """Two layers that make a token of columns."""
+    """Two layers that convert columns to a token."""
     return nn.Sequential(nn.Linear(columns, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
 
 
@@ -167,12 +170,12 @@ def _shapes(points_m: Tensor) -> Tensor:
 
 
 def hiding(there: Tensor) -> Tensor:
-    """What ``Attention`` adds to scores: 0 where there is a token, else a large negative number."""
+    """Mask for ``Attention``: 0 where a token exists, else a large negative number."""
     return (there.to(torch.float32) - 1.0) * 1e4
 
 
 def _on_paths(points_m: Tensor, spacing_m: Tensor, along_m: Tensor, across_m: Tensor) -> Tensor:
-    """Places along paths, moved sideways, ``(N, P, M, T, 2)``; straight on past both ends.
+    """Positions along paths with lateral offset, ``(N, P, M, T, 2)``; paths are extended straight at both ends.
 
     Args:
         points_m: Points of the paths, ``(N, P, K, 2)``.

@@ -1,4 +1,4 @@
-"""The predictor's network and its fitting: the same samples, settings and seed give the same weights on one machine."""
+"""The predictor's network and its fitting; equal samples, settings and seed give equal weights on one machine."""
 
 import hashlib
 import time
@@ -23,42 +23,42 @@ from siren_ros.lab.training.settings import FitConfig, FittedNetwork
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, SHAPES, Features
 
 _LEAST_STD: Final = 0.05
-"""Columns that hardly vary are not blown up."""
+"""Smallest spread for normalisation, so that nearly constant columns are not amplified."""
 _ROOT_EPSILON_M2: Final = 1e-4
 
 
 @dataclass(frozen=True)
 class EpochMeans:
-    """Means over an epoch."""
+    """Mean values of an epoch."""
 
     epoch: int
     loss: float
     ade_m: float
-    """Of the hypothesis that the network calls the most probable."""
+    """ADE of the hypothesis with the highest probability."""
     min_ade_m: float
-    """Of the nearest hypothesis."""
+    """ADE of the nearest hypothesis."""
     seconds: float
 
 
 @dataclass
 class Fitting:
-    """A training under way, or at its end."""
+    """State of a training."""
 
     network: Any
-    """Of ``NETWORKS``; at the end the one to keep."""
+    """A network of ``NETWORKS``; at the end the final one."""
     epoch: int = 0
     batch: int = 0
-    """Batches of the epoch that are done."""
+    """Number of completed batches of the epoch."""
     sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    """Losses of the epoch."""
+    """Sums of losses in the epoch."""
     processor_s: float = 0.0
-    """Since the first step, over all programs that went on from a checkpoint."""
+    """Processor time since the first step, over all runs that continued from a checkpoint."""
 
 
 def fit(
     store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], None], checkpoint: Path | None = None
 ) -> Fitting:
-    """Trains a network, from its checkpoint where there is one; ``report`` is called after each epoch.
+    """Train a network, from its checkpoint if there is one; ``report`` is called after each epoch.
 
     The checkpoint is written after each epoch, and when the program is interrupted. A training that goes on from it
     gives the same weights as one that was not interrupted. At the end it is removed.
@@ -102,7 +102,7 @@ def fit(
             if checkpoint is not None:
                 _write(checkpoint, digest, run, descent)
     if run.epoch < config.epochs:
-        raise KeyboardInterrupt  # whatever the program does with the signal, the training is not at its end
+        raise KeyboardInterrupt  # the training has not finished, however the program handles the signal
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     run.network = descent.result()
@@ -125,7 +125,7 @@ def _write(checkpoint: Path, digest: str, run: Fitting, descent: Descent) -> Non
 def _read(checkpoint: Path, digest: str) -> dict[str, Any]:
     try:
         state: dict[str, Any] = torch.load(checkpoint, weights_only=True, map_location="cpu")
-    except Exception as error:  # torch has no common class of its errors
+    except Exception as error:  # torch's errors have no common class
         raise InputError("checkpoint", str(checkpoint), f"a checkpoint of this training ({error})") from error
     if state.get("digest") != digest:
         raise InputError("checkpoint", str(checkpoint), "one of the same samples, settings and seed, or none")
@@ -161,7 +161,7 @@ def losses(answer: tuple[Tensor, Tensor], truth_m: Tensor, config: FitConfig) ->
 
 
 def tensors(features: Features, device: torch.device | str = "cpu") -> list[Tensor]:
-    """The arguments of the network."""
+    """Arguments of the network as tensors."""
     return [_tensor(getattr(features, field.name), device) for field in fields(Features)]
 
 
@@ -174,7 +174,7 @@ NETWORKS: Final[Mapping[str, Callable[[NetworkSize], Any]]] = {
     "lstm": LstmNetwork,
     "transformer": TransformerNetwork,
 }
-"""Networks by the names of ``ARCHITECTURES``; all have the arguments and answers of ``PathNetwork``."""
+"""Networks by the names of ``ARCHITECTURES``; all have the inputs and outputs of ``PathNetwork``."""
 
 
 def _new_network(store: SampleStore, config: FitConfig) -> Any:
@@ -194,7 +194,7 @@ def _new_network(store: SampleStore, config: FitConfig) -> Any:
 
 
 class _Answer(nn.Module):
-    """Probabilities in place of logits."""
+    """Converts logits to probabilities for the exported network."""
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__()
@@ -206,7 +206,7 @@ class _Answer(nn.Module):
 
 
 def export(network: Any) -> FittedNetwork:
-    """The network with any number of samples; inputs are named like the fields of ``Features``."""
+    """Export the network for any number of samples; inputs have the names of the fields of ``Features``."""
     samples, size = 2, network.size
     shapes = {
         "target": (samples, size.target),
@@ -227,7 +227,7 @@ def export(network: Any) -> FittedNetwork:
 def fitted_network(
     store: SampleStore, config: FitConfig, checkpoint: Path, report: Callable[[str], None]
 ) -> FittedNetwork:
-    """Fits a network and exports it; ``report`` is called with a line after each epoch."""
+    """Fit a network and export it; ``report`` is called with a line after each epoch."""
 
     def report_means(progress: EpochMeans) -> None:
         report(

@@ -1,4 +1,4 @@
-"""The sequence model's network and its fitting: the same films, settings and seed give the same weights."""
+"""The sequence model's network and its fitting; equal films, settings and seed give equal weights."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -29,10 +29,10 @@ _WIDTH: Final = 48
 
 
 class FilmNetwork(nn.Module):
-    """Two ordered questions about a film: is there a near-miss or worse, and is there a collision?"""
+    """Network for two ordered questions about a film: at least a near-miss? a collision?"""
 
     def __init__(self) -> None:
-        """Weights are drawn from torch's generator."""
+        """Make the network; torch's generator draws the weights."""
         super().__init__()
         layers: list[nn.Module] = []
         before, rows, columns = _STACK, HEIGHT, WIDTH
@@ -57,10 +57,10 @@ class FilmNetwork(nn.Module):
         self.moments = nn.Conv1d(_WIDTH, 2, 1)
 
     def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Grey values 0 … 255, ``(N, T, HEIGHT, WIDTH)``, to logits of pictures ``(N, 2, T)`` and films ``(N, 2)``."""
+        """Compute logits of pictures ``(N, 2, T)`` and films ``(N, 2)`` from greys 0 … 255, ``(N, T, HEIGHT, WIDTH)``."""
         values = (frames.float() - 128.0) / 64.0
         first = torch.cat((values[:, :1], values[:, :1], values), dim=1)
-        # A picture, and how it differs from the two before it: what comes nearer grows.
+        # Inputs are a picture and its differences to the two before it, because approaching vehicles grow.
         stack = torch.stack((values, values - first[:, 1:-1], values - first[:, :-2]), dim=2)
         count, length = frames.shape[0], frames.shape[1]
         seen = self.pictures(stack.reshape(count * length, _STACK, HEIGHT, WIDTH))
@@ -70,7 +70,7 @@ class FilmNetwork(nn.Module):
 
 
 _SHARES: Final = (0.4, 0.35, 0.25)
-"""Of the clips that are drawn for each class."""
+"""Share of training clips for each class."""
 
 
 def fitted_film_network(
@@ -79,7 +79,7 @@ def fitted_film_network(
     config: FilmFitConfig,
     report: Callable[[str], None],
 ) -> FittedNetwork:
-    """Fits and exports a network whose two probabilities are to be held against one half.
+    """Fit and export a network; 0.5 is the threshold of both probabilities.
 
     The validation films decide where the halves lie, and nothing else. ``report`` is called with a line after each
     epoch.
@@ -117,7 +117,7 @@ def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, report: Callable[
 def _batch(
     having: Sequence[Sequence[LabelledFilm]], config: FilmFitConfig, random: np.random.Generator
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Clips with a moment of a drawn class; ``having`` are the films of each class."""
+    """Draw clips with a moment of a drawn class; ``having`` contains the films of each class."""
     shares = np.array([share if some else 0.0 for share, some in zip(_SHARES, having, strict=True)])
     frames, severity, label = [], [], []
     for risk in random.choice(len(RiskClass), config.batch, p=shares / shares.sum()):
@@ -134,14 +134,14 @@ def _batch(
 
 
 def _focal(logits: Tensor, severity: Tensor, focus: float) -> Tensor:
-    """Binary losses of both questions, shape of the logits ``(N, 2)``, of the classes ``(N,)``."""
+    """Focal losses of both questions for logits ``(N, 2)`` and classes ``(N,)``."""
     truth = torch.stack((severity >= RiskClass.NEAR_MISS, severity >= RiskClass.COLLISION), dim=1).float()
     loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, truth, reduction="none")
     return ((1.0 - torch.exp(-loss)) ** focus * loss).sum(dim=1).mean()
 
 
 class _Answer(torch.nn.Module):
-    """Probabilities in place of logits, with the operating point at one half."""
+    """Converts logits to probabilities, shifted so that 0.5 is the operating point."""
 
     def __init__(self, network: FilmNetwork, offset: Tensor) -> None:
         super().__init__()

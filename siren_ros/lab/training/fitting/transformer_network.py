@@ -1,4 +1,4 @@
-"""A baseline that is trained: a small transformer over the vehicle's past and its neighbours. It sees no map."""
+"""A trained baseline: a small transformer over the vehicle's history and its neighbours, without a map."""
 
 import torch
 from torch import Tensor, nn
@@ -9,7 +9,7 @@ from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow
 
 
 class TransformerNetwork(MotionNetwork):
-    """Points of the history, the vehicle and its neighbours are tokens of one sequence; the modes ask it."""
+    """Points of the history, the vehicle and its neighbours are tokens of one sequence; each mode attends to them."""
 
     def __init__(self, size: NetworkSize) -> None:
         super().__init__(size)
@@ -22,7 +22,7 @@ class TransformerNetwork(MotionNetwork):
     def forward(
         self, target: Tensor, speed_mps: Tensor, neighbours: Tensor, neighbour_there: Tensor, *_road: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """As ``PathNetwork.forward``; the arguments of the road are not used."""
+        """As ``PathNetwork.forward``; the arguments of the road are ignored."""
         history, other = self.history(target)
         points = self.point_in(history) + self.place
         around = self.neighbour_in((neighbours - self.neighbour_mean) / self.neighbour_std)

@@ -1,1 +1,1 @@
-"""Samples for people who train their own networks: arrays out of bags and risk sets, packed into one Parquet file."""
+"""Samples for users' own networks: arrays from bags and risk sets, packed into one Parquet file."""

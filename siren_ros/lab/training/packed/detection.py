@@ -34,7 +34,7 @@ COLUMNS: Final[Mapping[str, Column]] = {
 
 
 def detection_samples(bag: Path) -> Iterator[Sample]:
-    """The frames of an episode, two of each second.
+    """Samples of an episode, two per second.
 
     Raises:
         BagError: The bag is damaged or has no LiDAR.

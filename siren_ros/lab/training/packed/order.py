@@ -1,4 +1,4 @@
-"""The order of samples in a pass over files: drawn from seed and pass alone, and dealt to shards without overlap."""
+"""Order of samples in a pass over files: it depends on seed and pass only, and shards do not overlap."""
 
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -10,18 +10,18 @@ from siren_ros.errors import InputError
 from siren_ros.lab.training.packed.parquet_samples import PackedSamples, Sample
 
 GROUPS_MIXED: Final = 8
-"""Groups whose samples are mixed with each other: neighbours in a file are neighbours in time."""
+"""Number of groups whose samples are mixed, because neighbours in a file are also neighbours in time."""
 
 
 def shuffled(count: int, seed: int, turn: int) -> list[int]:
-    """The numbers below ``count`` in the order of a pass (``turn``)."""
+    """The numbers below ``count`` in the random order of a pass (``turn``)."""
     return [int(number) for number in np.random.default_rng([seed, turn]).permutation(count)]
 
 
 def samples_of_shard(
     files: Sequence[PackedSamples], shard: int = 0, shards: int = 1, *, seed: int | None = None, turn: int = 0
 ) -> Iterator[Sample]:
-    """The samples of a shard. All shards together give each sample once.
+    """Samples of one shard; all shards together give each sample once.
 
     Args:
         files: In the order that counts.

@@ -1,4 +1,4 @@
-"""Packs bags or sets of risk videos as one Parquet file for each split, with card, datasheet and metadata."""
+"""Packs bags or sets of risk videos into one Parquet file per split, with card, datasheet and metadata."""
 
 import time
 from abc import ABC, abstractmethod
@@ -26,18 +26,18 @@ from siren_ros.simulation.scenario.splits import EpisodeIdentity, Split, split_o
 _PART: Final = "samples.parquet"
 COMMAND: Final = "siren pack"
 _SPLITS: Final = (*(split.value for split in Split), "test")
-"""Those of the project, and the one of all tests that a user may ask for."""
+"""The project's splits, and ``test`` for all tests together."""
 
 
 class _Packer(ABC):
-    """Writes the samples of each episode; the dataset has one file for each split."""
+    """Base of packers: it writes the samples of each episode, and one file per split of the dataset."""
 
     task = ""
     columns: Mapping[str, Column]
 
     @abstractmethod
     def samples(self, source: EpisodeSource) -> Iterator[Sample]:
-        """Of an episode."""
+        """Samples of an episode."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the samples name their episode
         """As ``Exporter.write_episode``."""
@@ -46,7 +46,7 @@ class _Packer(ABC):
         return EpisodeReport({"samples": count})
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """As ``Exporter.assemble``; a split without episodes has no file."""
+        """As ``Exporter.assemble``; a split without episodes gets no file."""
         for split in dict.fromkeys(part.split for part in parts):
             join_files([part.folder / _PART for part in parts if part.split == split], folder / f"{split}.parquet")
 
@@ -61,7 +61,7 @@ class PredictionPacker(_Packer):
         self._population = Population(population)
 
     def samples(self, source: EpisodeSource) -> Iterator[Sample]:
-        """Of an episode."""
+        """Samples of an episode."""
         return prediction.prediction_samples(source.record(), self._population)
 
 
@@ -72,7 +72,7 @@ class DetectionPacker(_Packer):
     columns = detection.COLUMNS
 
     def samples(self, source: EpisodeSource) -> Iterator[Sample]:
-        """Of an episode."""
+        """Samples of an episode."""
         return detection.detection_samples(source.path)
 
 
@@ -96,7 +96,7 @@ PACKS: Final = {
         ),
     )
 }
-"""What is packed out of bags, by task."""
+"""Packing formats of bags by task."""
 RISK: Final = Format(
     "risk", "Films of the front camera with the classes Normal, Near-Miss and Collision", (), "", command=COMMAND
 )
@@ -104,7 +104,7 @@ RISK: Final = Format(
 
 @dataclass(frozen=True)
 class RiskPack:
-    """Sets of risk videos to be packed."""
+    """Settings for packing sets of risk videos."""
 
     sets: tuple[Path, ...]
     out: Path
@@ -113,7 +113,7 @@ class RiskPack:
 
 
 def pack_risk(job: RiskPack, done: Callable[[], None] = lambda: None) -> Mapping[str, Any]:
-    """Packs the videos of some sets and returns the card; ``done`` is called after each video.
+    """Pack the videos of some sets and return the card; ``done`` is called after each video.
 
     A video is in the split of its episode.
 
@@ -188,19 +188,19 @@ def _episode(video: RiskVideo, split: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ReadingSpeed:
-    """How fast a packed file is read in its order."""
+    """Reading speed of a packed file in its order."""
 
     samples: int
     processor_s: float
 
     @property
     def per_s(self) -> float:
-        """Samples for each second of processor time."""
+        """Samples per second of processor time."""
         return self.samples / max(self.processor_s, 1e-9)
 
 
 def read_through(file: Path) -> ReadingSpeed:
-    """Reads all samples of a packed file, which also shows that it is whole; InputError where it is damaged."""
+    """Read all samples of a packed file, which also proves it undamaged; otherwise InputError."""
     packed, start = PackedSamples(file), time.process_time()
     count = sum(1 for number in range(len(packed)) if packed[number])
     return ReadingSpeed(count, time.process_time() - start)

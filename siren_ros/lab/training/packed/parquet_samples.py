@@ -1,4 +1,4 @@
-"""One Parquet file of samples: each column is an array of a fixed shape, or of a first axis of any length.
+"""One Parquet file of samples: each column is an array of fixed shape, or with a first axis of variable length.
 
 The file is plain Parquet: nested values are flat lists, and the field's metadata has the shape, so that pandas, Polars
 and Hugging Face's ``datasets`` read it, too.
@@ -22,32 +22,32 @@ from siren_ros.base.params import plain_json
 from siren_ros.errors import InputError, whole_file
 
 Sample = Mapping[str, Any]
-"""Arrays, numbers and texts of one sample by their column."""
+"""One sample: arrays, numbers and texts by column name."""
 GROUP_BYTES: Final = 2_000_000
-"""Of the arrays of a row group, the smallest part that is read: a sample alone costs as much as its group."""
+"""Size of the arrays in a row group, the smallest unit of reading: to read one sample costs as much as its group."""
 _GROUPS_KEPT: Final = 4
 _ANY: Final = -1
 
 
 @dataclass(frozen=True)
 class Column:
-    """One array of a sample."""
+    """Description of one array of a sample."""
 
     kind: type[np.generic] | type[str]
     shape: tuple[int, ...]
-    """Of one sample; −1 first where the number of rows differs. Empty for a number or a text."""
+    """Shape in one sample; −1 comes first if the number of rows varies. Empty for a number or a text."""
     meaning: str
-    """For people, with units and frame."""
+    """Meaning for readers, with units and frame."""
     names: tuple[str, ...] = ()
-    """Of the entries along the last axis."""
+    """Names of the entries along the last axis."""
 
     @property
     def is_text(self) -> bool:
-        """Whether its values are texts."""
+        """Whether the values are texts."""
         return self.kind is str
 
     def field(self, name: str) -> pa.Field:
-        """The column of the file."""
+        """The column as a field of the file."""
         about = {"shape": list(self.shape), "meaning": self.meaning, "names": list(self.names)}
         return pa.field(name, self._arrow(), metadata={"siren": json.dumps(about)})
 
@@ -60,7 +60,7 @@ class Column:
         return pa.list_(flat)
 
     def packed(self, values: Sequence[Any]) -> pa.Array:
-        """The values of some samples; ValueError where one has another shape."""
+        """Pack the values of some samples; ValueError if a shape differs."""
         if self.is_text or not self.shape:
             return pa.array(values, self._arrow())
         arrays = [np.asarray(value, dtype=self.kind) for value in values]
@@ -74,7 +74,7 @@ class Column:
         return pa.ListArray.from_arrays(pa.array(ends), pa.array(flat))
 
     def unpacked(self, values: pa.Array) -> "npt.NDArray[Any] | list[Any]":
-        """The inverse: one array for all samples, or a list where the first axis differs or the values are texts."""
+        """Inverse of ``packed``: one array for all samples, or a list for variable shapes and texts."""
         if self.is_text:
             texts: list[Any] = values.to_pylist()
             return texts
@@ -88,22 +88,22 @@ class Column:
 
 
 class SampleSource(Protocol):
-    """Samples by their number."""
+    """Protocol: samples by number."""
 
     @property
     def columns(self) -> Mapping[str, Column]:
-        """Of each sample."""
+        """Columns of each sample."""
 
     def __len__(self) -> int:
         """Number of samples."""
 
     def __getitem__(self, number: int) -> Sample:
-        """One sample; IndexError past the end."""
+        """One sample; IndexError beyond the end."""
 
 
 @dataclass(frozen=True)
 class SamplesInMemory:
-    """Samples that are at hand, as those that were read from bags."""
+    """Samples in memory, for example read from bags."""
 
     columns: Mapping[str, Column]
     samples: Sequence[Sample]
@@ -116,12 +116,12 @@ class SamplesInMemory:
 
 
 def schema_of(columns: Mapping[str, Column], task: str) -> pa.Schema:
-    """The file's columns, with the task that it is for."""
+    """Columns of the file, with the task of the samples."""
     return pa.schema([column.field(name) for name, column in columns.items()], metadata={"siren_task": task})
 
 
 def write_samples(path: Path, columns: Mapping[str, Column], samples: Iterable[Sample], task: str) -> int:
-    """Writes a file, whole or not at all, and returns the number of samples.
+    """Write a file, completely or not at all; returns the number of samples.
 
     Raises:
         OSError: The file cannot be written.
@@ -147,7 +147,7 @@ def write_samples(path: Path, columns: Mapping[str, Column], samples: Iterable[S
 
 
 def join_files(parts: Sequence[Path], path: Path) -> None:
-    """Writes the samples of several files of one task as one file, group by group; OSError as ``write_samples``."""
+    """Join the files of one task into one file, group by group; OSError as ``write_samples``."""
     first = pq.ParquetFile(parts[0]).schema_arrow
     with whole_file(path) as new, pq.ParquetWriter(new, first, compression="zstd", use_dictionary=False) as writer:
         for part in parts:
@@ -157,10 +157,10 @@ def join_files(parts: Sequence[Path], path: Path) -> None:
 
 
 class PackedSamples:
-    """The samples of a file of ``write_samples``; only some groups of it are in memory."""
+    """Samples of a file of ``write_samples``; only some groups are in memory at a time."""
 
     def __init__(self, path: Path) -> None:
-        """Reads the columns and where the groups begin.
+        """Read the columns and the places of the groups.
 
         Raises:
             InputError: No such file, or one that ``siren pack`` did not write.
@@ -182,7 +182,7 @@ class PackedSamples:
         self._kept: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the open file, which another process opens again."""
+        """State without the open file, which another process opens again."""
         return {**self.__dict__, "_file": None, "_kept": OrderedDict()}
 
     def __len__(self) -> int:
@@ -196,7 +196,7 @@ class PackedSamples:
         return {name: values[row] for name, values in self.group(group).items()}
 
     def group(self, number: int) -> Mapping[str, Any]:
-        """The columns of a group of samples, from memory where it was read lately.
+        """Columns of a group of samples; recently read groups are cached.
 
         Raises:
             InputError: The file is damaged there.

@@ -1,4 +1,4 @@
-"""Samples of trajectory prediction: past of the target and its neighbours, the map around it, signals, the future.
+"""Samples of trajectory prediction: history of target and neighbours, surrounding map, signals, future.
 
 Everything is in the frame of the target at the present: origin at its centre, x forward, y left.
 """
@@ -29,7 +29,7 @@ from siren_ros.simulation.world.actors import Lights
 _WINDOW: Final = HistoryWindow()
 _ACTORS: Final = 1 + NEIGHBOURS
 LANES: Final = 64
-"""Pieces of lanes around a target, the nearest first."""
+"""Number of lane pieces around a target, nearest first."""
 _LANE_POINTS: Final = 10
 _PIECE_M: Final = 25.0
 """Longer lanes are cut into pieces of at most this length."""
@@ -45,9 +45,9 @@ _ACTOR_FLAGS: Final = ("there", "is_emv", *_SHOWN)
 _LANE_FLAGS: Final = ("there", "driving", "shoulder", "across_junction", "must_stop", "gives_way")
 SIGNALS: Final = ("none", "red", "yellow", "green", "green_with_priority")
 _SIGNAL_OF_LETTER: Final = {"r": 1, "u": 1, "y": 2, "Y": 2, "g": 3, "G": 4}
-"""Of SUMO's letters; ``u`` is red and yellow. A signal that is off, or whose state is not known, shows none."""
+"""Code for each of SUMO's letters; ``u`` is red and yellow. Signals that are off or unknown have code 0."""
 _CHUNK: Final = 256
-"""Samples whose distances to all pieces of lanes are held in memory at once."""
+"""Number of samples whose distances to all lane pieces are in memory at once."""
 
 COLUMNS: Final[Mapping[str, Column]] = {
     "episode": Column(str, (), "id of the episode"),
@@ -78,7 +78,7 @@ COLUMNS: Final[Mapping[str, Column]] = {
 
 
 def prediction_samples(record: EpisodeRecord, population: Population = Population.REGION) -> Iterator[Sample]:
-    """The samples of an episode, one for each vehicle and each frame of 10 Hz with a whole window.
+    """Samples of an episode, one per vehicle and 10 Hz frame with a complete window.
 
     Episodes with left-hand traffic give their mirror images, as in the training of ``siren``.
     """
@@ -108,7 +108,7 @@ def prediction_samples(record: EpisodeRecord, population: Population = Populatio
 
 
 def _actor_columns(batch: SampleBatch) -> dict[str, npt.NDArray[Any]]:
-    """Columns of the target and its neighbours, each of shape ``(N, A, …)``."""
+    """Columns of target and neighbours, each of shape ``(N, A, …)``."""
     actors, others = batch.actors, choose_neighbours(batch)
     rows = np.concatenate((batch.target[:, None], others.actor), axis=1)
     there = np.concatenate((np.ones((len(batch), 1), dtype=np.bool_), others.there), axis=1)
@@ -137,7 +137,7 @@ class _Piece:
     flags: tuple[bool, ...]
     limit_mps: float
     signal: tuple[str, int] | None
-    """Id and link of the traffic light of a way across a junction."""
+    """Id and link of the traffic light, for a path across a junction."""
 
 
 _KINDS: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
@@ -158,7 +158,7 @@ def _pieces_of(network: RoadNetwork) -> Iterator[_Piece]:
 
 
 class _Lanes:
-    """The lanes of a batch's map in pieces of a few points."""
+    """Lanes of a batch's map, cut into pieces with few points."""
 
     def __init__(self, batch: SampleBatch) -> None:
         pieces = list(_pieces_of(batch.network))
@@ -193,7 +193,7 @@ class _Lanes:
 
 
 def _signals(batch: SampleBatch, pieces: Sequence[_Piece]) -> Codes:
-    """What the signal of each piece shows at each frame of the batch, shape ``(F, P)``."""
+    """State of each piece's signal at each frame of the batch, shape ``(F, P)``."""
     meaning = np.zeros(256, dtype=np.uint8)
     for letter, code in _SIGNAL_OF_LETTER.items():
         meaning[ord(letter)] = code

@@ -1,4 +1,4 @@
-"""Samples of risk understanding: a small grey film of the front camera, its class, and how near it came."""
+"""Samples of risk understanding: a small grey film of the front camera, its class, and its severity."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -22,7 +22,7 @@ COLUMNS: Final[Mapping[str, Column]] = {
 
 
 def risk_samples(videos: VideoSet) -> Iterator[tuple[RiskVideo, Sample]]:
-    """The videos of a set, in the order of their ids.
+    """Samples of a set's videos, in the order of their ids.
 
     Raises:
         InputError: A video is missing or of another length.

@@ -1,1 +1,1 @@
-"""Training of the trajectory predictor: the plan of episodes, samples out of bags, figures."""
+"""Trains the trajectory predictor: plan of episodes, samples from bags, evaluation."""

@@ -1,4 +1,4 @@
-"""Which episodes a predictor is trained on, watched on and judged on, and with which inputs.
+"""Plans the episodes for training, validation and test of a predictor, and variants of its inputs.
 
 ``siren_ros.simulation.scenario.splits`` fixes the split of each episode.
 """
@@ -19,32 +19,32 @@ from siren_ros.simulation.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.simulation.scenario.splits import EpisodeIdentity, Split, split_of, split_rule
 
 _LEVELS: Final = ("", "L0", "", "L1", "", "L0", "", "L2", "", "L3")
-"""Half of the training episodes at the template's own level, a fifth without emergency driving."""
+"""Levels of training episodes: half at the template's own level (''), a fifth at L0 without emergency driving."""
 
 
 FIRST_SEED: Final = {Split.TRAIN: 100, Split.VAL: 900, Split.TEST_SEED: 1000, Split.TEST_MAP: 1000}
-"""From here on, each template and map has its seeds where ``split_of`` says so."""
+"""First seed of each split; from there each template and map takes the seeds that ``split_of`` assigns to it."""
 
 
 @dataclass(frozen=True)
 class PlannedEpisode:
-    """One episode of the data: to be simulated, or recorded."""
+    """One planned episode: to be simulated, or recorded already."""
 
     split: Split
     request: EpisodeRequest
     bag: Path | None = None
-    """Of a recorded episode."""
+    """Path of the bag of a recorded episode."""
     label: str = ""
     """Name of a recorded episode."""
 
     @property
     def identity(self) -> EpisodeIdentity:
-        """What fixes its split."""
+        """Values that decide its split."""
         return EpisodeIdentity.of_request(self.request)
 
     @property
     def name(self) -> str:
-        """Name of its file."""
+        """Name of its file of samples."""
         request = self.request
         return self.label or f"{request.template}_{request.level or 'own'}_{_map_name(request.map)}_seed{request.seed}"
 
@@ -58,7 +58,7 @@ _TOWN: Final = "town"
 
 @dataclass(frozen=True)
 class PlanSize:
-    """Seeds of each template and map in each split."""
+    """Number of seeds per template and map in each split."""
 
     train: int = 8
     validation: int = 1
@@ -66,7 +66,7 @@ class PlanSize:
 
 
 def plan_episodes(maps: Sequence[str], held_out: Sequence[str], size: PlanSize) -> tuple[PlannedEpisode, ...]:
-    """All episodes, so that any first part of the training episodes has all templates, maps and levels.
+    """Plan all episodes, in an order whose beginning already has all templates, maps and levels.
 
     Maps to train on and held-out maps, which only judge, are files; "" is the built-in town. The seeds of a template on
     a map are the first ones that are fixed for the split.
@@ -92,7 +92,7 @@ def plan_episodes(maps: Sequence[str], held_out: Sequence[str], size: PlanSize) 
 
 
 def _seed(split: Split, map_name: str, template: str, turn: int) -> int:
-    """The seed with the number ``turn``; those of maps that are held out for one training alone are consecutive."""
+    """Seed number ``turn`` of a split; for maps held out by this training alone, seeds are consecutive."""
     if split is Split.TEST_MAP:
         return FIRST_SEED[split] + turn
     fixed = (seed for seed in count(FIRST_SEED[split]) if split_of(EpisodeIdentity(map_name, template, seed)) is split)
@@ -100,7 +100,7 @@ def _seed(split: Split, map_name: str, template: str, turn: int) -> int:
 
 
 def plan_bags(bags: Sequence[Path]) -> tuple[PlannedEpisode, ...]:
-    """Recorded episodes, each in the split that is fixed for it.
+    """Plan recorded episodes, each in its fixed split.
 
     Raises:
         BagError: One is no recorded episode.
@@ -116,20 +116,20 @@ def plan_bags(bags: Sequence[Path]) -> tuple[PlannedEpisode, ...]:
 
 
 def is_ordinary(request: EpisodeRequest) -> bool:
-    """Whether nobody drives as in an emergency in the episode."""
+    """Whether the episode has no emergency driving."""
     return request.level == EmergencyLevel.L0.name
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to train."""
+    """One variant of the training."""
 
     summary: str
     ablation: Ablation = Ablation.NONE
     ordinary_only: bool = False
-    """Whether only episodes without emergency driving (L0) are trained on."""
+    """Whether training uses only episodes without emergency driving (L0)."""
     as_few_as_ordinary: bool = False
-    """Whether no more episodes are trained on than there are ordinary ones."""
+    """Whether the number of training episodes is limited to that of ordinary ones."""
 
 
 FULL: Final = "full"
@@ -142,4 +142,4 @@ VARIANTS: Final = MappingProxyType(
         "few": Variant("trained on as many episodes as ordinary, of all levels", as_few_as_ordinary=True),
     }
 )
-"""By name. ``few`` tells what of the loss of ``ordinary`` is due to fewer episodes."""
+"""Variants by name. ``few`` separates the effect of fewer episodes from that of ``ordinary``."""

@@ -1,4 +1,4 @@
-"""Samples of the predictor: made by the closed loop in processes, kept in files, and read into memory."""
+"""Samples for the predictor: simulated in processes without ROS, stored in files, and read into memory."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -41,19 +41,19 @@ from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise, with
 from siren_ros.simulation.scenario.splits import Split
 
 REGION_SAMPLES: Final = 400
-"""Samples of a training episode in the interaction region, drawn at random: the others overlap with them."""
+"""Number of drawn samples per training episode in the interaction region; further ones would overlap with them."""
 OTHER_SAMPLES: Final = 100
-"""Samples of a training episode from the whole map."""
+"""Number of drawn samples per training episode from the whole map."""
 TRACKERS: Final = 3
-"""Each sample of a training episode is seen without errors, and by one of these trackers."""
+"""Number of simulated trackers; each training sample is used without errors and with one tracker's errors."""
 WORST_TRACKER: Final = 1.5
-"""A tracker's errors are between none and this many times those of ``TrackNoise``, so that these are not the limit."""
+"""A tracker's errors are up to this many times those of ``TrackNoise``, so that those are not the limit."""
 _REFERENCES: Final[dict[str, Predictor]] = {"cv": ConstantVelocity(), "idm": IdmPredictor()}
 
 
 @dataclass(frozen=True)
 class EpisodeKey:
-    """The episode that samples are of."""
+    """Identifies the episode of samples."""
 
     template: str
     level: str
@@ -63,7 +63,7 @@ class EpisodeKey:
 
 @dataclass(frozen=True)
 class EpisodeFeatures:
-    """Samples of one episode, as they are stored."""
+    """Samples of one episode in stored form."""
 
     episode: EpisodeKey
     split: Split
@@ -72,30 +72,30 @@ class EpisodeFeatures:
     truth_m: Floats32
     """True future in the frames of the samples, shape ``(N, FUTURE_POINTS, 2)``."""
     reference_ade_m: dict[str, Floats32]
-    """Error of the reference models on each sample, shape ``(N,)``; only of episodes that are not trained on."""
+    """Error of the reference models on each sample, shape ``(N,)``; empty for training episodes."""
 
     def __len__(self) -> int:
         return len(self.truth_m)
 
 
 _FORM: Final = 3
-"""Raised whenever other samples are drawn or the files change."""
+"""Version of drawing and files; it is raised when either changes."""
 
 
 def features_path(folder: Path, planned: PlannedEpisode) -> Path:
-    """Where the features of an episode are kept; another version of features, samples or package has another place."""
+    """Path of an episode's features; it differs between versions of features, samples and package."""
     return folder / f"v{FEATURES_VERSION}_{_FORM}_{__version__}" / planned.split.value / f"{planned.name}.npz"
 
 
 def make_samples(
     plan: Sequence[PlannedEpisode], folder: Path, jobs: int, done: Callable[[], None]
 ) -> MadeFiles[PlannedEpisode]:
-    """Makes the samples of the episodes that have no file yet; arguments as of ``make_files``."""
+    """Make samples for episodes without a file; arguments as of ``make_files``."""
     return make_files({planned: features_path(folder, planned) for planned in plan}, _make, jobs, done)
 
 
 def _make(planned: PlannedEpisode, path: Path) -> None:
-    """Takes a recorded episode, or runs one without ROS and without sensors, and keeps its samples.
+    """Read or simulate an episode (without ROS and sensors), and store its samples.
 
     Raises:
         SirenError: The map has no site for the template, the episode fails, or the bag cannot be read.
@@ -112,7 +112,7 @@ def _record_of(planned: PlannedEpisode) -> EpisodeRecord:
 
 
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
-    """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region.
+    """Samples of a record: a random draw for training episodes, otherwise all of the interaction region.
 
     Each drawn sample comes twice: without errors, and as a tracker of random quality would report it (``TrackNoise``),
     with the truth from the reported pose on.
@@ -145,14 +145,14 @@ def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
 
 
 def _seen(batch: SampleBatch, samples: ScoredSamples) -> tuple[Features, FeatureNames, Floats32]:
-    """Features of a batch, and the truth of the same samples in its frames."""
+    """Features of a batch, and the true future of the same samples in its frames."""
     features, names = features_and_names(batch)
     truth_m = in_frame_of(batch, samples.future_xy_m - batch.xy_m[:, None])
     return features, names, truth_m.astype(np.float32)
 
 
 def joined(parts: Sequence[Features]) -> Features:
-    """The samples of all parts, one after the other."""
+    """Join the samples of all parts."""
     names = [field.name for field in fields(Features)]
     return Features(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
@@ -163,7 +163,7 @@ def _ade(model: Predictor, samples: ScoredSamples) -> Floats32:
 
 
 def write_features(path: Path, episode: EpisodeFeatures) -> None:
-    """Writes a file whole or not at all."""
+    """Write a file completely or not at all."""
     about = {**asdict(episode.episode), "split": episode.split, "names": asdict(episode.names)}
     arrays = {f"features.{field.name}": getattr(episode.features, field.name) for field in fields(Features)}
     arrays |= {f"reference.{name}": values for name, values in episode.reference_ade_m.items()}
@@ -171,7 +171,7 @@ def write_features(path: Path, episode: EpisodeFeatures) -> None:
 
 
 def read_features(path: Path) -> EpisodeFeatures:
-    """An episode that ``write_features`` wrote."""
+    """Read a file of ``write_features``."""
     about, file = read_arrays(path, "about")
     features = Features(**{field.name: file[f"features.{field.name}"] for field in fields(Features)})
     references = {key.removeprefix("reference."): file[key] for key in file if key.startswith("reference.")}
@@ -186,31 +186,31 @@ class SampleStore:
     """Samples of several episodes."""
 
     features: Features
-    """Of half precision, which halves the memory; speed and spacing are single."""
+    """Features in half precision, which halves the memory; speed and spacing are single precision."""
     truth_m: Floats32
     episode: npt.NDArray[np.int32]
-    """Position in ``episodes`` of each sample."""
+    """Index of each sample's episode in ``episodes``."""
     episodes: tuple[EpisodeKey, ...]
     names: FeatureNames
     reference_ade_m: Mapping[str, Floats32]
-    """Of the reference models, shape ``(N,)``; empty for episodes that are trained on."""
+    """Errors of the reference models, shape ``(N,)``; empty for training episodes."""
 
     def __len__(self) -> int:
         return len(self.truth_m)
 
     def batch(self, rows: Rows | slice) -> Features:
-        """Some samples in single precision."""
+        """Select some samples, in single precision."""
         part = self.features.select(rows)
         return Features(**{field.name: _as(getattr(part, field.name), np.float32) for field in fields(Features)})
 
 
 def without_lamps(store: SampleStore, rows: Flags) -> SampleStore:
-    """The samples, of which some (shape ``(N,)``) see no brake lamp and no indicator: those of all vehicles are off."""
+    """The samples with all brake lamps and indicators switched off in some of them, given by shape ``(N,)``."""
     return replace(store, features=without_columns(store.features, store.names, LAMP_COLUMNS, rows))
 
 
 def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:
-    """Reads files of ``write_features`` in their order, at least one with a sample; those without are left out."""
+    """Read files of ``write_features`` in order; files without samples are left out, but one must have some."""
     episodes = [episode for episode in map(read_features, paths) if len(episode)]
     names = episodes[0].names
     columns: dict[str, Any] = {}

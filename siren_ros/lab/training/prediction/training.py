@@ -1,4 +1,4 @@
-"""The whole training of the trajectory predictor: data, variants, figures next to the reference models, files."""
+"""The complete training of the trajectory predictor: data, variants, comparison with reference models, files."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +25,7 @@ from siren_ros.simulation.scenario.splits import Split
 
 MEAN: Final = "mean"
 UNLIT_SHARE: Final = 0.1
-"""Share of the training samples without brake lamps and indicators: many trackers report none."""
+"""Share of training samples without brake lamps and indicators, because many trackers report none."""
 _MODEL_ERRORS: Final = ("siren", "siren_min6", "siren_fde")
 
 
@@ -36,11 +36,11 @@ class EpisodeErrors:
     episode: EpisodeKey
     samples: int
     errors_m: Mapping[str, float]
-    """ADE of ``cv``, ``idm`` and ``siren`` (most probable hypothesis); ``siren_min6`` and ``siren_fde``."""
+    """ADE of ``cv``, ``idm`` and ``siren`` (most probable hypothesis), and ``siren_min6``, ``siren_fde``."""
 
 
 def assess(network: TrainedNetwork, store: SampleStore) -> tuple[EpisodeErrors, ...]:
-    """Errors of each episode of a split."""
+    """Errors of each episode in a split."""
     xy_m, probability = network.run(store.batch(slice(None)))
     miss = xy_m - store.truth_m[:, None]
     distance = np.hypot(miss[..., 0], miss[..., 1])
@@ -57,7 +57,7 @@ def assess(network: TrainedNetwork, store: SampleStore) -> tuple[EpisodeErrors, 
 
 
 def by_template(errors: Sequence[EpisodeErrors]) -> dict[str, dict[str, float]]:
-    """Means over the samples of each template, and under ``MEAN`` over the templates, as the evaluation does."""
+    """Means over the samples of each template; ``MEAN`` is the mean over templates, as in the evaluation."""
     table = {}
     for name in sorted({each.episode.template for each in errors}):
         episodes = [each for each in errors if each.episode.template == name]
@@ -70,7 +70,7 @@ def by_template(errors: Sequence[EpisodeErrors]) -> dict[str, dict[str, float]]:
 
 
 def by_map(errors: Sequence[EpisodeErrors]) -> dict[str, dict[str, float]]:
-    """Of each map, the mean over its templates."""
+    """Mean over the templates, for each map."""
     names = sorted({each.episode.map_name for each in errors})
     return {name: by_template([each for each in errors if each.episode.map_name == name])[MEAN] for name in names}
 
@@ -80,7 +80,7 @@ def _mean(rows: Sequence[Mapping[str, float]], weights: Sequence[int]) -> dict[s
 
 
 def table_lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """The table as text: ADE of the models, minADE of six, and how both compare with constant velocity."""
+    """The table as text: ADE of the models, minADE of six, and their ratios to constant velocity."""
     lines = [f"{'':<14}{'episodes':>9}{'cv':>8}{'idm':>8}{'siren':>8}{'':>7}{'minADE6':>9}{'':>7}"]
     for name, row in table.items():
         gains = [f"{row[name] / row['cv'] - 1.0:+.0%}" for name in _MODEL_ERRORS[:2]]
@@ -92,7 +92,7 @@ def table_lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 
 def errors_json(errors: Sequence[EpisodeErrors]) -> dict[str, Any]:
-    """Everything as JSON types, rounded to millimetres."""
+    """All errors as JSON types, rounded to millimetres."""
     return {
         "samples": sum(each.samples for each in errors),
         "by_template": _rounded(by_template(errors)),
@@ -110,7 +110,7 @@ _JUDGED: Final[tuple[Split, ...]] = tuple(split for split in Split if split is n
 
 @dataclass(frozen=True)
 class TrainedVariant:
-    """One trained network and its figures."""
+    """One trained network with its errors."""
 
     path: Path
     card: Mapping[str, Any]
@@ -125,7 +125,7 @@ def train_variant(
     fitter: Fitter,
     report: Callable[[str], None],
 ) -> TrainedVariant:
-    """Trains a variant on the episodes of all splits, and writes ``NAME.onnx`` and its card ``NAME.json``.
+    """Train a variant on all splits, and write ``NAME.onnx`` with its card ``NAME.json``.
 
     ``report`` is called with lines on the progress.
 
@@ -170,7 +170,7 @@ def train_variant(
 
 
 def with_ablations(full: TrainedVariant, others: Sequence[TrainedVariant]) -> TrainedVariant:
-    """The whole predictor, its card with the figures of the others."""
+    """The main predictor with the errors of the other variants in its card."""
     compared = {
         other.card["variant"]: {
             "summary": other.card["summary"],
@@ -203,7 +203,7 @@ def _data_json(data: MadeFiles[PlannedEpisode]) -> dict[str, Any]:
         left_out = []
         for planned, reason in data.missing:
             if planned.split is split:
-                path = planned.request.map or "town"  # the card has the map's name in place of its path
+                path = planned.request.map or "town"  # the card contains the map's name, not its path
                 left_out.append(f"{planned.name}: {reason.replace(path, Path(path).name)}")
         seeds = [request.seed for request in requests]
         splits[split.value] = {

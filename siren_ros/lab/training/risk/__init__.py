@@ -1,1 +1,1 @@
-"""Training of the risk task's sequence model: films of drawn episodes, fitting, card."""
+"""Trains the sequence model of the risk task: films of drawn episodes, fitting, card."""

@@ -1,4 +1,4 @@
-"""Clips of the sequence model's fitting, and the operating point that is chosen on validation clips."""
+"""Training clips of the sequence model, and its operating point from validation clips."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from siren_ros.scoring.evaluation.risk.tables import PAPER_BALANCE
 from siren_ros.scoring.evaluation.risk.video_set import VIDEO_FRAMES
 
 CLIP_FRAMES: Final = VIDEO_FRAMES // EVERY
-"""Pictures of a clip: those that are used of a video."""
+"""Number of pictures in a clip: those used of a video."""
 Severity = npt.NDArray[np.int64]
 
 
@@ -26,12 +26,12 @@ class LabelledFilm:
 
     film: Film
     severity: Severity
-    """Shape ``(T,)``."""
+    """Class of each picture, shape ``(T,)``."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """As many pictures as a video has, with the classes of the pictures and of the whole."""
+    """A part of a film as long as a video, with the classes of its pictures and of the whole."""
 
     frames: SmallFrames
     severity: Severity
@@ -39,7 +39,7 @@ class Clip:
 
 
 def labelled(film: Film, config: FilmFitConfig) -> LabelledFilm:
-    """The class of each picture: that of the moments around it."""
+    """Label each picture with the class of the moments around it."""
     near = config.near_steps
     steps = [film.step_of(frame) for frame in range(len(film))]
     classes = [film.label_between(step - near, step + near + 1, config.thresholds).risk for step in steps]
@@ -47,7 +47,7 @@ def labelled(film: Film, config: FilmFitConfig) -> LabelledFilm:
 
 
 def clip_of(labelled_film: LabelledFilm, first: int, length: int, thresholds: RiskThresholds) -> Clip:
-    """The clip that begins with a picture; the last picture stands still where the film is too short."""
+    """Clip from a first picture; if the film is too short, the last picture is repeated."""
     film = labelled_film.film
     rows = np.minimum(np.arange(first, first + length), len(film) - 1)
     begin = film.step_of(first)
@@ -56,7 +56,10 @@ def clip_of(labelled_film: LabelledFilm, first: int, length: int, thresholds: Ri
 
 
 def drawn_first(labelled_film: LabelledFilm, risk: RiskClass, length: int, random: np.random.Generator) -> int:
-    """A first picture such that the clip holds a moment of a class between 10 and 90 % of it; any where it has none."""
+    """Random first picture so that the clip has a moment of a class between 10 and 90 % of its length.
+
+    Any if there is none.
+    """
     last = max(0, len(labelled_film.film) - length)
     moments = np.flatnonzero(labelled_film.severity == risk)
     if risk is RiskClass.NORMAL or not len(moments):
@@ -66,12 +69,12 @@ def drawn_first(labelled_film: LabelledFilm, risk: RiskClass, length: int, rando
 
 
 def films_with(films: Sequence[LabelledFilm], risk: RiskClass) -> list[LabelledFilm]:
-    """The films that have a moment of a class."""
+    """Films with a moment of a class."""
     return [film for film in films if (film.severity == risk).any()]
 
 
 def validation_clips(films: Sequence[LabelledFilm], thresholds: RiskThresholds) -> list[Clip]:
-    """Three clips of each film: its beginning, its middle and its end."""
+    """Three clips of each film: beginning, middle and end."""
     clips = []
     for film in films:
         last = max(0, len(film.film) - CLIP_FRAMES)
@@ -80,7 +83,7 @@ def validation_clips(films: Sequence[LabelledFilm], thresholds: RiskThresholds) 
 
 
 def brightness(frames: SmallFrames, random: np.random.Generator) -> Floats32:
-    """The pictures with another contrast and brightness, in 0 … 255."""
+    """The pictures with random contrast and brightness, in 0 … 255."""
     gain, shift = random.uniform(0.75, 1.25), random.uniform(-25.0, 25.0)
     values = (frames.astype(np.float32) - 128.0) * np.float32(gain) + np.float32(128.0 + shift)
     return np.clip(values, 0.0, 255.0)
@@ -91,7 +94,7 @@ _STEPS: Final = 40
 
 
 def operating_point(logits: Logits, labels: npt.NDArray[np.int64]) -> Floats32:
-    """The offsets of both logits that give the best macro F1 at the paper's balance of classes, shape ``(2,)``.
+    """Offsets of both logits with the best macro F1 at the paper's class balance, shape ``(2,)``.
 
     Clips of a class count so that the classes have the paper's shares. Among equally good offsets the middle one is
     taken. ``logits`` of the clips have the shape ``(N, 2)``, their classes ``(N,)``.
@@ -107,7 +110,7 @@ def operating_point(logits: Logits, labels: npt.NDArray[np.int64]) -> Floats32:
 
 
 def classes_at(logits: Logits, offsets: tuple[float, float]) -> npt.NDArray[np.int64]:
-    """The class of each clip: the more severe question first."""
+    """Class of each clip: a collision is tested first."""
     near, hit = (logits[:, question] > offsets[question] for question in range(2))
     return np.where(hit, RiskClass.COLLISION, np.where(near, RiskClass.NEAR_MISS, RiskClass.NORMAL)).astype(np.int64)
 

@@ -1,4 +1,4 @@
-"""Films for the sequence model: which are planned, an episode's small pictures, and the conflicts of its record.
+"""Films for the sequence model: plan, small pictures of an episode, and the conflicts in its record.
 
 The films of the two splits differ by seed from each other and from every test set. Films are kept in files.
 """
@@ -35,17 +35,17 @@ from siren_ros.simulation.scenario.splits import Split
 from siren_ros.simulation.scenario.templates import load_template
 
 FIRST_SEED: Final = {Split.TRAIN: 500, Split.VAL: 900}
-"""Seeds of the draws. ``siren generate risk`` draws with seed 0 unless it is given another one."""
+"""First seed of the draws in each split; ``siren generate risk`` uses seed 0 by default."""
 _LOOKS_FOR: Final = (RiskClass.NORMAL, RiskClass.NEAR_MISS, RiskClass.COLLISION, RiskClass.COLLISION)
 _COLLISIONS_IN: Final = "S4"
-"""Where collisions are found most often; further films of it look for nothing else."""
+"""Template with most collisions; additional films of it search for collisions only."""
 _FURTHER: Final = 1000
-"""From this number on."""
+"""Number from which the additional films are counted."""
 
 
 @dataclass(frozen=True)
 class PlannedFilm:
-    """One film of the data."""
+    """One planned film."""
 
     split: Split
     template: str
@@ -58,7 +58,7 @@ class PlannedFilm:
 
     @property
     def request(self) -> EpisodeRequest:
-        """Its episode: drawn like the candidates of a search, each class in turn."""
+        """Its request, drawn like the candidates of a search, with each class in turn."""
         turn = _LOOKS_FOR[self.number % len(_LOOKS_FOR)]
         looking_for = RiskClass.COLLISION if self.number >= _FURTHER else turn
         template = load_template(self.template)
@@ -67,14 +67,14 @@ class PlannedFilm:
 
 @dataclass(frozen=True)
 class FilmPlanSize:
-    """Films of each template."""
+    """Number of films per template."""
 
     train: int = 4
     validation: int = 4
 
 
 def plan_films(size: FilmPlanSize, templates: Sequence[str] = TEMPLATES) -> tuple[PlannedFilm, ...]:
-    """All films, so that any first part has all templates and classes, and both splits.
+    """Plan all films, in an order whose beginning already has all templates, classes and both splits.
 
     As many films as each template has are added for the template with most collisions.
     """
@@ -88,18 +88,18 @@ def plan_films(size: FilmPlanSize, templates: Sequence[str] = TEMPLATES) -> tupl
 
 
 FILM_STEPS: Final = EVERY * FRAME_STEPS
-"""From one picture of a film to the next."""
+"""Steps between pictures of a film."""
 _SIZE: Final = (320, 240)
-"""Pictures are drawn at twice the small size and averaged: nearly what is left of the videos' 800 x 600."""
+"""Size of drawn pictures: twice the small size, then averaged; about what remains of the videos' 800 x 600."""
 
 
 @dataclass(frozen=True)
 class Film:
-    """All pictures of an episode while the EMV is there."""
+    """All pictures of an episode while the EMV is present."""
 
     frames: SmallFrames
     episode: Candidate
-    """Its label and evidence are the whole episode's; its first step is that of the first picture."""
+    """The episode with label and evidence for its whole length; its first step is that of the first picture."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -109,19 +109,19 @@ class Film:
         return self.episode.first_step + frame * FILM_STEPS
 
     def label_between(self, first_step: int, end_step: int, thresholds: RiskThresholds) -> RiskLabel:
-        """The label of a part of the episode."""
+        """Label of a part of the episode."""
         return label_of(self.episode.evidence.within(first_step, end_step), thresholds)
 
 
 def film_path(folder: Path, planned: PlannedFilm) -> Path:
-    """Where a film is kept; another version of the package has another place."""
+    """Path of a film's file; it differs between versions of the package."""
     return folder / f"films_{__version__}" / f"{planned.name}.npz"
 
 
 def make_films(
     plan: Sequence[PlannedFilm], folder: Path, jobs: int, done: Callable[[], None]
 ) -> MadeFiles[PlannedFilm]:
-    """Makes the films that have no file yet; arguments as of ``make_files``."""
+    """Make the films that have no file; arguments as of ``make_files``."""
     return make_files({planned: film_path(folder, planned) for planned in plan}, _make, jobs, done)
 
 
@@ -131,7 +131,7 @@ def _make(planned: PlannedFilm, path: Path) -> None:
 
 
 def film_of(request: EpisodeRequest, record: EpisodeRecord) -> Film:
-    """The film of a request's record."""
+    """Film of a request's record."""
     emv_id, spec = record.emv_ids[0], front_camera()
     suite = SensorSuite("film", cameras=(replace(spec, width=_SIZE[0], height=_SIZE[1], rate_hz=10.0),))
     config = scene_config_of(record.description.template_values)
@@ -147,12 +147,12 @@ def film_of(request: EpisodeRequest, record: EpisodeRecord) -> Film:
 
 
 def write_film(path: Path, film: Film) -> None:
-    """Writes a file whole or not at all."""
+    """Write a file completely or not at all."""
     write_arrays(path, {"episode": np.array(json.dumps(outcome_as_json(film.episode))), "frames": film.frames})
 
 
 def read_film(path: Path) -> Film:
-    """A film that ``write_film`` wrote."""
+    """Read a file of ``write_film``."""
     about, arrays = read_arrays(path, "episode")
     episode = outcome_of_json(about)
     if not isinstance(episode, Candidate):

@@ -1,4 +1,4 @@
-"""The whole training of the sequence model: films, fitting, figures, files."""
+"""The complete training of the sequence model: films, fitting, figures, files."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ Fitter = Callable[[Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig
 def train_sequence_model(
     films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, fitter: Fitter, report: Callable[[str], None]
 ) -> SequenceModel:
-    """Trains the model on the films of both splits, and writes it as an ONNX file with its card next to it.
+    """Train the model on the films of both splits, and write it as an ONNX file with its card.
 
     ``report`` is called with lines on the progress.
 
@@ -77,7 +77,7 @@ def _split_json(part: Sequence[LabelledFilm], films: MadeFiles[PlannedFilm], spl
 
 
 def _figures(model: SequenceModel, films: Sequence[LabelledFilm], config: FilmFitConfig) -> dict[str, Any]:
-    """Of the clips that the operating point was chosen on: not what a test set will show."""
+    """Figures on the clips that decided the operating point; they are better than those of a test set."""
     clips = validation_clips(films, config.thresholds)
     counts = confusion([clip.label for clip in clips], [model.answer(clip.frames) for clip in clips])
     return {

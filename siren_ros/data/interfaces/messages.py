@@ -47,7 +47,7 @@ def load_typestore(message_folders: dict[str, Path]) -> Typestore:
     for package, folder in sorted(message_folders.items()):
         for path in sorted(folder.glob("*.msg")):
             store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}"))
-    store.get_msgdef = cache(store.get_msgdef)  # rosbags asks for it at every nested message
+    store.get_msgdef = cache(store.get_msgdef)  # type: ignore[method-assign]  # rosbags asks for it at every nested message
     return store
 
 

@@ -57,7 +57,7 @@ class FilmNetwork(nn.Module):
         self.moments = nn.Conv1d(_WIDTH, 2, 1)
 
     def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits of pictures ``(N, 2, T)`` and films ``(N, 2)``, from grey values 0 … 255, ``(N, T, HEIGHT, WIDTH)``."""
+        """Logits of pictures ``(N, 2, T)`` and films ``(N, 2)`` from grey values 0 … 255, ``(N, T, HEIGHT, WIDTH)``."""
         values = (frames.float() - 128.0) / 64.0
         first = torch.cat((values[:, :1], values[:, :1], values), dim=1)
         # Inputs are a picture and its differences to the two before it, because approaching vehicles grow.

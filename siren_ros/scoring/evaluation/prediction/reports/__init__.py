@@ -1,1 +1,1 @@
-"""Writes prediction scores as tables and files, beside the paper's."""
+"""Writes prediction scores as tables and files, with the paper's."""

@@ -49,7 +49,7 @@ _ELSEWHERE = """
 
 def long_description() -> str:
     """README.md for a package index: without what leads to files of the repository, which are not there."""
-    text = re.sub(r"<!--.*?-->", "", Path("README.md").read_text(encoding="utf-8"))
+    text = re.sub(r"<!--.*?-->", "", Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"))
     text = re.sub(r"\n## Where to go\n.*?(?=\nLicence:)", _ELSEWHERE, text, flags=re.DOTALL)
     text = re.sub(r"!\[[^\]]*\]\((?!https://)[^)]*\)\n*", "", text)
     return re.sub(r"\[([^\]]*)\]\((?!https://)[^)]*\)", r"\1", text)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import siren_ros
+from docsite.house import sizes_table
 from docsite.template_tables import entries, template_table
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.data.datasets.formats import FORMATS
@@ -311,6 +312,7 @@ def predictors_table() -> str:
 TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "nodes": nodes_table,
     "cosim": partial(node_table, "cosim"),
+    "sizes": partial(sizes_table, _NODES_FILE.parents[1] / "docs" / "sizes.json"),
     "templates": templates_table,
     "formats": formats_table,
     "calibrate": calibration_table,

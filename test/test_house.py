@@ -1,0 +1,258 @@
+"""What keeps the library small: limits on its size and on habits that make it hard to read, each with its reason.
+
+A limit may only fall. Whoever gets below one by more than a tenth writes the new number here.
+"""
+
+import ast
+import re
+from collections.abc import Collection, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import pytest
+from repository import REPOSITORY
+
+from docsite.house import Size, grown, recorded_sizes, sizes_of, sizes_table
+
+LIBRARY: Final = REPOSITORY / "siren_ros"
+GROWTH: Final = 0.03
+"""A wing may grow by this share of its lines without a word. More is a decision, which the changelog explains."""
+MOST_TOP_FOLDERS: Final = 9
+"""A reader has to keep them in mind all at once: eight wings and the command line."""
+MOST_CLASSES: Final = 886
+"""Each class is a word that a reader has to learn."""
+FEW_LINES: Final = 60
+SMALL_FILES: Final = frozenset(
+    [
+        "base/numerics/changed.py",
+        "base/numerics/units.py",
+        "base/params/page_files.py",
+        "base/processes/side_by_side.py",
+        "cli/evaluate.py",
+        "cli/exam_compare.py",
+        "cli/reproduce.py",
+        "cli/study_options.py",
+        "data/datasets/commonroad_mirror_image.py",
+        "data/record/licences.py",
+        "lab/benchmarks/json_figures.py",
+        "lab/benchmarks/study_sizes.py",
+        "lab/learning/registration.py",
+        "lab/training/fitting/lstm_network.py",
+        "lab/training/fitting/motion_network.py",
+        "lab/training/fitting/transformer_network.py",
+        "lab/training/packed/detection.py",
+        "lab/training/packed/order.py",
+        "lab/training/packed/risk.py",
+        "reports/episode_page/columns.py",
+        "reports/episode_page/emv_measures.py",
+        "reports/episode_page/of_bag.py",
+        "reports/episode_page/reasons.py",
+        "reports/exam/past_time.py",
+        "reports/study_report/episode_pages.py",
+        "running/generation/answer_times.py",
+        "running/generation/behaviour_setup.py",
+        "running/seat/drivers/driver.py",
+        "running/seat/drivers/drivers.py",
+        "running/seat/drivers/keeps_lane.py",
+        "running/seat/gaps.py",
+        "running/seat/steering.py",
+        "running/studies/ready_worker.py",
+        "scoring/evaluation/detection/detectors/table.py",
+        "scoring/evaluation/prediction/feasibility.py",
+        "scoring/evaluation/prediction/joint.py",
+        "scoring/evaluation/prediction/lane_following.py",
+        "sensing/sensor_table.py",
+        "simulation/behaviour/civilians/rescue_lane.py",
+        "simulation/behaviour/paths/sideways_jump.py",
+        "simulation/conflicts/junction_room.py",
+        "simulation/dynamics/walkers.py",
+        "simulation/roads/bridges.py",
+        "simulation/roads/maps/cycle_lanes.py",
+        "simulation/roads/maps/mirrored_net.py",
+        "simulation/roads/rescue_lane.py",
+        "simulation/scenario/interaction_region.py",
+        "simulation/traffic/bluelight.py",
+        "simulation/traffic/demand/jam.py",
+        "simulation/traffic/demand/sizes.py",
+        "simulation/traffic/sumo/ignored_foes.py",
+        "simulation/traffic/sumo/nearby.py",
+        "simulation/traffic/sumo/route_end.py",
+        "simulation/traffic/sumo/standoff.py",
+    ]
+)
+"""Files with fewer lines. A concept that is so small is a part of a neighbour, where a reader finds it."""
+MOST_NUMBERED_COLUMNS: Final = 713
+"""``values[3, row]`` in compiled code does not say what column 3 is; ``values[SPEED, row]`` does."""
+MOST_ANY: Final = 356
+"""``Any`` in the signature of a compiled function: a reader does not see what it takes, and mypy checks nothing."""
+MOST_PRIVATE_NAMES: Final = 166
+"""Private names in tests: such a test fails when the code is arranged in another way, although it behaves the same."""
+THEIR_NAMES: Final = frozenset(["_replace", "_asdict", "_fields", "_exit", "_repr_html_"])
+"""Names that are public where they come from: named tuples, the operating system, notebooks."""
+
+
+def private_names(tree: ast.Module) -> Iterator[str]:
+    """Private names of other files that a test imports, uses or replaces."""
+    nodes = list(ast.walk(tree))
+    own = {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    for node in nodes:
+        match node:
+            case ast.Attribute(value=ast.Name(id="self" | "cls"), attr=name):
+                own.add(name)
+    for node in nodes:
+        match node:
+            case ast.Attribute(attr=name):
+                names = [name]
+            case ast.ImportFrom(names=aliases):
+                names = [alias.name for alias in aliases]
+            case ast.Call(func=ast.Attribute(attr="setattr"), args=arguments):
+                texts = [node.value for node in arguments if isinstance(node, ast.Constant)]
+                names = [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
+            case _:
+                names = []
+        yield from (name for name in names if re.match(r"_[^_]", name) and name not in own | THEIR_NAMES)
+
+
+@cache
+def compiled_functions() -> list[ast.FunctionDef]:
+    """The functions that numba compiles (``siren_ros/base/numerics/compiled.py``)."""
+    texts = (path.read_text(encoding="utf-8") for path in LIBRARY.rglob("*.py"))
+    trees = (ast.parse(text) for text in texts if "@compiled" in text)
+    return [function for tree in trees for function in compiled_in(tree)]
+
+
+def compiled_in(tree: ast.Module) -> list[ast.FunctionDef]:
+    return [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and "compiled" in map(ast.unparse, node.decorator_list)
+    ]
+
+
+def numbered_columns(function: ast.FunctionDef) -> int:
+    """How often a function takes a column of a table by a number: a literal among several indices."""
+    places = (node.slice for node in ast.walk(function) if isinstance(node, ast.Subscript))
+    tables = (place.elts for place in places if isinstance(place, ast.Tuple) and len(place.elts) > 1)
+    return sum(any(isinstance(index, ast.Constant) and isinstance(index.value, int) for index in one) for one in tables)
+
+
+def any_in_signature(function: ast.FunctionDef) -> int:
+    """How often the signature of a function says ``Any``."""
+    given = [argument.annotation for argument in (*function.args.args, *function.args.kwonlyargs)]
+    parts = [node for part in (*given, function.returns) if part is not None for node in ast.walk(part)]
+    return sum(isinstance(part, ast.Name) and part.id == "Any" for part in parts)
+
+
+def assert_within(count: int, limit: int) -> None:
+    """Holds a count to a limit that may only fall."""
+    assert count <= limit
+    assert count > 0.9 * limit, f"write {count} in place of {limit}: what was gained shall stay"
+
+
+def small_files(library: Path) -> set[str]:
+    return {
+        path.relative_to(library).as_posix()
+        for path in library.rglob("*.py")
+        if path.name != "__init__.py" and path.read_text(encoding="utf-8").count("\n") < FEW_LINES
+    }
+
+
+def unexplained(growth: Collection[str], changelog: str) -> list[str]:
+    """Wings that have grown and that the unreleased part of a changelog does not name."""
+    unreleased = changelog.split("\n## ")[1]
+    return [name for name in growth if f"wing `{name}`" not in unreleased]
+
+
+def test_a_wing_that_grows_much_says_why() -> None:
+    growth = grown(sizes_of(LIBRARY), recorded_sizes(REPOSITORY / "docs" / "sizes.json"), GROWTH)
+    silent = unexplained(growth, (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8"))
+    assert silent == [], f"say in CHANGELOG.md why the wing grows, with the words 'wing `{silent[0]}`'"
+
+
+def test_growth_counts_from_the_record_and_new_wings_are_grown_ones() -> None:
+    then = {"a": Size(1, 100, 1), "b": Size(1, 100, 1), "gone": Size(1, 9, 0)}
+    now = {"a": Size(9, 102, 9), "b": Size(1, 104, 0), "new": Size(1, 10, 0)}
+    assert grown(now, then, GROWTH) == {"b": pytest.approx(0.04), "new": float("inf")}
+    text = "# Changelog\n\n## [Unreleased]\n\n* The wing `new` is new.\n\n## [0.1.0]\n\n* The wing `b` grows.\n"
+    assert unexplained(["b", "new"], text) == ["b"]
+
+
+def test_sizes_are_those_of_wings_with_all_their_folders(tmp_path: Path) -> None:
+    for name, text in {
+        "api.py": "class Beside: ...\n",
+        "wing/__init__.py": '"""A wing."""\n',
+        "wing/a.py": "class A:\n    class B: ...\n",
+        "wing/room/b.py": "def f():\n    class_ = 1\n    return class_\n",
+        "left/over/c.txt": "class C: ...\n",
+    }.items():
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    assert sizes_of(tmp_path) == {"wing": Size(3, 6, 2)}
+
+
+def test_the_table_of_sizes_ends_with_their_sum(tmp_path: Path) -> None:
+    record = tmp_path / "sizes.json"
+    record.write_text('{"a": {"files": 1, "lines": 2000, "classes": 3}, "b": {"files": 4, "lines": 5, "classes": 6}}')
+    assert sizes_table(record).splitlines()[2:] == [
+        "| `a` | 1 | 2,000 | 3 |",
+        "| `b` | 4 | 5 | 6 |",
+        "| all | 5 | 2,005 | 9 |",
+    ]
+
+
+def test_the_library_has_few_folders_at_its_top() -> None:
+    assert len(sizes_of(LIBRARY)) <= MOST_TOP_FOLDERS
+
+
+def test_the_library_has_no_more_classes() -> None:
+    assert_within(sum(size.classes for size in sizes_of(LIBRARY).values()), MOST_CLASSES)
+
+
+def test_no_more_files_are_small() -> None:
+    small = small_files(LIBRARY)
+    assert small - SMALL_FILES == set(), "put what they hold where its concept lives"
+    assert_within(len(small), len(SMALL_FILES))
+
+
+def test_compiled_code_takes_no_more_columns_by_number() -> None:
+    assert_within(sum(map(numbered_columns, compiled_functions())), MOST_NUMBERED_COLUMNS)
+
+
+def test_no_more_compiled_signatures_say_any() -> None:
+    assert_within(sum(map(any_in_signature, compiled_functions())), MOST_ANY)
+
+
+def test_tests_know_no_more_private_names() -> None:
+    texts = (path.read_text(encoding="utf-8") for path in sorted((REPOSITORY / "test").rglob("*.py")))
+    trees = (ast.parse(text) for text in texts if re.search(r"""[\s.'"]_[A-Za-z]""", text))
+    assert_within(sum(1 for tree in trees for _ in private_names(tree)), MOST_PRIVATE_NAMES)
+
+
+@pytest.mark.parametrize(
+    ("source", "columns", "anys"),
+    [
+        ("def f(a: Any, n: int) -> Any: return a[n, 3]", 1, 2),
+        ("def f(a: tuple[Any, ...], *, b: Any = 0): return a[3], a[n, :], a[n, -i], a[SPEED, n]", 0, 2),
+        ("def f(a: Array): return a[i, j, 0] + a[i][0, 1] + a[2, n]", 3, 0),
+    ],
+)
+def test_what_a_compiled_function_hides_is_seen(source: str, columns: int, anys: int) -> None:
+    (function,) = compiled_in(ast.parse(f"@compiled\n{source}\ndef g(a: Any): return a[n, 1]"))
+    assert (numbered_columns(function), any_in_signature(function)) == (columns, anys)
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("from module import _name, other", ["_name"]),
+        ("module._name(other.public)", ["_name"]),
+        ('monkeypatch.setattr(module, "_name", 1)', ["_name"]),
+        ('monkeypatch.setattr("package.module._name", 1)', ["_name"]),
+        ("class A:\n    def _own(self): self._mine = 1\nA()._own(); A()._mine", []),
+        ("value._replace(a=1); value.__dict__; _ = 1", []),
+    ],
+)
+def test_private_names_of_others_are_seen(source: str, found: list[str]) -> None:
+    assert list(private_names(ast.parse(source))) == found

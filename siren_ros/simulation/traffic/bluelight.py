@@ -1,4 +1,4 @@
-"""SUMO alone with its own bluelight device on the EMVs, for comparison: nothing here corrects SUMO's vehicles."""
+"""SUMO alone with its own bluelight device on the EMVs, for comparison: nobody tells SUMO's drivers how to move."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -8,6 +8,7 @@ from typing import Final
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo.population import MIRRORS_M
+from siren_ros.simulation.traffic.sumo.rules import RULES, Moment
 
 _OURS: Final = re.compile(rb' lcMaxSpeedLat(Standing|Factor)="[^"]*"')
 """How vehicles move sideways; SUMO's own values let them do so while they stand."""
@@ -18,11 +19,7 @@ _EMV_TYPE: Final = re.compile(rb'(vClass="emergency"[^>]*latAlignment=)"center"'
 class BluelightSimulation(SumoSimulation):
     """An episode's plan as SUMO drives it, EMVs and their corridor included; its steps are given no simulated world."""
 
-    def _impose_caution(self) -> None:
-        """SUMO's drivers are left alone."""
-
-    def _correct_motion(self) -> None:
-        """SUMO's vehicles move as SUMO moves them."""
+    _rules = tuple(rule for rule in RULES if rule.moment in {Moment.ORDERS, Moment.CORRECTION})
 
     def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
         bare = [v if v.is_emv else replace(v, width_m=v.width_m - MIRRORS_M) for v in vehicles]

@@ -15,32 +15,19 @@ from siren_ros.base.numerics.arrays import Codes, Floats, Ids
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError, MapError
-from siren_ros.simulation.conflicts.people import NOBODY
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, mirrored_map
 from siren_ros.simulation.roads.mirror_image import right_hand_image
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.traffic.config import TrafficConfig
-from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.simulation.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
-from siren_ros.simulation.traffic.sumo.caution import CautiousDrivers
-from siren_ros.simulation.traffic.sumo.driving_corrections import (
-    BendLimits,
-    CyclistsSide,
-    LaneContinuity,
-    SidewaysLimits,
-)
-from siren_ros.simulation.traffic.sumo.ignored_foes import IgnoredFoes
 from siren_ros.simulation.traffic.sumo.mirror import Mirror
 from siren_ros.simulation.traffic.sumo.nearby import Point
-from siren_ros.simulation.traffic.sumo.oncoming import OncomingDrivers
 from siren_ros.simulation.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
 from siren_ros.simulation.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
-from siren_ros.simulation.traffic.sumo.rescue_lane import RescueLane
-from siren_ros.simulation.traffic.sumo.route_end import RouteEnds
-from siren_ros.simulation.traffic.sumo.signal_timing import GapOut, time_signal
-from siren_ros.simulation.traffic.sumo.standoff import Passed, drivers_who_go
+from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Rule, Setting, acts_of
+from siren_ros.simulation.traffic.sumo.signal_timing import time_signal
 from siren_ros.simulation.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
 from siren_ros.simulation.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.simulation.world.mirror_image import mirror_image
@@ -88,6 +75,8 @@ class SumoSimulation:
     """
 
     _running: ClassVar[bool] = False
+    _rules: ClassVar[Sequence[Rule]] = RULES
+    """What SUMO's drivers are told."""
 
     def __init__(
         self,
@@ -116,17 +105,9 @@ class SumoSimulation:
         self._config = config or TrafficConfig()
         self._population = SumoPopulation(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
-        self._sideways, self._bends = SidewaysLimits(), BendLimits(network)
-        self._cautious = CautiousDrivers(network, self._config.caution)
-        self._oncoming = OncomingDrivers(network, plan.response_distance_m) if self._siren else None
-        filtering = any(vehicle.filters for vehicle in (*plan.groups, *plan.riders))
-        self._rescue_lane = RescueLane(network, filtering=filtering) if plan.duty else None
-        self._going: Passed = {}
-        self._ignored, self._crossings = IgnoredFoes(), CrossingWatch(network)
-        self._cyclists = CyclistsSide(network) if plan.riders else None
+        self._crossings = CrossingWatch(network)
         self._walkers = Walkers(network, plan, self._config) if plan.walkers else None
         self._reactions = Reactions(network, plan, level, self._config)
-        self._route_ends = RouteEnds(() if LEVEL_POLICIES[level].privileged else plan.emvs)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
         self._keeping = frozenset(first)
         """Vehicles that yield to nobody."""
@@ -141,13 +122,11 @@ class SumoSimulation:
         self._table = _Table.of({})
         self._route_rows: tuple[list[tuple[int, ...]], tuple[Indices, Indices]] = [], joined_rows([])
         self._signals: tuple[SignalState, ...] = ()
-        self._gap_out = GapOut(plan.signal) if plan.signal is not None else None
-        self._last: TrafficState | None = None
-        """Without the people on foot."""
-        self._continuity = LaneContinuity(network)
+        self._acts = acts_of(Setting(network, plan, level, self._config), self._rules)
         try:
             self._start(compiled_map, seed)
             self._columns = SumoColumns(network, self._population.length_scale)
+            self._road = Road(self._columns, self._population, self._mirror, self._walkers, self._reported)
             self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
             self._warm_up()
         except BaseException as error:
@@ -178,44 +157,43 @@ class SumoSimulation:
         Raises:
             EpisodeError: steps out of order, or SUMO moved a mirrored vehicle elsewhere.
         """
-        expected = 0 if self._last is None else self._last.step + 1
+        expected = 0 if self._road.last is None else self._road.last.step + 1
         if step != expected:
             raise EpisodeError(f"SUMO is asked for step {step}, but the next one is {expected}")
         states = ActorStates.empty(step - 1) if simulated is None else simulated
         states = mirror_image(states) if self._left_hand else states
         try:
-            self._last = self._advance(step, states)
+            last = self._road.last = self._advance(step, states)
         except libsumo.TraCIException as error:
             raise EpisodeError(f"SUMO failed at step {step}: {error}") from error
-        joined = self._last if self._walkers is None else self._walkers.joined(self._last, states, self._take_id)
+        joined = last if self._walkers is None else self._walkers.joined(last, states, self._take_id)
         return mirror_image(joined) if self._left_hand else joined
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
-        self._impose_caution()
+        road = self._road
+        road.step = step
+        self._apply(Moment.CAUTION)
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
-        if self._last is not None and self._population.civilians < self._plan.civilians:
+        if road.last is not None and self._population.civilians < self._plan.civilians:
             emvs = [emv.name for emv in self._plan.emvs]
             self._population.refill(self._points(states, emvs), self._plan.civilians)
         left = self._exchange_people(states) if step % _EXCHANGE_STEPS == 0 else []
         if self._walkers is not None:
             sirens = [self._ids[emv.name] for emv in self._plan.emvs] if self._siren else []
             self._walkers.heed(states, self._reported, np.array(sirens, np.uint32))
-        if LEVEL_POLICIES[self._level].privileged and self._last is not None:
-            privileged = frozenset(emv.name for emv in self._plan.emvs)
-            self._going = drivers_who_go(self._going, self._last, self._reported, privileged)
-        self._ignored.apply(self._columns.names, self._walkers.waiting if self._walkers else (), self._going)
-        self._route_ends.apply(self._columns.row_of)
-        if self._gap_out is not None:
-            self._gap_out.apply(self._population.vehicles.keys())
-        if self._plan.jam is not None:
-            self._hold_up(self._plan.jam, step)
+        self._apply(Moment.ORDERS)
         removed = self._removed((*left, *self._step_sumo()))
         self._mirror.check_placed(self._columns)
         return self._state(step, states, removed)
 
+    def _apply(self, moment: Moment) -> None:
+        """Lets the rules of a moment act."""
+        for act in self._acts[moment]:
+            act(self._road)
+
     def _exchange_people(self, states: ActorStates) -> list[str]:
         """Let people enter near the EMVs and the AV under test, and leave far from them; the riders who left."""
-        first = self._last is None
+        first = self._road.last is None
         points = self._population.emv_starts if first else self._points(states, sorted(self._keeping))
         if not points:
             return []
@@ -225,24 +203,6 @@ class SumoSimulation:
         self._columns.leave_out(left)
         return left
 
-    def _impose_caution(self) -> None:
-        """Impose the speeds of drivers who wait for others, before SUMO's next step."""
-        people = NOBODY if self._walkers is None else self._walkers.people
-        self._cautious.apply(self._last, self._reported, people, self._population.scale_of)
-        if self._oncoming is not None:
-            self._oncoming.apply(self._last, self._reported)
-
-    def _correct_motion(self) -> None:
-        """Tell SUMO how its vehicles move in its next step: sideways, in bends, and at the side of their lanes."""
-        columns, vehicles = self._columns, self._population.vehicles
-        outside = columns.which(self._mirror.places)
-        self._sideways.apply(columns, vehicles, outside)
-        self._bends.apply(columns, vehicles, outside)
-        if self._cyclists is not None:
-            self._cyclists.apply(columns, vehicles)
-        if self._rescue_lane is not None:
-            self._rescue_lane.apply(columns, vehicles, outside, [vehicle.name for vehicle in self._plan.emvs])
-
     def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
         """The vehicle types that SUMO loads."""
         return vehicle_types_xml(vehicles, self._level, self._config, walker_types_xml(self._plan.walkers))
@@ -250,14 +210,6 @@ class SumoSimulation:
     def _more_options(self) -> Mapping[str, str]:
         """Further options of SUMO."""
         return {}
-
-    def _hold_up(self, jam: JamHead, step: int) -> None:
-        """Impose the speeds of a jam's head for SUMO's next step, and take back the last one once the jam is over."""
-        if step > 0 and jam.speed_mps(step - 1) < 0.0:
-            return
-        for name in jam.names:
-            if name in self._population.vehicles and name not in self._mirror.places:
-                libsumo.vehicle.setSpeed(name, jam.speed_mps(step))
 
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         plan = self._plan
@@ -298,7 +250,8 @@ class SumoSimulation:
     def _step_sumo(self) -> Sequence[str]:
         """One step of SUMO; the vehicles that have left in it."""
         columns = self._columns
-        self._correct_motion()
+        self._road.outside = columns.which(self._mirror.places)
+        self._apply(Moment.MOTION)
         libsumo.simulationStep()
         departed = self._population.drop_departed()
         if self._walkers is not None:
@@ -313,7 +266,6 @@ class SumoSimulation:
         removed = []
         for name in departed:
             self._mirror.forget(name)
-            self._cautious.forget(name)
             self._reached.pop(name, None)
             self._ahead.pop(name, None)
             actor_id = self._ids.get(name)
@@ -357,8 +309,7 @@ class SumoSimulation:
         if spawned or removed:
             self._table = _Table.of(self._reported)
         names, ids, lengths = self._table.names, self._table.actor_id, self._table.length_m
-        moved = [self._reported[actor_id].name for actor_id in self._mirror.realigned if actor_id in self._reported]
-        self._continuity.correct(self._columns, {*self._mirror.places, *moved})
+        self._apply(Moment.CORRECTION)
         rows = np.array([self._columns.row_of[name] for name in names], np.intp)
         readings = read_vehicles(self._columns, rows, lengths, self._network.sumo_offset_m)
         self._place_mirrored(readings)
@@ -458,7 +409,9 @@ class SumoSimulation:
         ids, lengths_m = self._table.actor_id, self._table.length_m
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         jump_m, back = self._config.jump_m, self._mirror.realigned
-        events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, back, self._last, jump_m)
+        events: list[Event] = find_teleports(
+            step, ids, readings, lengths_m, owner, started, back, self._road.last, jump_m
+        )
         looked_at = self._crossings.elsewhere(ids, readings.lane)
         if back:
             looked_at = sorted({*looked_at, *np.flatnonzero(np.isin(ids, list(back))).tolist()})

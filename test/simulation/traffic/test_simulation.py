@@ -14,12 +14,12 @@ from siren_ros.simulation.roads.maps.map_compiler import CompiledMap
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.roads.routing import path_centre, route_path
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.traffic import simulation as simulation_module
 from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan
 from siren_ros.simulation.traffic.simulation import SumoSimulation
-from siren_ros.simulation.traffic.sumo.ignored_foes import IgnoredFoes
+from siren_ros.simulation.traffic.sumo import standoff
 from siren_ros.simulation.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
+from siren_ros.simulation.traffic.sumo.standoff import IgnoredFoes
 from siren_ros.simulation.world.actors import ActorStates, Lights, Mode, Owner, rows_of_ids
 from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, EventKind, TrafficFlags, TrafficState
 
@@ -340,7 +340,7 @@ def test_stand_offs_are_looked_at_where_emvs_run_red_lights(
         steps.append(traffic.step)
         return {"first": emvs}
 
-    monkeypatch.setattr(simulation_module, "drivers_who_go", who_goes)
+    monkeypatch.setattr(standoff, "drivers_who_go", who_goes)
     monkeypatch.setattr(IgnoredFoes, "apply", lambda _, __, ___, going: told.append(going))
     with SumoSimulation(compiled, network, replace(plan, emvs=(first, behind)[:count]), level) as simulation:
         simulation.step(0, None)

@@ -15,9 +15,11 @@ from siren_ros.simulation.traffic import simulation as simulation_module
 from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.observation import CrossingWatch
 from siren_ros.simulation.traffic.simulation import SumoSimulation
+from siren_ros.simulation.traffic.sumo import rules
 from siren_ros.simulation.traffic.sumo.mirror import LaneMatch, Place
 from siren_ros.simulation.traffic.sumo.population import route_id
 from siren_ros.simulation.traffic.sumo.readings import SumoColumns, joined_rows
+from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Setting, acts_of
 from siren_ros.simulation.world.actors import ActorClass, ActorStates, Lights, Owner
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 
@@ -51,7 +53,7 @@ class Stage:
         self.front_m = dict.fromkeys((EMV, AV, CAR), 100.0)
         self.speed_mps = 8.0
         self.index = 0
-        self.forgotten: list[tuple[str, str]] = []
+        self.forgotten: list[str] = []
         self.refills: list[Any] = []
         self.corrected: list[set[str]] = []
         self.departed: tuple[str, ...] = ()
@@ -72,6 +74,8 @@ class Stage:
         )
         monkeypatch.setattr(simulation_module, "libsumo", sumo)
         monkeypatch.setattr(simulation_module, "emv_advice", lambda *arguments: arguments)
+        continuity = SimpleNamespace(correct=lambda _columns, moved: self.corrected.append(set(moved)))
+        monkeypatch.setattr(rules, "LaneContinuity", lambda _: continuity)
         self.simulation = self._simulation()
 
     def _simulation(self) -> SumoSimulation:
@@ -95,33 +99,19 @@ class Stage:
                 places={},
                 deferred=lambda: self.deferred,
                 realigned={},
-                forget=lambda name: self.forgotten.append(("mirror", name)),
+                forget=self.forgotten.append,
                 apply=lambda *_: None,
                 check_placed=lambda _columns: None,
             ),
-            "oncoming": None,
-            "rescue_lane": None,
-            "going": {},
-            "route_ends": SimpleNamespace(apply=lambda *_: None),
-            "ignored": SimpleNamespace(apply=lambda *_: None),
             "walkers": None,
-            "cyclists": None,
-            "cautious": SimpleNamespace(
-                forget=lambda name: self.forgotten.append(("cautious", name)), apply=lambda *_: None
-            ),
-            "sideways": SimpleNamespace(apply=lambda *_: None),
-            "bends": SimpleNamespace(apply=lambda *_: None),
             "crossings": CrossingWatch(NETWORK),
             "reactions": SimpleNamespace(
                 rescued=lambda names, *_: {EMV: [name for name in names if name == CAR]},
                 flags=lambda names, *_: np.zeros(len(names), np.uint8),
             ),
-            "continuity": SimpleNamespace(correct=lambda _columns, moved: self.corrected.append(set(moved))),
             "signal_ids": ("J",),
             "ids": {EMV: 1, AV: 2},
             "next_id": 3,
-            "gap_out": None,
-            "last": None,
             "table": simulation_module._Table.of({}),
             "route_rows": ([], joined_rows([])),
             "columns": SumoColumns(NETWORK, defaultdict(lambda: 1.0)),
@@ -130,7 +120,10 @@ class Stage:
             "signals": (),
             **{name: {} for name in ("reported", "routes", "reached", "ahead")},
         }
-        for name, value in parts.items():
+        road = Road(*(parts[name] for name in ("columns", "population", "mirror", "walkers", "reported")))
+        corrections = [rule for rule in RULES if rule.moment is Moment.CORRECTION]
+        acts = acts_of(Setting(NETWORK, parts["plan"], parts["level"], parts["config"]), corrections)
+        for name, value in {**parts, "road": road, "acts": acts}.items():
             setattr(simulation, f"_{name}", value)
         return simulation
 
@@ -257,7 +250,7 @@ def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
     state = stage.step(1, ActorStates.empty(0))
     assert state.removed.tolist() == [2, 3]
     assert state.actor_id.tolist() == [1]
-    assert set(stage.forgotten) == {(part, name) for part in ("mirror", "cautious") for name in stage.departed}
+    assert set(stage.forgotten) == set(stage.departed)
     assert set(stage.private._reached) == set(stage.private._ahead) == {EMV}
     assert is_elsewhere(stage, 3, B_LEFT)
 

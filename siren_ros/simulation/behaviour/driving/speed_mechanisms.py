@@ -1,7 +1,7 @@
 """Every mechanism that limits a driver's speed, in the order in which they act.
 
 ``navigate`` runs through the table ``MECHANISMS`` for each vehicle that SUMO does not drive. SUMO's own drivers follow
-SUMO's car-following model; ``traffic`` limits them further, in this order:
+SUMO's car-following model; ``traffic`` limits them further (``traffic.sumo.rules.RULES`` has all that they are told):
 
 1. ``roads.maps.map_compiler.with_speed_limit``: the map's speed limits, lowered to the template's.
 2. ``traffic.demand.plan.DriverPopulation``: the wished speed, by each driver's factor on the limit.

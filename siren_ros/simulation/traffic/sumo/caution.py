@@ -298,9 +298,11 @@ class CautiousDrivers:
     ) -> None:
         """Impose speeds for SUMO's next step, and free those who need not wait any more.
 
-        ``traffic`` is the state before that step, None before the first one; ``people`` are those on foot at it.
+        ``traffic`` is the state before that step, None before the first one; ``vehicles`` are those in it by actor id,
+        ``people`` those on foot.
         ``scale_of`` a lane is as ``SumoPopulation.scale_of``.
         """
+        self._slowed = {name: actor_id for name, actor_id in self._slowed.items() if actor_id in vehicles}
         slowed = {} if traffic is None else self._speeds(traffic, vehicles, people, scale_of)
         for name in sorted(self._slowed.keys() - slowed.keys()):
             libsumo.vehicle.setSpeed(name, -1.0)
@@ -309,10 +311,6 @@ class CautiousDrivers:
             libsumo.vehicle.setSpeedMode(name, _HARD_BRAKE_MODE)
             libsumo.vehicle.setSpeed(name, speed_mps)
         self._slowed = {name: actor_id for name, (actor_id, _) in slowed.items()}
-
-    def forget(self, name: str) -> None:
-        """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
-        self._slowed.pop(name, None)
 
     def _drivers_of(
         self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]

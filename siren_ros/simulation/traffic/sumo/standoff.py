@@ -6,13 +6,17 @@ would then stand for good. Once such a driver goes, the rule for vehicles that a
 alone says when to wait.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
+
+import libsumo
 
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.world.actors import Owner
 from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
 
+_IGNORED: Final = "junctionModel.ignoreIDs"
+"""One parameter of SUMO, to which stand-offs and people at kerbs add."""
 _STANDING_MPS: Final = 0.1
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 _BY_SUMO: Final = int(Owner.SUMO)
@@ -39,3 +43,50 @@ def drivers_who_go(
         if earlier := before.get(name, passed if waits else None):
             going[name] = earlier | passed
     return going
+
+
+class IgnoredFoes:
+    """For whom SUMO's drivers do not wait on junctions, as SUMO was told."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, str] = {}
+
+    def apply(self, drivers: Sequence[str], by_all: Sequence[str], by_driver: Mapping[str, frozenset[str]]) -> None:
+        """Tell SUMO about the drivers for whom something has changed.
+
+        ``drivers`` are SUMO's names of all vehicles, ``by_all`` those for whom none of them waits, ``by_driver`` those
+        for whom single drivers do not wait either.
+        """
+        if not (by_all or by_driver or self._told):
+            return
+        everybody, told = " ".join(by_all), {}
+        for driver in drivers:
+            own = by_driver.get(driver)
+            names = " ".join((*by_all, *sorted(own))) if own else everybody
+            if names != self._told.get(driver, ""):
+                libsumo.vehicle.setParameter(driver, _IGNORED, names)
+            if names:
+                told[driver] = names
+        self._told = told
+
+
+class StandOffs:
+    """Tells SUMO's drivers for whom they need not wait: those in a stand-off, and all for people at kerbs."""
+
+    def __init__(self, emvs: frozenset[str] | None) -> None:
+        """``emvs`` are those that run red lights; None where they do not, and no stand-off is looked for."""
+        self._emvs = emvs
+        self._going: Passed = {}
+        self._foes = IgnoredFoes()
+
+    def apply(
+        self,
+        last: TrafficState | None,
+        vehicles: Mapping[int, PlannedVehicle],
+        drivers: Sequence[str],
+        at_kerbs: Sequence[str],
+    ) -> None:
+        """Before SUMO's next step; ``last`` is the state before it, with ``vehicles``; ``drivers`` are all in SUMO."""
+        if self._emvs is not None and last is not None:
+            self._going = drivers_who_go(self._going, last, vehicles, self._emvs)
+        self._foes.apply(drivers, at_kerbs, self._going)

@@ -374,10 +374,10 @@ def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.
     drivers.apply(free, vehicles)
     assert sumo.speeds == {}, "it is set once"
     drivers.apply(near, vehicles)
-    drivers.forget("v1")
     sumo.speeds.clear()
+    drivers.apply(None, {2: vehicles[2]})
     drivers.apply(free, vehicles)
-    assert sumo.speeds == {}, "who has left, or is driven from outside, is left alone"
+    assert sumo.speeds == {}, "who has left is left alone"
 
 
 @pytest.mark.parametrize("turn", TURNS)

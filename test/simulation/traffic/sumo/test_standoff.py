@@ -1,14 +1,15 @@
-"""Drivers who stand on a junction with a vehicle driven from outside that stands there, too."""
+"""For whom SUMO's drivers do not wait on junctions: who stands there, too, driven from outside; people at kerbs."""
 
 from dataclasses import replace
 
+import libsumo
 import numpy as np
 import pytest
 from hand_made_record import traffic_of
 from traffic_helpers import load_map, plan_of
 
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
-from siren_ros.simulation.traffic.sumo.standoff import drivers_who_go
+from siren_ros.simulation.traffic.sumo.standoff import IgnoredFoes, drivers_who_go
 from siren_ros.simulation.world.actors import Owner
 from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
 
@@ -68,3 +69,39 @@ def test_who_has_left_the_simulation_is_forgotten(vehicles) -> None:
     rest = before.actor_id != FIRST
     columns = {name: getattr(before, name)[rest] for name in ("actor_id", "owner", "speed_mps", "flags")}
     assert list(drivers_who_go(going, replace(before, **columns), vehicles, EMVS)) == [vehicles[SECOND].name]
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    calls: list[tuple[str, str]] = []
+    monkeypatch.setattr(libsumo.vehicle, "setParameter", lambda name, _, names: calls.append((name, names)))
+    return calls
+
+
+def test_drivers_are_told_where_something_has_changed_for_them(told) -> None:
+    foes = IgnoredFoes()
+    foes.apply(["a", "b"], ["kerb"], {})
+    assert told == [("a", "kerb"), ("b", "kerb")]
+    foes.apply(["a", "b"], ["kerb"], {})
+    assert len(told) == 2
+    foes.apply(["a", "b", "c"], ["kerb"], {})
+    assert told[2:] == [("c", "kerb")]
+    told.clear()
+    foes.apply(["a", "c"], [], {})
+    assert told == [("a", ""), ("c", "")], "b has left"
+
+
+def test_what_holds_for_all_and_for_one_holds_at_once(told) -> None:
+    """The parameter is one: who waits for nobody at the kerb still does not wait for the EMV."""
+    foes = IgnoredFoes()
+    foes.apply(["a", "b"], [], {"a": frozenset({"emv0", "car1"})})
+    assert told == [("a", "car1 emv0")]
+    foes.apply(["a", "b"], ["kerb"], {"a": frozenset({"emv0", "car1"})})
+    assert told[1:] == [("a", "kerb car1 emv0"), ("b", "kerb")]
+    foes.apply(["a", "b"], ["kerb"], {})
+    assert told[3:] == [("a", "kerb")]
+
+
+def test_nobody_is_told_where_there_is_nothing(told) -> None:
+    IgnoredFoes().apply(["a"], [], {})
+    assert told == []

@@ -1,6 +1,7 @@
-"""EMVs that SUMO drives stop where their route ends, as those do that are driven from outside.
+"""Orders to single vehicles of an episode: EMVs that SUMO drives stop where their route ends, a jam's head holds up.
 
-SUMO takes a vehicle out of traffic at the end of its route, and an EMV's sensors would go with it.
+SUMO takes a vehicle out of traffic at the end of its route, and an EMV's sensors would go with it. EMVs that are driven
+from outside stop there as well. What causes a jam is beyond the map: SUMO's foremost drivers would go on.
 """
 
 from collections.abc import Collection, Sequence
@@ -9,6 +10,7 @@ from typing import Final
 import libsumo
 
 from siren_ros.base.numerics.braking import braking_distance_m
+from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 
 # No parameters: where a driver begins to stop at the end of the road.
@@ -37,3 +39,22 @@ class RouteEnds:
             if left_m < braking_distance_m(speed_mps * speed_mps, _BRAKE_MPS2) + _EARLIER_M:
                 libsumo.vehicle.setStop(name, route[-1], end_m, libsumo.vehicle.getLaneIndex(name), _FOR_GOOD_S)
                 del self._driving[name]
+
+
+class JamOrders:
+    """Tells the head of a jam how fast to go."""
+
+    def __init__(self, jam: JamHead) -> None:
+        self._jam = jam
+
+    def apply(self, step: int, present: Collection[str]) -> None:
+        """Order the speeds for SUMO's next step, and take back the last one once the jam is over.
+
+        ``step`` is the one that SUMO comes to next, ``present`` are the vehicles that SUMO drives; those that are moved
+        from outside are left alone.
+        """
+        if step > 0 and self._jam.speed_mps(step - 1) < 0.0:
+            return
+        for name in self._jam.names:
+            if name in present:
+                libsumo.vehicle.setSpeed(name, self._jam.speed_mps(step))

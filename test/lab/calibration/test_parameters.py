@@ -63,7 +63,7 @@ def plan_of(driver: DriverModel) -> TrafficPlan:
 
 @pytest.mark.parametrize("parameter", PARAMETERS.values(), ids=lambda parameter: parameter.name)
 def test_a_parameter_changes_its_fields_and_no_others(parameter: Parameter) -> None:
-    share = 0.77 if "gap_m" not in parameter.name else 0.07  # margins fall
+    share = 0.07 if "gap_m" in parameter.name or "clearance_m" in parameter.name else 0.77  # margins fall
     value = parameter.at(share)
     assert parameter.share_of(value) == pytest.approx(share)
     if parameter.of_sumo:

@@ -1,6 +1,7 @@
 """What a driver who makes room for an EMV may do on the junction ahead."""
 
 from collections.abc import Mapping
+from typing import Final
 
 from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.paths.lane_path import connection_of_internal, lanes_along
@@ -35,12 +36,16 @@ def room_beyond_line_m(ego: Ego, movement: Connection) -> float:
     return ego.world.junction_room.beyond_line_m(movement, _signals(ego), frozenset(ego.traffic.lane.tolist()))
 
 
+_IN_THE_WAY_M: Final = 2.0
+"""A vehicle that is farther in the way of others than this crosses the junction at a red light too."""
+
+
 def may_cross(ego: Ego, movement: Connection, front_m: float) -> bool:
     """Whether a driver goes across the junction: no light holds the movement, or the front is in others' way already.
 
     ``front_m`` is the front's way beyond the stop line.
     """
-    in_the_way_m = ego.civilian_driver.pull_over.in_the_way_m
+    in_the_way_m = _IN_THE_WAY_M
     return not is_held(ego, movement) or front_m > room_beyond_line_m(ego, movement) + in_the_way_m
 
 

@@ -23,8 +23,8 @@ from siren_ros.simulation.behaviour.civilians.junction_entry import (
     room_beyond_line_m,
     way_inside_m,
 )
-from siren_ros.simulation.behaviour.civilians.rejoin import start_rejoin
-from siren_ros.simulation.behaviour.civilians.yield_lane_change import defer
+from siren_ros.simulation.behaviour.civilians.rejoin import LEAST_SIDEWAYS_M, start_rejoin
+from siren_ros.simulation.behaviour.civilians.yield_lane_change import OFF_PATH_GRACE_S, defer
 from siren_ros.simulation.behaviour.driving.civilian_unit import (
     EmvView,
     YieldStep,
@@ -36,10 +36,11 @@ from siren_ros.simulation.behaviour.driving.civilian_unit import (
     yield_event,
 )
 from siren_ros.simulation.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
-from siren_ros.simulation.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
+from siren_ros.simulation.behaviour.driving.navigator import ALONG_COSINE, FULL_BRAKE, SPEED_GAIN_1PS, NavigatorState
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.paths.lane_path import (
+    SHOULDER_REACH_M,
     LaneEnd,
     LanePath,
     connection_of_internal,
@@ -54,11 +55,20 @@ from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwo
 from siren_ros.simulation.world.actors import Mode, rows_of_ids
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 
+_LOOK_AGAIN_S: Final = 0.5
+"""Time between two looks of a driver who waits."""
+
 
 def _looks(unit: YieldUnit, ego: Ego) -> bool:
     """Whether a waiting driver looks again at this step; not all of them look at the same one."""
-    period = steps_from_s(ego.civilian_driver.pull_over.look_again_s)
+    period = steps_from_s(_LOOK_AGAIN_S)
     return ego.step % period == unit.actor_id % period
+
+
+_ROOM_RANGE_M: Final = 60.0
+"""Distance to an EMV that waits behind within which a driver makes room."""
+_BEHIND_COSINE: Final = 0.5
+"""Cosine between a vehicle's direction and the one from the EMV to it above which the EMV counts as behind."""
 
 
 def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
@@ -68,11 +78,11 @@ def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
         return False
     dx, dy = float(seen.x_m[ego.row] - seen.x_m[emv_row]), float(seen.y_m[ego.row] - seen.y_m[emv_row])
     distance = math.hypot(dx, dy)
-    if distance > ego.civilian_driver.pull_over.room_range_m:
+    if distance > _ROOM_RANGE_M:
         return False
     cos, sin = ego.direction
     ahead = float(seen.cos[emv_row]) * dx + float(seen.sin[emv_row]) * dy
-    return min(ahead, cos * dx + sin * dy) > ego.civilian_driver.pull_over.behind_cosine * distance
+    return min(ahead, cos * dx + sin * dy) > _BEHIND_COSINE * distance
 
 
 def makes_room(unit: YieldUnit, ego: Ego) -> bool:
@@ -96,8 +106,12 @@ def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
     (row,) = rows_of_ids(ego.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
     if row < 0:
         return False
-    way = shoulder_into_turn(network, ego.traffic.route_of_row(row), ego.emv_driver.corridor.shoulder_reach_m)
+    way = shoulder_into_turn(network, ego.traffic.route_of_row(row), SHOULDER_REACH_M)
     return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
+
+
+_ALONGSIDE_M: Final = 15.0
+"""Distance along the road within which the driver next to a vehicle gives it space to move sideways."""
 
 
 def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
@@ -111,7 +125,7 @@ def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
         return False
     if network.lanes[right].kind is LaneKind.DRIVING:
         apart = np.abs(ego.traffic.lane_position_m - ego.traffic.lane_position_m[ego.row])
-        near = np.flatnonzero((ego.traffic.lane == right) & (apart < ego.civilian_driver.pull_over.alongside_m))
+        near = np.flatnonzero((ego.traffic.lane == right) & (apart < _ALONGSIDE_M))
         return all(_leaves_shoulder_free(ego.ego(other), right) for other in near.tolist())
     offset, turned = offset_in_lane(ego, lane)
     if network.lanes[right].kind is not LaneKind.SHOULDER or abs(turned) > aligned_within_rad(ego):
@@ -141,8 +155,12 @@ def rider_comes_up(ego: Ego, side: int, shift_m: float) -> bool:
     slowed_mps = min(ego.speed_mps, ego.world.speeds.civilian_pull_over_mps)
     way_m = lengths_m + _RIDER_S * np.maximum(seen.speed_mps[rows] - slowed_mps, 0.0)
     there = (aside_m + half_m > ego.half_width_m) & (aside_m - half_m < ego.half_width_m + shift_m + _RIDER_CLEAR_M)
-    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ego.civilian_driver.manoeuvring.along_cosine
+    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ALONG_COSINE
     return bool(np.any(there & along & (ahead_m < lengths_m) & (ahead_m > -way_m)))
+
+
+_STAYS_BELOW_MPS: Final = 1.5
+"""Slower vehicles next to a shoulder that they leave free stop where they are."""
 
 
 def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
@@ -152,7 +170,7 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     and while a rider comes up on that side. A driver looks again every half second. A vehicle that leaves the EMV's way
     on the shoulder free stays there.
     """
-    network, config = ego.network, ego.civilian_driver.pull_over
+    network = ego.network
     if unit.deferred and not _looks(unit, ego) and standing(ego):
         return YieldStep(unit)
     lane = ego.lane
@@ -160,12 +178,12 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
         return defer(unit, ego, Refusal.JUNCTION.value)
     shoulder = emv_takes_shoulder(ego, lane, unit.emv_id)
     unit = changed(unit, side=unit.side or (1 if shoulder else alignment_of(network, lane)))
-    if shoulder and ego.speed_mps < config.stays_below_mps and _leaves_shoulder_free(ego, lane):
+    if shoulder and ego.speed_mps < _STAYS_BELOW_MPS and _leaves_shoulder_free(ego, lane):
         started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
         return _hold_now(unit, ego, offset_in_lane(ego, lane)[0], partial=False).preceded_by(started)
     path = pull_over_path(unit, ego, lane)
     stop = braking_distance_m(ego.speed_mps * ego.speed_mps, ego.civilian_driver.driving.comfort_brake_mps2)
-    if path is None or stop > path.length_m + config.length_min_m:
+    if path is None or stop > path.length_m + LEAST_SIDEWAYS_M:
         return defer(unit, ego, Refusal.NO_ROOM.value)
     shift_m = unit.side * (edge_offset_m(ego, lane, unit.side) - offset_in_lane(ego, lane)[0])
     if rider_comes_up(ego, unit.side, shift_m):
@@ -219,6 +237,16 @@ def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
     return side * max(min(max(at_edge, for_emv), at_edge + most), 0.0)
 
 
+CURVATURE_MAX_1PM: Final = 0.15
+"""Sharpest bend of a pull-over."""
+SETTLE_LENGTH_M: Final = 4.0
+"""Straight piece after the lateral move, at least; long vehicles take their own length to come straight."""
+_LEAST_WAY_M: Final = 2.0
+"""Least way for which a driver starts."""
+_LEADER_STANDS_MPS: Final = 1.0
+"""Slower vehicles ahead stand, or are about to."""
+
+
 def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
     """``BuildPullOverWaypoints``: to the lane's edge, and to a stop there before the next junction.
 
@@ -231,28 +259,32 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
         return None
     position, left, _ = ego.place_on(lane)
     offset = edge_offset_m(ego, lane, unit.side)
-    sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
+    sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / CURVATURE_MAX_1PM)
     moving = min(max(ego.speed_mps, config.start_mps), ego.world.speeds.civilian_pull_over_mps)
     steerable = blend_length_m(offset - left, moving, 0.0, 0.0, ego.navigator_config)
-    sideways_m = max(config.length_min_m, sharpest, steerable)
+    sideways_m = max(LEAST_SIDEWAYS_M, sharpest, steerable)
     if ego.row in ego.seen.riders:
         # They answer to the steering at once; others have slowed down by the time that they turn.
         lean = math.sqrt(PEAK_CURVATURE * abs(offset - left) / ego.navigator_config.lateral_accel_mps2)
         sideways_m = max(sideways_m, lean * ego.speed_mps)
     half_length, gaps = ego.half_length_m, gaps_in_lane(ego, lane)
-    free = math.inf if gaps.front_mps > config.leader_stands_mps else gaps.front_m - config.room_standstill_gap_m
-    if free < config.least_way_m:
+    free = math.inf if gaps.front_mps > _LEADER_STANDS_MPS else gaps.front_m - config.room_standstill_gap_m
+    if free < _LEAST_WAY_M:
         return None
-    length = min(sideways_m + max(config.settle_length_m, 2.0 * half_length), free)
+    length = min(sideways_m + max(SETTLE_LENGTH_M, 2.0 * half_length), free)
     reference = _line_ahead(unit, ego, (lane, position), length, sideways_m)
     room = reference.curve.length_m - 2.0 - half_length
-    if room < config.least_way_m:
+    if room < _LEAST_WAY_M:
         return None
     merge = min(sideways_m, room)
     if room < sharpest:  # as far sideways as leaves the vehicle straight
-        most = config.curvature_max_1pm * room * room / PEAK_CURVATURE
+        most = CURVATURE_MAX_1PM * room * room / PEAK_CURVATURE
         offset = left + math.copysign(most, offset - left)
     return path_onto(reference, ego.pose, merge, ego.navigator_config, offset_m=offset, shorten_m=half_length)
+
+
+_BEYOND_JUNCTION_M: Final = 2.0
+"""Way from the junction to the rear of a vehicle that has cleared it to make room."""
 
 
 def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: float, sideways_m: float) -> LanePath:
@@ -269,7 +301,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
     ahead, room = way_m + ego.half_length_m, makes_room(unit, ego)
     lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
     to_line = network.length_m(lanes) - position
-    short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < config.leader_stands_mps
+    short = to_line - ego.half_length_m < sideways_m and ego.speed_mps < _LEADER_STANDS_MPS
     over = config.room_over_line_m if room else config.head_over_line_m if short else 0.0
     if on_junction(ego, lane):
         movement = connection_of_internal(network, lane, route)
@@ -282,7 +314,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
         movement = movement_from(ego, lanes[-1]) if end is LaneEnd.JUNCTION and on_road and over > 0.0 else None
     if movement is not None:
         if room and may_cross(ego, movement, ego.half_length_m - to_line):
-            ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + config.beyond_junction_m
+            ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + _BEYOND_JUNCTION_M
         else:
             ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement)))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
@@ -299,26 +331,36 @@ def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
     return any(inside) and not inside[-1], any(inside[: front - rear + 1])
 
 
+_REACHED_M: Final = 0.15
+"""Distance from the intended offset at which the target counts as reached."""
+_SETTLED_M: Final = 0.5
+"""Way before the end of the lateral move at which the move counts as ended."""
+_AT_EDGE_M: Final = 0.05
+"""Distance from the intended offset at which the target counts as reached before the lateral move has ended."""
+_STRAIGHT_RAD: Final = 0.04
+"""Heading against the lane below which a vehicle gets no straighter by driving on: an end sticks out by 0.1 m."""
+
+
 def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle.
 
     A driver who crosses a junction to make room does not hold on it.
     """
-    unit, over = _is_over(unit, ego, emv)
+    unit, over = _is_over(unit, emv)
     if over:
         return _release(unit, ego, emv, over)
     config, lane, path = ego.civilian_driver.pull_over, lane_of(unit, ego), unit.navigator.path
     offset, turned = offset_in_lane(ego, lane)
     aligned = abs(turned) <= aligned_within_rad(ego)
-    settled = path is None or unit.navigator.progress_m >= path.settled_m - config.settled_m
+    settled = path is None or unit.navigator.progress_m >= path.settled_m - _SETTLED_M
     off_edge_m = abs(offset - edge_offset_m(ego, lane, unit.side))
-    reached = off_edge_m <= (config.reached_m if settled else config.at_edge_m)
+    reached = off_edge_m <= (_REACHED_M if settled else _AT_EDGE_M)
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     if stopped != unit.stopped_steps:
         unit = changed(unit, stopped_steps=stopped)
     crosses, inside = _crossing(unit, ego)
     going_on = (makes_room(unit, ego) or (crosses and inside)) and not unit.navigator.done
-    comes_straight = abs(turned) > config.straight_rad and stopped == 0 and not unit.navigator.done
+    comes_straight = abs(turned) > _STRAIGHT_RAD and stopped == 0 and not unit.navigator.done
     if reached and aligned and not going_on and not comes_straight:
         return _hold_now(unit, ego, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
@@ -337,7 +379,7 @@ def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
 
     Goes on if the pull-over was cut short and there is space again, or to make room for an EMV that waits behind.
     """
-    unit, over = _is_over(unit, ego, emv)
+    unit, over = _is_over(unit, emv)
     if over:
         return _release(unit, ego, emv, over)
     goes_on = _looks(unit, ego) and may_go_on(unit, ego, lane := lane_of(unit, ego))
@@ -362,12 +404,12 @@ def _braked(unit: YieldUnit, ego: Ego) -> YieldStep:
     if standing(ego):
         return YieldStep(unit, FULL_BRAKE)
     config = ego.world.hold_navigator
-    target_mps = max(ego.speed_mps - config.ease_off_mps2 / config.speed_gain_1ps, 0.0)
+    target_mps = max(ego.speed_mps - config.ease_off_mps2 / SPEED_GAIN_1PS, 0.0)
     navigator, command, _ = navigate(unit, ego, target_mps, config)
     return YieldStep(changed(unit, navigator=navigator), command)
 
 
-def _is_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> tuple[YieldUnit, str]:
+def _is_over(unit: YieldUnit, emv: EmvView) -> tuple[YieldUnit, str]:
     """Why a yield has lost its purpose, empty while it has one: the EMV has passed, is gone, or has turned off.
 
     An EMV that has passed and crawls right ahead has not got away yet.
@@ -375,7 +417,7 @@ def _is_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> tuple[YieldUnit, str]:
     off_path = unit.off_path_steps + 1 if emv.turned_off else 0
     if off_path != unit.off_path_steps:
         unit = changed(unit, off_path_steps=off_path)
-    grace = steps_from_s(ego.civilian_driver.yielding.off_path_grace_s)
+    grace = steps_from_s(OFF_PATH_GRACE_S)
     if emv.passed and emv.dawdles:
         return unit, ""
     return unit, release_reason(emv) or ("off_path" if off_path > grace else "")
@@ -391,7 +433,7 @@ def _release(unit: YieldUnit, ego: Ego, emv: EmvView, reason: str) -> YieldStep:
 
 def _drive(unit: YieldUnit, ego: Ego) -> YieldStep:
     path, config = unit.navigator.path, ego.world.civilian_navigator
-    close = path is not None and path.length_m - path.settled_m < ego.civilian_driver.pull_over.settled_m
+    close = path is not None and path.length_m - path.settled_m < _SETTLED_M
     if close or makes_room(unit, ego):
         config = ego.world.room_navigator
     target_mps = ego.civilian_driver.pull_over.creep_mps if close else ego.world.speeds.civilian_pull_over_mps

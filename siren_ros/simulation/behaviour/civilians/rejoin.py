@@ -1,6 +1,7 @@
 """After a yield: the navigator leads the vehicle back to its lane before SUMO takes over."""
 
 import math
+from typing import Final
 
 from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.units import steps_from_s
@@ -24,6 +25,16 @@ from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.world.actors import Mode
 from siren_ros.simulation.world.traffic_state import EventKind
 
+_REJOIN_OFFSET_M: Final = 0.3
+"""Distance from the lane's centre line at which a vehicle counts as back in its lane."""
+_REJOIN_LENGTHS: Final = 1.5
+"""Way back to the lane's centre, at least, in lengths of the vehicle: a long one that turns in sharply comes near
+to others beside it that come back as well."""
+_REJOIN_AHEAD_M: Final = 60.0
+"""How far the path of a vehicle that rejoins leads."""
+LEAST_SIDEWAYS_M: Final = 6.0
+"""Least length of a lateral move within the lane."""
+
 
 def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
@@ -35,20 +46,20 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
         unit = changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0)
         return YieldStep(unit, FULL_BRAKE if standing(ego) else navigate(unit, ego, 0.0, ego.world.hold_navigator)[1])
     lane = lane_of(unit, ego)
-    if lane == NO_LANE or _straight(ego, lane, ego.civilian_driver.yielding.rejoin_offset_m):
+    if lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
         return _hand_back(unit, ego)
     config, half_length, navigator_config = ego.civilian_driver, ego.half_length_m, ego.navigator_config
-    reference = ego.line_along(lane, config.yielding.rejoin_ahead_m, 2.0, civilian=True, through_junctions=False)
+    reference = ego.line_along(lane, _REJOIN_AHEAD_M, 2.0, civilian=True, through_junctions=False)
     _, left = reference.curve.project_one(*ego.place)
     speed = 0.5 * (ego.speed_mps + config.yielding.rejoin_speed_mps)
     merge = blend_length_m(
         left,
         speed,
         config.pull_over.duration_s,
-        config.pull_over.length_min_m,
+        LEAST_SIDEWAYS_M,
         navigator_config,
     )
-    merge = max(merge, config.yielding.rejoin_lengths * 2.0 * half_length)
+    merge = max(merge, _REJOIN_LENGTHS * 2.0 * half_length)
     room = reference.curve.length_m - 2.0 - half_length - 1.0
     # Too near the stop line to come straight in the middle of the lane: straight where it is.
     kept_m = kept_offset_m(ego, lane)
@@ -68,7 +79,7 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     lane = lane_of(unit, ego)
     blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(ego, lane))
-    if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, config.rejoin_offset_m):
+    if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
         return _hand_back(unit, ego)
     navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.world.civilian_navigator)
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)

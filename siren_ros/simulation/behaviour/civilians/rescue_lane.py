@@ -4,6 +4,8 @@ SUMO drives them to the side and back (``siren_ros/simulation/traffic/sumo/rescu
 not. They have made way before they hear it, so that they go on as before.
 """
 
+from typing import Final
+
 from siren_ros.simulation.behaviour.driving.civilian_unit import aligned_within_rad
 from siren_ros.simulation.behaviour.driving.lane_change import offset_in_lane
 from siren_ros.simulation.behaviour.driving.step_view import Ego
@@ -25,6 +27,10 @@ def kept_offset_m(ego: Ego, lane: int) -> float:
     return rescue_side(ego, lane) * max(room_m, 0.0)
 
 
+_KEPT_WITHIN_M: Final = 0.25
+"""Distance from the place at the edge within which a driver has made way already."""
+
+
 def needs_no_siren(ego: Ego) -> bool:
     """Whether a driver on a road with a rescue lane has nothing to do for an EMV: it keeps to the side, or flows.
 
@@ -36,4 +42,4 @@ def needs_no_siren(ego: Ego) -> bool:
         return side != 0
     offset, turned = offset_in_lane(ego, lane)
     short_m = side * (kept_offset_m(ego, lane) - offset)
-    return short_m <= config.kept_within_m and abs(turned) <= aligned_within_rad(ego)
+    return short_m <= _KEPT_WITHIN_M and abs(turned) <= aligned_within_rad(ego)

@@ -51,6 +51,12 @@ class Seek(IntEnum):
     DRAW_AHEAD = 1
 
 
+_SEEK_AGAIN_S: Final = 1.5
+"""Time after which the driver thinks again whether to draw ahead or to fall back."""
+_SEEK_ROOM_M: Final = 20.0
+"""Road left before the next junction below which no gap is sought."""
+
+
 def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
     """One step of a deferred vehicle in its lane, towards a gap in the lane on its unit's ``side``.
 
@@ -60,15 +66,21 @@ def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
     stop = braking_distance_m(speed * speed, config.driving.comfort_brake_mps2)
     lane = lane_of(unit, ego)
     target = neighbour_lane(ego.network, lane, unit.side)
-    if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m) or target == NO_LANE:
+    if unit.navigator.remaining_m < max(stop, _SEEK_ROOM_M) or target == NO_LANE:
         return YieldStep(changed(unit, navigator=NavigatorState(), seek=Seek.NOT))
     gaps = gaps_in_lane(ego, target)
     limit = config.yielding.seek_pace * ego.network.lanes[lane].speed_limit_mps
-    again = (ego.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
+    again = (ego.step - unit.deferred_step) % steps_from_s(_SEEK_AGAIN_S) == 0
     if unit.seek == Seek.NOT or again:
         seek = choose_seek(gaps, gaps_in_lane(ego, lane), refusal, config.yielding, limit)
         unit = changed(unit, seek=seek, deferred=refusal.value)
     return drive(unit, ego, seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit))
+
+
+_SEEK_FREE_M: Final = 15.0
+"""Free way in the present lane with which a driver draws ahead of a vehicle behind…"""
+_SEEK_GAIN_MPS: Final = 1.5
+"""…and how much slower than the speed limit that vehicle is: the search gains a car's length."""
 
 
 def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
@@ -82,8 +94,8 @@ def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: Yie
     if refusal is Refusal.BESIDE and gaps.front_m <= 0.0:
         gains = limit_mps - gaps.front_mps >= config.seek_speed_mps
     else:
-        gains = refusal is not Refusal.GAP_FRONT and limit_mps - gaps.rear_mps >= config.seek_gain_mps
-    return Seek.DRAW_AHEAD if gains and present.front_m > config.seek_free_m else Seek.FALL_BACK
+        gains = refusal is not Refusal.GAP_FRONT and limit_mps - gaps.rear_mps >= _SEEK_GAIN_MPS
+    return Seek.DRAW_AHEAD if gains and present.front_m > _SEEK_FREE_M else Seek.FALL_BACK
 
 
 def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
@@ -106,12 +118,14 @@ def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soo
     return seek is not Seek.NOT and gap < margin_m <= gap + soon_s * gain and others > 0.0
 
 
+_SEEK_AHEAD_M: Final = 80.0
+"""How far the path of a vehicle that seeks a gap leads."""
+
+
 def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
     if unit.navigator.path is not None or road_lane_of(ego.network, ego.lane) == NO_LANE:
         return unit
-    reference = ego.line_along(
-        ego.lane, ego.civilian_driver.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False
-    )
+    reference = ego.line_along(ego.lane, _SEEK_AHEAD_M, 2.0, civilian=True, through_junctions=False)
     path = on_reference(reference, ego.navigator_config, stop_at_end=True, shorten_m=ego.half_length_m + 1.0)
     return changed(unit, navigator=NavigatorState().following(path, *ego.place))
 
@@ -187,13 +201,17 @@ def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]
     return seek_gap(changed(unit, side=side), ego, refusal)
 
 
+_SEEK_SOON_S: Final = 2.0
+"""A driver who will have the gap within this time goes on seeking it."""
+
+
 def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
     target = neighbour_lane(ego.network, lane_of(unit, ego), side)
     if unit.seek == Seek.NOT or target == NO_LANE:
         return False
     gaps, change = gaps_in_lane(ego, target), ego.civilian_driver.lane_change
     margin = change.front_gap_m if unit.seek == Seek.FALL_BACK else change.rear_gap_m
-    return soon_free(Seek(unit.seek), gaps, ego.speed_mps, margin, ego.civilian_driver.yielding.seek_soon_s)
+    return soon_free(Seek(unit.seek), gaps, ego.speed_mps, margin, _SEEK_SOON_S)
 
 
 def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
@@ -217,25 +235,35 @@ def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     return drive(unit, ego, 0.0 if _others_come(ego, lane) else yield_speed_mps(ego, lane))
 
 
+_GOES_ON_MPS: Final = 1.0
+"""Faster drivers go on with a lane change: a stop half-way would take both lanes."""
+
+
 def _others_come(ego: Ego, lane: int) -> bool:
     """Whether a driver, once stopped on the way into a lane, lets others in it pass before going on."""
     speed = ego.speed_mps
-    if speed > ego.civilian_driver.yielding.goes_on_mps or ego.lane == lane:
+    if speed > _GOES_ON_MPS or ego.lane == lane:
         return False
     refusal = refusal_of_gaps(gaps_in_lane(ego, lane), speed, speed, ego.civilian_driver.lane_change)
     return refusal in {Refusal.GAP_REAR, Refusal.BESIDE}
 
 
+OFF_PATH_GRACE_S: Final = 1.0
+"""Time off the EMV's path before a yield that has not started is dropped."""
+_FOLLOWED_S: Final = 1.0
+"""Time for which the EMV is in the new lane after which a driver yields again."""
+
+
 def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
-    grace = steps_from_s(ego.civilian_driver.yielding.off_path_grace_s)
+    grace = steps_from_s(OFF_PATH_GRACE_S)
     strayed = not emv.on_road and unit.off_path_steps >= grace
     if release_reason(emv) or strayed:
         reason = release_reason(emv) or "emv_gone"
         return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_RELEASED, reason=reason),))
     followed = unit.in_lane_steps + 1 if emv.on_path else 0
     unit = changed(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
-    if followed < steps_from_s(ego.civilian_driver.yielding.followed_s):
+    if followed < steps_from_s(_FOLLOWED_S):
         return YieldStep(unit)
     asked = yield_event(unit, ego, EventKind.YIELD_REQUESTED, reason="emv_followed")
     again = changed(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)

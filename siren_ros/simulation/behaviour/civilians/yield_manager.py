@@ -21,8 +21,14 @@ from siren_ros.simulation.behaviour.civilians.pull_over import (
 )
 from siren_ros.simulation.behaviour.civilians.rejoin import rejoin
 from siren_ros.simulation.behaviour.civilians.rescue_lane import needs_no_siren
-from siren_ros.simulation.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
+from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
+    OFF_PATH_GRACE_S,
+    change_lane,
+    keep_lane,
+    start_lane_change,
+)
 from siren_ros.simulation.behaviour.driving.civilian_unit import (
+    STANDING_MPS,
     Compliance,
     Driver,
     EmvView,
@@ -46,6 +52,12 @@ from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficSt
 SOURCE: Final = "yield_manager"
 _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)
 """Filler of rows that SUMO owns."""
+
+
+_EMV_PATH_AHEAD_M: Final = 120.0
+"""How far the EMV's path is followed."""
+_EDGES_KEPT: Final = 3
+"""Number of edges that the EMV has left and that still count as its road."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +86,8 @@ class EmvRoad:
             return before
         edge = network.lanes[lane].edge
         left_before = () if before is None else before.left_edges
-        left = tuple(dict.fromkeys((edge, *left_before)))[: ego.civilian_driver.yielding.edges_kept]
-        ahead_m = network.lanes[lane].length_m + ego.civilian_driver.yielding.path_ahead_m
+        left = tuple(dict.fromkeys((edge, *left_before)))[:_EDGES_KEPT]
+        ahead_m = network.lanes[lane].length_m + _EMV_PATH_AHEAD_M
         lane_start, road_start = np.full((2, len(network.lanes)), np.inf)
         on_road = np.zeros(len(network.edges), dtype=np.bool_)
         on_road[list(left)] = True
@@ -229,7 +241,7 @@ def _notice(
     events: list[Event] = []
     for emv_id, scene in scenes.items():
         present = [(row, int(seen.actor_id[row])) for row in scene.candidates]
-        stands = seen.speed_mps <= config.standing_mps
+        stands = seen.speed_mps <= STANDING_MPS
         in_queue = seen.speed_mps[scene.row] <= world.constants.gap_escape.blocked_speed_mps or any(
             stands[row] for row, actor_id in present if actor_id in units
         )
@@ -308,7 +320,7 @@ def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
         unit = changed(unit, off_path_steps=off_path)
-    grace = steps_from_s(ego.civilian_driver.yielding.off_path_grace_s)
+    grace = steps_from_s(OFF_PATH_GRACE_S)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
         return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason),))
@@ -328,6 +340,10 @@ _PHASES: Final[Mapping[Mode, Callable[[YieldUnit, Ego, EmvView], YieldStep]]] = 
 }
 
 
+_TURNED_OFF_M: Final = 15.0
+"""Distance to an EMV whose way does not lead past a vehicle any more from which on that has nobody to yield to."""
+
+
 def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
     scene = scenes.get(unit.emv_id)
     if scene is None:
@@ -342,7 +358,7 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
         on_path=math.isfinite(way) and way > -2.0 * ego.half_length_m,
         on_road=scene.on_road[ego.row],
         dawdles=slow and apart_m < config.stays_behind_m,
-        turned_off=apart_m > config.turned_off_m and len(route) > 0 and int(route[0]) not in scene.edges_ahead,
+        turned_off=apart_m > _TURNED_OFF_M and len(route) > 0 and int(route[0]) not in scene.edges_ahead,
     )
 
 

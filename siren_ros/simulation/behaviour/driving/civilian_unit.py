@@ -7,6 +7,7 @@ levels)"): a yield ends when the EMV has fully passed.
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.changed import changed
@@ -128,14 +129,23 @@ def lane_of(unit: YieldUnit, ego: Ego) -> int:
     return ego.lane if unit.navigator.lane == NO_LANE else unit.navigator.lane
 
 
+STANDING_MPS: Final = 0.2
+"""Slower civilians stand."""
+
+
 def standing(ego: Ego) -> bool:
     """Whether a vehicle stands still."""
-    return ego.speed_mps < ego.civilian_driver.yielding.standing_mps
+    return ego.speed_mps < STANDING_MPS
+
+
+_STICK_OUT_M: Final = 0.33
+"""How far an end of a vehicle may stick out sideways, by its heading, for it to count as aligned: what the paper's
+8° are for a car of 4.7 m."""
 
 
 def aligned_within_rad(ego: Ego) -> float:
     """Heading error within which a vehicle counts as aligned: the paper's, and less for long vehicles."""
-    sideways = ego.civilian_driver.pull_over.stick_out_m / ego.half_length_m
+    sideways = _STICK_OUT_M / ego.half_length_m
     return min(ego.world.constants.heading_aligned_rad, sideways)
 
 

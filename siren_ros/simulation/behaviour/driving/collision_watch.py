@@ -24,6 +24,30 @@ def stricter(first: SpeedLimit | None, second: SpeedLimit | None) -> SpeedLimit 
     return worse._replace(brake_mps2=max(first.brake_mps2, second.brake_mps2))
 
 
+_WATCH_MIN_M: Final = 20.0
+"""Drivers look at least so far ahead…"""
+_WATCH_MAX_M: Final = 70.0
+"""…and at most so far, where they can stop in it."""
+_CROSSING_COSINE: Final = 0.9
+"""Vehicles that move at more than about 25° to the path cross it; the others move along it."""
+MOVING_MPS: Final = 1.0
+"""Slower vehicles are leaders whichever way they look."""
+DRIFT_SINE: Final = 0.035
+"""Sideways drift of less than about 2° is noise of lane keeping."""
+_DRIFT_TIME_S: Final = 1.5
+"""Time over which a vehicle that drifts sideways is expected to go on."""
+_TURNING_SINE: Final = 0.17
+"""Vehicles that come on at more than about 10° to the path turn across it."""
+_OTHERS_TIME_S: Final = 6.0
+"""How far ahead others are followed, at their present speed…"""
+_OTHERS_MORE_M: Final = 10.0
+"""…with this much more…"""
+_OTHERS_MOST_M: Final = 60.0
+"""…and this much at most."""
+ROLLING_MPS: Final = 0.3
+"""Slower vehicles come to a stand without more braking."""
+
+
 @dataclass(frozen=True, eq=False)
 class CollisionWatch:
     """What one driver sees of the others at one step."""
@@ -43,8 +67,8 @@ class CollisionWatch:
         """How far ahead of its centre the vehicle looks."""
         speed, config = float(self.seen.speed_mps[self.row]), self.config
         braking = braking_distance_m(speed * speed, config.comfort_brake_mps2)
-        most_m = max(config.watch_max_m, braking + config.watch_min_m)
-        return min(max(braking + 1.5 * max(speed, self.target_mps) + 10.0, config.watch_min_m), most_m)
+        most_m = max(_WATCH_MAX_M, braking + _WATCH_MIN_M)
+        return min(max(braking + 1.5 * max(speed, self.target_mps) + 10.0, _WATCH_MIN_M), most_m)
 
     def leaders(self) -> SpeedLimit | None:
         """Limit by the most restrictive actor ahead on the corridor that the vehicle sweeps; None on a free path.
@@ -53,8 +77,8 @@ class CollisionWatch:
         those that cross it belong to ``meetings``. The safe speed is Krauss's (``safe_following_mps``).
         """
         seen, config = self.seen, self.config
-        angles = config.crossing_cosine, config.drift_sine, config.turning_sine
-        sides = config.side_margin_m, config.drift_time_s, config.moving_mps, *angles
+        angles = _CROSSING_COSINE, DRIFT_SINE, _TURNING_SINE
+        sides = config.side_margin_m, _DRIFT_TIME_S, MOVING_MPS, *angles
         keeps = config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
         own = self.row, self.progress_m, self.target_mps, self.reach_m
         ways = _UNKNOWN if seen.outlook is None else seen.outlook.ways
@@ -69,9 +93,9 @@ class CollisionWatch:
         """
         seen, config, path = self.seen, self.config, self.path
         ways, rights = _straight_on(seen) if seen.outlook is None else (seen.outlook.ways, seen.outlook.rights)
-        reach = config.others_time_s, config.others_more_m, config.others_most_m
-        limits = config.moving_mps, config.crossing_cosine, *reach, config.side_margin_m
-        speeds = config.rolling_mps, config.own_accel_mps2, config.comfort_brake_mps2
+        reach = _OTHERS_TIME_S, _OTHERS_MORE_M, _OTHERS_MOST_M
+        limits = MOVING_MPS, _CROSSING_COSINE, *reach, config.side_margin_m
+        speeds = ROLLING_MPS, config.own_accel_mps2, config.comfort_brake_mps2
         own = self.row, self.progress_m, self.target_mps, self.reach_m
         line = path.curve.points, path.curve.spacing_m, path.times_s
         who = seen.bodies, seen.is_emv

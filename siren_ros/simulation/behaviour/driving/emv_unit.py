@@ -41,6 +41,18 @@ class RoutePlan:
         return rest[:common] == ahead[:common]
 
 
+PATH_AHEAD_M: Final = 120.0
+"""Length of a path along the route, at least."""
+_PATH_BEHIND_M: Final = 10.0
+"""Where it begins, behind the EMV."""
+_REJOIN_OFFSET_M: Final = 0.5
+"""Offsets below it are left to the path tracking."""
+_STOP_BEFORE_ROUTE_END_M: Final = 3.0
+"""What is left of the route before the EMV's front."""
+_ALIGNED_RAD: Final = 0.3
+"""Heading errors below it are left to the path tracking."""
+
+
 def plan_route(
     ego: Ego, lane: int, navigator: NavigatorState, merge_m: float | None = None
 ) -> tuple[RoutePlan, NavigatorState]:
@@ -48,16 +60,16 @@ def plan_route(
 
     ``merge_m`` is the length of the move onto the lane, by default what offset and speed ask for.
     """
-    network, config = ego.network, ego.emv_driver
-    ahead_m = max(config.path_ahead_m, 1.5 * ego.far_m(0.0))
-    behind_m = config.path_behind_m
+    network = ego.network
+    ahead_m = max(PATH_AHEAD_M, 1.5 * ego.far_m(0.0))
+    behind_m = _PATH_BEHIND_M
     reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
-    before_m = {LaneEnd.ROUTE: config.stop_before_route_end_m, LaneEnd.ASTRAY: 1.0}.get(reference.end)
+    before_m = {LaneEnd.ROUTE: _STOP_BEFORE_ROUTE_END_M, LaneEnd.ASTRAY: 1.0}.get(reference.end)
     shorten = 0.0 if before_m is None else before_m + ego.half_length_m
     stop = reference.end is not LaneEnd.HORIZON
     s, left = reference.curve.project_one(*ego.place)
-    aligned = abs(math.remainder(ego.pose[2] - reference.curve.place(s)[2], 2.0 * math.pi)) < config.aligned_rad
-    if merge_m is None and abs(left) < config.rejoin_offset_m and aligned:
+    aligned = abs(math.remainder(ego.pose[2] - reference.curve.place(s)[2], 2.0 * math.pi)) < _ALIGNED_RAD
+    if merge_m is None and abs(left) < _REJOIN_OFFSET_M and aligned:
         path = on_reference(reference, ego.navigator_config, stop, shorten)
     else:
         change = ego.emv_driver.lane_change

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,14 @@ class Refusal(StrEnum):
     GAP_REAR = "gap_rear"
     TURNING = "turning"
     """The vehicle is still turning onto its road."""
+
+
+_EASED_OFF: Final = 0.75
+"""Part of the present speed that is left on average, where the target speed is lower."""
+_SPEED_UP_MPS: Final = 2.5
+"""Gain of speed that a lane change is laid out for."""
+_STEER_SHARE: Final = 0.7
+"""Part of the steering range that a lane change may use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +70,9 @@ class LaneChangeQuery:
     def length_m(self) -> float:
         """Length of a lane change that starts now: a duration at the present speed, and what the vehicle can steer."""
         config, ego = self.config, self.ego
-        sharpest = math.tan(config.steer_share * ego.vehicle.max_steer_rad) / ego.vehicle.wheelbase_m
+        sharpest = math.tan(_STEER_SHARE * ego.vehicle.max_steer_rad) / ego.vehicle.wheelbase_m
         width, speed = ego.network.lanes[self.lane].width_m, ego.speed_mps
-        on_the_way = max(min(self.target_mps, speed + config.speed_up_mps), config.eased_off * speed)
+        on_the_way = max(min(self.target_mps, speed + _SPEED_UP_MPS), _EASED_OFF * speed)
         limits = config.duration_s, config.length_min_m
         steerable = blend_length_m(width, on_the_way, *limits, ego.navigator_config)
         sharp = math.sqrt(PEAK_CURVATURE * width / sharpest)
@@ -82,12 +90,14 @@ class LaneGaps(NamedTuple):
     """Vehicle ahead."""
 
 
+_GAP_RANGE_M: Final = 60.0
+"""Distance within which vehicles in a lane are looked at."""
+
+
 def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
     """Gaps of a vehicle to those ahead and behind in any lane; negative while it is alongside one."""
     centre, seen = ego.network.lanes[lane].centre, ego.seen
-    front, rear, *gaps = _gaps(
-        centre.points, centre.arc_m, seen.bodies, ego.row, ego.emv_driver.lane_change.gap_range_m
-    )
+    front, rear, *gaps = _gaps(centre.points, centre.arc_m, seen.bodies, ego.row, _GAP_RANGE_M)
     if front < 0:
         return LaneGaps(math.inf, 0.0, math.inf, 0.0)
     front_id = int(seen.actor_id[front]) if gaps[0] < math.inf else NO_ACTOR
@@ -139,6 +149,10 @@ def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config:
     return Refusal.GAP_REAR if gaps.rear_m < config.rear_gap_m + max(way, 0.0) else None
 
 
+_RETURN_ROOM_M: Final = 60.0
+"""Lane left after the change, where the target lane does not lead on along the route."""
+
+
 def assess(query: LaneChangeQuery) -> Refusal | LanePath:
     """The reference line in the target lane of a lane change, or why it is not feasible now.
 
@@ -155,12 +169,12 @@ def assess(query: LaneChangeQuery) -> Refusal | LanePath:
         return Refusal.NO_LANE
     if refusal := refusal_of_gaps(gaps_in_lane(ego, target), ego.speed_mps, query.target_mps, config):
         return refusal
-    ahead = query.length_m + config.return_room_m + 30.0
+    ahead = query.length_m + _RETURN_ROOM_M + 30.0
     reference = ego.line_along(target, ahead, civilian=query.civilian, through_junctions=query.ends_on_junction)
     room = reference.curve.length_m - ego.half_length_m
     if room < query.length_m:
         return Refusal.NO_ROOM
-    if reference.end is LaneEnd.ASTRAY and room < query.length_m + config.return_room_m:
+    if reference.end is LaneEnd.ASTRAY and room < query.length_m + _RETURN_ROOM_M:
         return Refusal.ASTRAY
     return reference
 
@@ -171,13 +185,17 @@ def lane_change_path(query: LaneChangeQuery, reference: LanePath, stop_at_end: b
     return path_onto(reference, ego.pose, query.length_m, ego.navigator_config, 0.0, stop_at_end, shorten_m)
 
 
+_ENTERED_TOLERANCE_M: Final = 0.15
+"""How far the footprint may reach over the lane's edge when it counts as inside."""
+
+
 def entered_lane(ego: Ego, lane: int) -> bool:
     """Whether a vehicle's whole footprint lies in a lane and its heading is the lane's (``HeadingAligned``)."""
     offset, turned = offset_in_lane(ego, lane)
     if abs(turned) > ego.world.constants.heading_aligned_rad:
         return False
     side = ego.half_width_m * math.cos(turned) + ego.half_length_m * abs(math.sin(turned))
-    room = max(0.5 * ego.network.lanes[lane].width_m - side, 0.1) + ego.emv_driver.lane_change.entered_tolerance_m
+    room = max(0.5 * ego.network.lanes[lane].width_m - side, 0.1) + _ENTERED_TOLERANCE_M
     return abs(offset) <= room
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +21,12 @@ def must_give_way(connection: Connection, signals: Mapping[str, str]) -> bool:
     """
     rank = rank_of(connection, signals)
     return rank in {Rank.RED, Rank.STOP_SIGN} or (rank is Rank.GIVES_WAY and connection.gives_way)
+
+
+_VIEW_M: Final = 40.0
+"""Distance before the line from which on the view counts."""
+_VIEW_STEP_M: Final = 0.5
+"""Distance between the places before it."""
 
 
 class LineBook:
@@ -65,7 +72,7 @@ class LineBook:
                 config.standoff_m,
                 length_m,
             )
-            before_m = np.arange(0.0, config.view_m, config.view_step_m, dtype=np.float64)
+            before_m = np.arange(0.0, _VIEW_M, _VIEW_STEP_M, dtype=np.float64)
             streets = side_streets(self._network, connection)
             least = [min((safe_mps(street, at, lookout) for street in streets), default=math.inf) for at in before_m]
             self._views[key] = before_m, np.square(np.maximum(least, config.least_mps))

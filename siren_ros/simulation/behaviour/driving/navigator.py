@@ -14,10 +14,19 @@ from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.simulation.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
-from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.driving.step_view import STEER_RATE_SHARE, Ego
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, VehicleParameters
 from siren_ros.simulation.roads.road_network import NO_LANE
+
+PREVIEW_TIME_S: Final = 0.6
+"""Time scale of the lateral feedback: its length is this times the speed."""
+PREVIEW_MIN_M: Final = 3.0
+"""Least length of it."""
+DAMPING: Final = 1.0
+"""Damping ratio of the lateral feedback."""
+_LATERAL_ERROR_MAX_M: Final = 1.0
+"""Errors beyond it are corrected no more steeply."""
 
 
 def steer_along(
@@ -27,7 +36,6 @@ def steer_along(
     yaw_rad: float,
     speed_mps: float,
     vehicle: VehicleParameters,
-    config: Navigation,
 ) -> float:
     """Road-wheel angle that leads the footprint's centre along a path.
 
@@ -48,10 +56,10 @@ def steer_along(
     )
     sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * curvature) - slip_per_accel * curvature * speed_mps**2
     course_error = math.remainder(yaw_rad + sideslip - heading, 2.0 * math.pi)
-    offset = max(-config.lateral_error_max_m, min(config.lateral_error_max_m, left_m))
-    turn = 2.0 * config.damping * math.sin(course_error)
-    length = max(config.preview_min_m, config.preview_time_s * speed_mps)
-    rate_1pms = vehicle.curvature_rate_1pms(config.steer_rate_share)
+    offset = max(-_LATERAL_ERROR_MAX_M, min(_LATERAL_ERROR_MAX_M, left_m))
+    turn = 2.0 * DAMPING * math.sin(course_error)
+    length = max(PREVIEW_MIN_M, PREVIEW_TIME_S * speed_mps)
+    rate_1pms = vehicle.curvature_rate_1pms(STEER_RATE_SHARE)
     length = max(length, (speed_mps * abs(offset + turn * length) / rate_1pms) ** (1.0 / 3.0))
     bend = ahead - offset / length**2 - turn / length
     steer = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed_mps**2
@@ -65,6 +73,26 @@ class Pedals:
     throttle: float
     brake: float
     integral_mps2: float
+
+
+SPEED_GAIN_1PS: Final = 2.0
+"""Acceleration for an error of the speed."""
+_SPEED_INTEGRAL_1PS2: Final = 0.3
+"""Growth of the integral for it."""
+_STANDSTILL_MPS: Final = 0.3
+"""Speed below which a vehicle that shall stop is held by the brake."""
+_STOP_TARGET_MPS: Final = 0.05
+"""Lower target speeds mean a stop."""
+_HOLD_BRAKE: Final = 0.6
+"""Brake pedal of a vehicle that is held, 0–1."""
+_INTEGRAL_LIMIT_MPS2: Final = 0.8
+"""Greatest integral of the speed control."""
+_INTEGRAL_BAND_MPS: Final = 1.0
+"""Error of the speed within which the integral grows."""
+_FIRM_BRAKING: Final = 1.3
+"""Braking towards a lower speed, relative to the comfortable deceleration of the path's speed profile."""
+_COAST_MPS2: Final = 0.05
+"""Decelerations below it come from rolling alone."""
 
 
 def press_pedals(
@@ -82,11 +110,11 @@ def press_pedals(
     integral comes from the step before; it stands still outside a band around the target speed and while a limit is
     hit, so that it does not wind up.
     """
-    if target_mps <= config.stop_target_mps and speed_mps <= config.standstill_mps:
-        return Pedals(0.0, config.hold_brake, 0.0)
+    if target_mps <= _STOP_TARGET_MPS and speed_mps <= _STANDSTILL_MPS:
+        return Pedals(0.0, _HOLD_BRAKE, 0.0)
     error = target_mps - speed_mps
-    asked = config.speed_gain_1ps * error + integral_mps2
-    accel = max(-config.firm_braking * config.comfort_brake_mps2, min(config.comfort_accel_mps2, asked))
+    asked = SPEED_GAIN_1PS * error + integral_mps2
+    accel = max(-_FIRM_BRAKING * config.comfort_brake_mps2, min(config.comfort_accel_mps2, asked))
     free = accel == asked
     if must_brake_mps2 > 0.0:
         accel, free = min(accel, -must_brake_mps2), False
@@ -98,11 +126,11 @@ def press_pedals(
     most = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * max(speed_mps, 1.0)))
     throttle = min(max(force, 0.0) / most, 1.0)
     braking = -force - _cornering_mps2(speed_mps, steer_rad, vehicle)
-    brake = min(braking / vehicle.max_brake_decel_mps2, 1.0) if braking > config.coast_mps2 else 0.0
+    brake = min(braking / vehicle.max_brake_decel_mps2, 1.0) if braking > _COAST_MPS2 else 0.0
     integral = 0.0
-    if abs(error) < config.integral_band_mps:
-        grown = integral_mps2 + config.speed_integral_1ps2 * error * STEP_S if free else integral_mps2
-        integral = max(-config.integral_limit_mps2, min(config.integral_limit_mps2, grown))
+    if abs(error) < _INTEGRAL_BAND_MPS:
+        grown = integral_mps2 + _SPEED_INTEGRAL_1PS2 * error * STEP_S if free else integral_mps2
+        integral = max(-_INTEGRAL_LIMIT_MPS2, min(_INTEGRAL_LIMIT_MPS2, grown))
     return Pedals(throttle, brake, integral)
 
 
@@ -175,6 +203,22 @@ def free_way_of(state: NavigatorState, ego: Ego, reach_m: float, obstacles: Obst
     return FreeWay.along(state.path, pose, rear, reach_m, ego.body, obstacles, credit_m)
 
 
+NARROW_STOP_SHORT_M: Final = 0.3
+"""Distance kept from a place that is too narrow."""
+LEADER_BRAKE_MPS2: Final = 4.0
+"""Deceleration expected of vehicles ahead."""
+_SIDE_WATCH_S: Final = 1.0
+"""Time over which vehicles that come on at the side are swept ahead."""
+_SIDE_WATCH_M: Final = 8.0
+"""Distance at the side and behind within which they are seen."""
+NARROW_REACH_M: Final = 8.0
+"""How far ahead a driver at walking pace looks."""
+ALONG_COSINE: Final = 0.7
+"""Cosine above which a vehicle counts as one of the same direction."""
+STILL_MPS: Final = 0.3
+"""Slower vehicles stand."""
+
+
 def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = False) -> SpeedLimit:
     """How fast a driver may go sideways between others, or between EMVs alone, so that the body touches nobody.
 
@@ -182,16 +226,16 @@ def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = Fals
     and vehicles at the side that come on, are seen here.
     """
     seen, config = ego.seen, ego.civilian_driver.manoeuvring
-    rows = ego.near(config.reach_m + 2.0 * ego.half_length_m + config.watch_m)
+    rows = ego.near(NARROW_REACH_M + 2.0 * ego.half_length_m + _SIDE_WATCH_M)
     rows = rows[seen.is_emv[rows]] if emvs_only else rows
     if state.path is None or len(rows) == 0:
         return SpeedLimit()
     speed = seen.speed_mps[rows]
     (x, y), (cos, sin) = ego.place, ego.direction
-    along = cos * seen.cos[rows] + sin * seen.sin[rows] > config.along_cosine
+    along = cos * seen.cos[rows] + sin * seen.sin[rows] > ALONG_COSINE
     ahead = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y) - seen.half_length_m[rows] > ego.half_length_m
     leads = along & ahead
-    obstacles = Obstacles.swept(seen, rows, np.where(leads | (speed < config.still_mps), 0.0, config.watch_s))
-    credit = np.where(leads, braking_distance_m(speed**2, config.leader_brake_mps2), 0.0)
-    way = free_way_of(state, ego, config.reach_m, obstacles, credit)
-    return way.limit(ego.speed_mps, config.squeezes, config.stop_short_m, config.brake_mps2, config.clearance_m)
+    obstacles = Obstacles.swept(seen, rows, np.where(leads | (speed < STILL_MPS), 0.0, _SIDE_WATCH_S))
+    credit = np.where(leads, braking_distance_m(speed**2, LEADER_BRAKE_MPS2), 0.0)
+    way = free_way_of(state, ego, NARROW_REACH_M, obstacles, credit)
+    return way.limit(ego.speed_mps, config.squeezes, NARROW_STOP_SHORT_M, config.brake_mps2, config.clearance_m)

@@ -24,12 +24,18 @@ from siren_ros.base.numerics.braking import braking_distance_m, safe_following_m
 from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.behaviour.driving.civilian_unit import YieldUnit
-from siren_ros.simulation.behaviour.driving.collision_watch import CollisionWatch, stricter
+from siren_ros.simulation.behaviour.driving.collision_watch import ROLLING_MPS, CollisionWatch, stricter
 from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
 from siren_ros.simulation.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
 from siren_ros.simulation.behaviour.driving.lane_change import gaps_in_lane
 from siren_ros.simulation.behaviour.driving.line_book import must_give_way
 from siren_ros.simulation.behaviour.driving.navigator import (
+    ALONG_COSINE,
+    LEADER_BRAKE_MPS2,
+    NARROW_REACH_M,
+    NARROW_STOP_SHORT_M,
+    SPEED_GAIN_1PS,
+    STILL_MPS,
     DriveCommand,
     NavigatorState,
     free_way_of,
@@ -43,7 +49,7 @@ from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.people import PACE_MPS, least_wait_for_people
 from siren_ros.simulation.roads.road_network import NO_LANE
-from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig, NavigatorConfig
+from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, Mode
 
 UNLIMITED: Final = SpeedLimit()
@@ -63,10 +69,22 @@ class Drive:
     config: Navigation
 
 
+ESCAPE_HORIZON_M: Final = 30.0
+"""How far a gap escape looks ahead."""
+_BESIDE_M: Final = 30.0
+"""How far beyond the horizon vehicles are looked at."""
+
+
 def rows_around(ego: Ego) -> tuple[Rows, Flags]:
     """Rows of the vehicles around the EMV, and which of them point in its direction."""
-    rows = ego.near(ego.emv_driver.gap_escape.horizon_m + ego.emv_driver.gap_escape.beside_m)
-    return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.emv_driver.gap_escape.along_cosine
+    rows = ego.near(ESCAPE_HORIZON_M + _BESIDE_M)
+    return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ALONG_COSINE
+
+
+_ESCAPE_WATCH_S: Final = 0.8
+"""Time over which moving vehicles are swept ahead in the watch on the path of a gap escape."""
+_CROSSING_MPS: Final = 1.0
+"""Faster vehicles that cross the EMV's path are the collision handling's, where that is on."""
 
 
 def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
@@ -80,14 +98,14 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
         return None
     rows, along = rows_around(ego)
     speed = ego.seen.speed_mps[rows]
-    counts = along | (speed < config.crossing_mps) | unit.gap_escape_active
+    counts = along | (speed < _CROSSING_MPS) | unit.gap_escape_active
     rows, along, speed = rows[counts], along[counts], speed[counts]
-    against = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) < -config.along_cosine
-    time_s = np.where(against & unit.gap_escape_active, config.oncoming_watch_s, np.where(along, 0.0, config.watch_s))
-    credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, config.leader_brake_mps2), 0.0)
+    against = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) < -ALONG_COSINE
+    time_s = np.where(against & unit.gap_escape_active, config.oncoming_watch_s, np.where(along, 0.0, _ESCAPE_WATCH_S))
+    credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, LEADER_BRAKE_MPS2), 0.0)
     passing = along & _passes(ego, rows)
     time_s, credit = np.where(passing, config.oncoming_watch_s, time_s), np.where(passing, 0.0, credit)
-    return free_way_of(navigator, ego, config.horizon_m, Obstacles.swept(ego.seen, rows, time_s), credit)
+    return free_way_of(navigator, ego, ESCAPE_HORIZON_M, Obstacles.swept(ego.seen, rows, time_s), credit)
 
 
 def _passes(ego: Ego, rows: Rows) -> Flags:
@@ -105,6 +123,10 @@ def _passes(ego: Ego, rows: Rows) -> Flags:
     return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
 
 
+ESCAPE_TOUCH_M: Final = 0.06
+"""Margin below which the path counts as blocked: more than the EMV strays from it."""
+
+
 def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     """How fast the EMV may go between others in the corridor and during a gap escape.
 
@@ -117,8 +139,12 @@ def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     corridor, escape = config.corridor, config.gap_escape
     squeezes, stop_short_m, clearance_m = corridor.squeezes, corridor.stop_short_m, corridor.clearance_m
     if unit.gap_escape_active:
-        squeezes, stop_short_m, clearance_m = escape.squeezes, escape.stop_short_m, escape.touch_m
+        squeezes, stop_short_m, clearance_m = escape.squeezes, escape.stop_short_m, ESCAPE_TOUCH_M
     return way.limit(ego.speed_mps, squeezes, stop_short_m, escape.brake_mps2, clearance_m)
+
+
+SIDE_MARGIN_M: Final = 0.25
+"""Lateral distance below which a vehicle is in the way."""
 
 
 def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
@@ -129,12 +155,12 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     path, config, seen = unit.navigator.path, ego.emv_driver.approach, ego.seen
     if path is None or unit.between:
         return UNLIMITED
-    own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), config.side_margin_m
-    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, config.along_cosine, _approach_limits(config))
+    own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), SIDE_MARGIN_M
+    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, ALONG_COSINE, _approach_limits(config))
     if alone:
         return UNLIMITED
     least = min(allowed, _needed_lane_mps(unit, ego))
-    return _eased_off(least, ego.speed_mps, config.ease_off_mps2, ego.emv_driver.driving)
+    return _eased_off(least, ego.speed_mps, config.ease_off_mps2)
 
 
 @compiled
@@ -160,9 +186,9 @@ def _anticipated(bodies: Any, line: Any, own: Any, along_cosine: float, limits: 
     return alone, least
 
 
-def _eased_off(limit_mps: float, speed_mps: float, ease_off_mps2: float, config: NavigatorConfig) -> SpeedLimit:
+def _eased_off(limit_mps: float, speed_mps: float, ease_off_mps2: float) -> SpeedLimit:
     """A limit, no lower than what the speed control comes to with a gentle deceleration."""
-    return SpeedLimit(max(limit_mps, speed_mps - ease_off_mps2 / config.speed_gain_1ps))
+    return SpeedLimit(max(limit_mps, speed_mps - ease_off_mps2 / SPEED_GAIN_1PS))
 
 
 def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
@@ -175,9 +201,15 @@ def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
     return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, _approach_limits(ego.emv_driver.approach))
 
 
+_LEAVING_MIN_MPS: Final = 0.15
+"""Lateral speed above which a vehicle counts as leaving the path."""
+LEAVING_MPS: Final = 0.6
+"""Mean lateral speed of a lane change: its present value rises and falls, so it says little about the end."""
+
+
 def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
     gaps = config.standstill_gap_m, config.brake_mps2, config.headway_s
-    return *gaps, config.leaving_min_mps, config.leaving_mps
+    return *gaps, _LEAVING_MIN_MPS, LEAVING_MPS
 
 
 @compiled
@@ -213,7 +245,7 @@ def entry_limit(ego: Ego) -> SpeedLimit:
         if ahead > 0.0 and must_give_way(entry.connection, outlook.signals):
             limit = min(limit, lines.approach_mps(ego.actor_id, length, entry.connection, ahead))
     ease_off = ego.emv_driver.lines.ease_off_mps2
-    return _eased_off(limit, ego.speed_mps, ease_off, ego.emv_driver.driving)
+    return _eased_off(limit, ego.speed_mps, ease_off)
 
 
 @dataclass(frozen=True)
@@ -274,15 +306,15 @@ def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     riders, config = ego.seen.riders, ego.civilian_driver.manoeuvring
     if not len(riders) or unit.between or unit.navigator.path is None:
         return UNLIMITED
-    reach_m = ego.far_m(config.reach_m)
+    reach_m = ego.far_m(NARROW_REACH_M)
     apart = np.hypot(ego.seen.x_m[riders] - ego.place[0], ego.seen.y_m[riders] - ego.place[1])
-    riders = riders[(apart < reach_m + 2.0 * ego.half_length_m) & (ego.seen.speed_mps[riders] < config.still_mps)]
+    riders = riders[(apart < reach_m + 2.0 * ego.half_length_m) & (ego.seen.speed_mps[riders] < STILL_MPS)]
     if not len(riders):
         return UNLIMITED
     still = np.zeros(len(riders))
     way = free_way_of(unit.navigator, ego, reach_m, Obstacles.swept(ego.seen, riders, still), still)
     clearance_m = max(config.clearance_m, _STRAYS * abs(unit.navigator.left_m))
-    return way.limit(ego.speed_mps, config.squeezes, config.stop_short_m, config.brake_mps2, clearance_m)
+    return way.limit(ego.speed_mps, config.squeezes, NARROW_STOP_SHORT_M, config.brake_mps2, clearance_m)
 
 
 def _manoeuvring(drive: Drive) -> SpeedLimit:
@@ -295,7 +327,7 @@ def _manoeuvring(drive: Drive) -> SpeedLimit:
 MECHANISMS: Final = (
     Mechanism(
         "target",
-        lambda drive: _eased_off(drive.target_mps, drive.ego.speed_mps, drive.config.ease_off_mps2, drive.config),
+        lambda drive: _eased_off(drive.target_mps, drive.ego.speed_mps, drive.config.ease_off_mps2),
         "the mode's speed (paper, table of target speeds), come to by easing off",
     ),
     Mechanism("path", _path, "bends ahead, what the steering can follow, and a stop at the path's end"),
@@ -341,9 +373,9 @@ def navigate(
     progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
     drive = Drive(unit, ego, state.path, progress, target_mps, config)
     limits = tuple([mechanism.limit(drive) for mechanism in mechanisms])
-    must_brake = max(limit.brake_mps2 for limit in limits) if speed > config.rolling_mps else 0.0
+    must_brake = max(limit.brake_mps2 for limit in limits) if speed > ROLLING_MPS else 0.0
     lowest = min(limit.speed_mps for limit in limits)
-    steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle, config)
+    steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle)
     pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config, steer)
     return (
         NavigatorState(state.path, progress, left, pedals.integral_mps2, target_mps, limits),

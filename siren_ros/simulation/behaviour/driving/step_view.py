@@ -182,6 +182,10 @@ def _near(xs_m: Array, ys_m: Array, x_m: float, y_m: float, radius_m: float, but
     return rows[:count]
 
 
+STEER_RATE_SHARE: Final = 0.8
+"""Part of the vehicle's steering rate that a path may ask for."""
+
+
 @dataclass(frozen=True)
 class BehaviourWorld:
     """Everything that does not change during an episode."""
@@ -266,7 +270,7 @@ class BehaviourWorld:
         for actor_class, vehicle in self.vehicles.items():
             for is_emv in (False, True):
                 base = self.config.emv_driver.driving if is_emv else self.config.civilian_driver.driving
-                rate = vehicle.curvature_rate_1pms(base.steer_rate_share)
+                rate = vehicle.curvature_rate_1pms(STEER_RATE_SHARE)
                 drivers[actor_class, is_emv] = Navigation.by(base, curvature_rate_1pms=rate)
         return drivers
 
@@ -335,6 +339,10 @@ class StepView:
         return Ego(self.world, self.traffic, seen, self.actors, row, *known, (x, y, yaw), (cos, sin), speed, *size)
 
 
+_FAR_BRAKE_MPS2: Final = 1.8
+"""A fast EMV looks as far ahead as it takes to stop with this: above 61 km/h farther than the paper's 80 m."""
+
+
 @dataclass(frozen=True, eq=False)
 class Ego(StepView):
     """One step as one driver sees it: the vehicle in a row, and all others."""
@@ -386,7 +394,7 @@ class Ego(StepView):
 
     def far_m(self, least_m: float) -> float:
         """How far ahead an EMV looks at its speed, at least some distance."""
-        return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, self.emv_driver.far_brake_mps2))
+        return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, _FAR_BRAKE_MPS2))
 
     def near(self, radius_m: float) -> Rows:
         """Rows of the other vehicles within a radius."""

@@ -105,20 +105,28 @@ def waypoints(unit: EmvUnit, ego: Ego) -> GuardResult:
     return follow_route(unit, ego)
 
 
+_REBUILD_BELOW_M: Final = 80.0
+"""The path is extended when less than this is left of it."""
+OFF_PATH_M: Final = 1.5
+"""Distance from the path at which it is planned anew from the present pose."""
+_REPLAN_S: Final = 1.0
+"""Least time between two plans where SUMO's route and the path disagree."""
+
+
 def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
     """The EMV with a path along its route: the present one while it serves, else a new one from the present pose."""
-    config, navigator = ego.emv_driver, unit.navigator
+    navigator = unit.navigator
     plan, path = unit.plan, navigator.path
     events: tuple[Event, ...] = ()
     if plan is None or path is None:
         lane = present_lane(ego, navigator)
-    elif abs(navigator.left_m) > config.off_path_m or not plan.agrees_with(ego.route):
-        if ego.step - plan.planned_step < steps_from_s(config.replan_s):
+    elif abs(navigator.left_m) > OFF_PATH_M or not plan.agrees_with(ego.route):
+        if ego.step - plan.planned_step < steps_from_s(_REPLAN_S):
             return unit, ()
         lane = ego.lane
         unit, events = cancel_lane_change(unit, ego, "off_path")
     else:
-        ends = plan.end is LaneEnd.HORIZON and navigator.remaining_m < ego.far_m(config.rebuild_below_m)
+        ends = plan.end is LaneEnd.HORIZON and navigator.remaining_m < ego.far_m(_REBUILD_BELOW_M)
         if not ends or navigator.progress_m <= path.settled_m:
             return unit, ()
         lane = present_lane(ego, navigator)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.simulation.behaviour.driving.free_space import Obstacles, clearances_m, separations_m
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M, ESCAPE_TOUCH_M
 from siren_ros.simulation.behaviour.driving.step_view import Body
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
@@ -53,7 +54,7 @@ class Lattice:
     curve: Curve
     """Reference line."""
     road: RoadSpace
-    """Stations at multiples of ``config.station_m`` from the rear axle's place on."""
+    """Stations at multiples of ``STATION_M`` from the rear axle's place on."""
     vehicle: Start
     obstacles: Obstacles
     """Vehicles, swept along their motion."""
@@ -74,24 +75,32 @@ class Lattice:
     """Changes of slope, in steps, that can be steered from each station to the next."""
 
 
+STATION_M: Final = 1.5
+"""Distance between the stations of the search."""
+SLOPE_STEP: Final = 0.1
+"""Steps in the direction of a path, relative to the road."""
+_STEEPEST: Final = 0.8
+"""Largest slope of a path against the reference line."""
+
+
 def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig) -> Lattice:
     """The lattice at the stations of a road, with the clearance of each node."""
-    step = config.station_m
-    grain = 0.5 * step * config.slope_step
+    step = STATION_M
+    grain = 0.5 * step * SLOPE_STEP
     reach = start.body.half_width_m
     low = min(float(road.right_m.min()) + reach, start.left_m)
     high = max(float(road.opposite_left_m.max()) - reach, start.left_m)
     below, above = math.ceil((start.left_m - low) / grain), math.ceil((high - start.left_m) / grain)
     left = start.left_m + grain * np.arange(-below, above + 1)
-    slopes = round(config.steepest / config.slope_step)
-    slope = config.slope_step * np.arange(-slopes, slopes + 1)
-    steps = min(max(start.slope / config.slope_step, -slopes), slopes) + slopes
+    slopes = round(_STEEPEST / SLOPE_STEP)
+    slope = SLOPE_STEP * np.arange(-slopes, slopes + 1)
+    steps = min(max(start.slope / SLOPE_STEP, -slopes), slopes) + slopes
     heading = curve.heading_at(road.s_m)
     bend = np.gradient(heading, road.s_m)
     turns = tuple(
         range(
-            min(math.ceil((-start.sharpest_1pm - k) * step / config.slope_step), 0),
-            max(math.floor((start.sharpest_1pm - k) * step / config.slope_step), 0) + 1,
+            min(math.ceil((-start.sharpest_1pm - k) * step / SLOPE_STEP), 0),
+            max(math.floor((start.sharpest_1pm - k) * step / SLOPE_STEP), 0) + 1,
         )
         for k in bend.tolist()
     )
@@ -149,14 +158,18 @@ def _wheels_m(start: Start, turned_rad: Floats) -> tuple[Floats, Floats]:
     return half + np.maximum(-front, 0.0), half + np.maximum(front, 0.0)
 
 
+OFFSET_COST: Final = 0.02
+"""Price of a metre beside the preferred line, per station."""
+
+
 def _prices(road: RoadSpace, left: Floats, body: Body, config: GapEscapeConfig) -> Floats:
     """Price of a station at every offset, in metres of way."""
     half = body.half_width_m
     on_shoulder = left - half < road.driving_right_m[:, None] - 1e-6
     beyond = np.clip(left + half - road.left_m[:, None], 0.0, 1.0)
     opposite = np.where(beyond > 0.0, np.maximum(beyond, 0.2), 0.0)
-    share = config.station_m / config.horizon_m
-    aside = config.offset_cost * np.minimum(np.abs(left - road.middle_m[:, None]), 4.0)
+    share = STATION_M / ESCAPE_HORIZON_M
+    aside = OFFSET_COST * np.minimum(np.abs(left - road.middle_m[:, None]), 4.0)
     return np.asarray(share * (config.shoulder_cost_m * on_shoulder + config.opposite_cost_m * opposite) + aside)
 
 
@@ -189,6 +202,10 @@ class EscapePath:
         return rear + centre_ahead_m * along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
+_SQUEEZE_COST_M: Final = 6.0
+"""Way that a tighter margin must gain."""
+
+
 def search_lattice(
     curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig
 ) -> EscapePath | None:
@@ -208,7 +225,7 @@ def search_lattice(
         if cheapest is None:
             continue
         price, path = cheapest
-        price += level * config.squeeze_cost_m
+        price += level * _SQUEEZE_COST_M
         if best is None or price < best[0]:
             best = price, path
         if path.complete:
@@ -216,10 +233,14 @@ def search_lattice(
     return best[1] if best is not None else None
 
 
+_ATTEMPTS: Final = 5
+"""Paths with one margin that are looked at as a whole before the next margin is tried."""
+
+
 def _cheapest_clear(lattice: Lattice, clearance_m: float) -> tuple[float, EscapePath] | None:
     """The cheapest path with a margin that is also clear between the nodes, where the search has not looked."""
     between = lattice.between_m.copy()
-    for _ in range(lattice.config.attempts):
+    for _ in range(_ATTEMPTS):
         cheapest = _cheapest(lattice, between, clearance_m)
         if cheapest is None:
             return None
@@ -239,26 +260,38 @@ def _blocked_cell(lattice: Lattice, path: EscapePath) -> int | None:
     ahead = centre - lattice.curve.offset_at(path.s_m, path.left_m)
     yaw, others = np.arctan2(ahead[:, 1], ahead[:, 0]), (lattice.obstacles, lattice.present_m)
     gap = clearances_m(centre[:, 0], centre[:, 1], yaw, lattice.vehicle.body, *others)
-    near = np.flatnonzero(gap < lattice.config.touch_m)
+    near = np.flatnonzero(gap < ESCAPE_TOUCH_M)
     if not len(near):
         return None
     return max(int(np.searchsorted(lattice.road.s_m, path.s_m[near[0]], side="left")) - 1, 0)
 
 
+_PROGRESS_MIN_M: Final = 8.0
+"""Shortest free path worth driving."""
+WAY_WORTH: Final = 2.0
+"""What a metre of way is worth against the prices below."""
+_SLOPE_COST: Final = 0.5
+"""Price of a slope against the road, per station."""
+_TURN_COST: Final = 0.15
+"""Price of a change of it, in steps."""
+_LEVEL: Final = 0.11
+"""A path that ends before the horizon may end with this slope at most, so that it can be continued."""
+
+
 def _cheapest(lattice: Lattice, between_m: Floats, clearance_m: float) -> tuple[float, Ints, EscapePath] | None:
     """The cheapest path with a margin: its price less what its length is worth, its nodes, and itself."""
-    config, road = lattice.config, lattice.road
+    road = lattice.road
     stations, offsets, slopes = lattice.clearance_m.shape
     cost = np.full((offsets, slopes), np.inf)
     offset, directions = lattice.start
     cost[offset, list(directions)] = 0.0
     costs = np.full(lattice.clearance_m.shape, np.inf)
     turned = np.zeros(lattice.clearance_m.shape, dtype=np.int8)
-    steepness = config.slope_cost * np.abs(lattice.slope)
+    steepness = _SLOPE_COST * np.abs(lattice.slope)
     for k in range(1, stations):
         best = np.full((offsets, slopes), np.inf)
         for turn in lattice.turns[k - 1]:
-            moved = _moved(cost, turn, between_m[k - 1] < clearance_m) + config.turn_cost * turn * turn
+            moved = _moved(cost, turn, between_m[k - 1] < clearance_m) + _TURN_COST * turn * turn
             better = moved < best
             best[better] = moved[better]
             turned[k][better] = turn
@@ -268,9 +301,9 @@ def _cheapest(lattice: Lattice, between_m: Floats, clearance_m: float) -> tuple[
         if not np.isfinite(cost).any():
             break
     length = road.s_m - road.s_m[0]
-    worth = costs - config.way_worth * length[:, None, None]
-    worth[length < config.progress_min_m] = np.inf
-    worth[:-1, :, np.abs(lattice.slope) > config.level] = np.inf
+    worth = costs - WAY_WORTH * length[:, None, None]
+    worth[length < _PROGRESS_MIN_M] = np.inf
+    worth[:-1, :, np.abs(lattice.slope) > _LEVEL] = np.inf
     flat = int(np.argmin(worth))
     if not np.isfinite(worth.flat[flat]):
         return None

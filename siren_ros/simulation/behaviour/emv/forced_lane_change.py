@@ -7,7 +7,9 @@ import numpy as np
 
 from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.units import steps_from_s
+from siren_ros.simulation.behaviour.driving.collision_watch import DRIFT_SINE, MOVING_MPS
 from siren_ros.simulation.behaviour.driving.emv_unit import (
+    PATH_AHEAD_M,
     ROUTE,
     EmvUnit,
     GuardResult,
@@ -35,6 +37,12 @@ _REASONS: Final = {LaneKind.SHOULDER: "shoulder", LaneKind.DRIVING: "free_lane"}
 """Kinds of lanes that the EMV takes past slow traffic, with the name of the request."""
 
 
+_STRATEGIC_DISTANCE_M: Final = 200.0
+"""Distance before the end of a lane that leads astray at which the EMV wants to leave it…"""
+_STRATEGIC_S: Final = 10.0
+"""…and the time before it, which is more above 72 km/h."""
+
+
 def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: the route first, then past slow traffic.
 
@@ -42,8 +50,7 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     """
     if unit.plan is None:
         return 0, SUMO
-    config = ego.emv_driver
-    near = unit.navigator.remaining_m < max(config.strategic_distance_m, config.strategic_s * ego.speed_mps)
+    near = unit.navigator.remaining_m < max(_STRATEGIC_DISTANCE_M, _STRATEGIC_S * ego.speed_mps)
     if unit.plan.end is LaneEnd.ASTRAY and near:
         return strategic_side(ego.network, present_lane(ego, unit.navigator), ego.route), ROUTE
     side, reason = free_side(unit, ego)
@@ -64,9 +71,9 @@ def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
     if not on_path.any():
         return False
     leader = np.argmin(np.where(on_path, s_m, np.inf))
-    moving = seen.speed_mps[rows[leader]] > ego.navigator_config.moving_mps
+    moving = seen.speed_mps[rows[leader]] > MOVING_MPS
     off_rad = float(seen.yaw_rad[rows[leader]] - path.curve.heading_rad[nearest[leader]])
-    return bool(moving) and side * math.sin(off_rad) > ego.navigator_config.drift_sine
+    return bool(moving) and side * math.sin(off_rad) > DRIFT_SINE
 
 
 def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
@@ -93,8 +100,8 @@ def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
 def _leads_past(ego: Ego, lane: int, beside: int, side: int, free_m: float) -> bool:
     """Whether a lane is free that far, and lasts or leads past the slow traffic with enough left for the way back."""
     network, config, seen = ego.network, ego.emv_driver, ego.seen
-    reference = ego.line_along(beside, config.path_ahead_m)
-    others = ego.near(config.path_ahead_m)
+    reference = ego.line_along(beside, PATH_AHEAD_M)
+    others = ego.near(PATH_AHEAD_M)
     s_m, left_m, _ = reference.curve.project(seen.x_m[others], seen.y_m[others])
     half_m = seen.half_length_m[others]
     apart_m, edge_m = -side * left_m, 0.5 * network.lanes[beside].width_m
@@ -163,20 +170,28 @@ def cancel_lane_change(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
     return changed(unit, change_side=0, plan=None), (cancelled,)
 
 
+_BEND_MAX_1PM: Final = 0.02
+"""Difference between the curvatures of path and target lane above which the EMV is still turning onto the road."""
+
+
 def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
     """Whether the EMV follows a bend that the target lane does not have: its wheels are not where a change begins."""
     path = unit.navigator.path
     if path is None:
         return False
     bend = reference.curve.place(reference.curve.project_one(*ego.place)[0])[3]
-    return abs(path.curve.place(unit.navigator.progress_m)[3] - bend) > ego.emv_driver.lane_change.bend_max_1pm
+    return abs(path.curve.place(unit.navigator.progress_m)[3] - bend) > _BEND_MAX_1PM
+
+
+_INTENT_PAUSE_S: Final = 1.0
+"""SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
 
 
 def _note_intent(unit: EmvUnit, ego: Ego) -> GuardResult:
     side, reason = lateral_intent(unit, ego)
     request = unit.request
     if side == 0:
-        if request.side == 0 or ego.step - request.seen_step < steps_from_s(ego.emv_driver.intent_pause_s):
+        if request.side == 0 or ego.step - request.seen_step < steps_from_s(_INTENT_PAUSE_S):
             return unit, ()
         return _drop_request(unit, ego, "intent_gone")
     if side == request.side:

@@ -4,6 +4,7 @@ The search looks at the road beside the route and at the vehicles on it.
 """
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -20,9 +21,10 @@ from siren_ros.simulation.behaviour.driving.emv_unit import (
 )
 from siren_ros.simulation.behaviour.driving.free_space import Obstacles
 from siren_ros.simulation.behaviour.driving.lane_change import gaps_in_lane
-from siren_ros.simulation.behaviour.driving.speed_mechanisms import free_way
+from siren_ros.simulation.behaviour.driving.navigator import ALONG_COSINE
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M, free_way
 from siren_ros.simulation.behaviour.driving.step_view import Ego
-from siren_ros.simulation.behaviour.emv.escape_search import EscapePath, RoadSpace, Start, search_lattice
+from siren_ros.simulation.behaviour.emv.escape_search import STATION_M, EscapePath, RoadSpace, Start, search_lattice
 from siren_ros.simulation.behaviour.emv.forced_lane_change import cancel_lane_change
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath, road_limits
@@ -31,11 +33,22 @@ from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwo
 from siren_ros.simulation.world.actors import NO_ACTOR
 from siren_ros.simulation.world.traffic_state import EventKind
 
+_BEHIND_M: Final = 5.0
+"""The reference line begins this far behind the EMV's centre, beyond its rear axle."""
+
 
 def reference_line(ego: Ego, lane: int) -> LanePath:
     """The line along the lanes of the route that the search measures from."""
-    length = ego.emv_driver.gap_escape.horizon_m + 10.0
-    return ego.line_along(best_lane(ego.network, lane, ego.route), length, ego.emv_driver.gap_escape.behind_m)
+    length = ESCAPE_HORIZON_M + 10.0
+    return ego.line_along(best_lane(ego.network, lane, ego.route), length, _BEHIND_M)
+
+
+_SWEEP_S: Final = 1.5
+"""Time over which moving vehicles are swept ahead in the search."""
+_ONCOMING_M: Final = 90.0
+"""How far beyond the horizon vehicles are looked for in the search: 50 km/h for that time."""
+_STEER_RANGE_SHARE: Final = 0.85
+"""Part of the steering range that an escape path may use."""
 
 
 def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
@@ -52,19 +65,19 @@ def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
     x, y, yaw = ego.pose
     curve = reference.curve
     s0, left = curve.project_one(x - rear * math.cos(yaw), y - rear * math.sin(yaw))
-    room = min(config.horizon_m, curve.length_m - s0 - body.half_length_m - rear)
-    count = int(room / config.station_m) + 1
+    room = min(ESCAPE_HORIZON_M, curve.length_m - s0 - body.half_length_m - rear)
+    count = int(room / STATION_M) + 1
     if count < 3:
         return None
     turned = math.remainder(yaw - curve.place(s0)[2], 2.0 * math.pi)
     slope = math.tan(max(-0.7, min(0.7, turned)))
-    sharpest = math.tan(config.steer_range_share * vehicle.max_steer_rad) / vehicle.wheelbase_m
+    sharpest = math.tan(_STEER_RANGE_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m
     start = Start(left, slope, body, rear, vehicle.wheelbase_m, sharpest)
-    road = road_space(ego.network, reference, s0 + config.station_m * np.arange(count))
-    rows = ego.near(config.horizon_m + config.oncoming_m)
+    road = road_space(ego.network, reference, s0 + STATION_M * np.arange(count))
+    rows = ego.near(ESCAPE_HORIZON_M + _ONCOMING_M)
     ahead = np.cos(ego.seen.yaw_rad[rows] - yaw)
-    times = config.sweep_s, config.oncoming_s, config.crossing_s
-    sweep_s = np.select([ahead > config.along_cosine, ahead < -config.along_cosine], times[:2], times[2])
+    times = _SWEEP_S, config.oncoming_s, config.crossing_s
+    sweep_s = np.select([ahead > ALONG_COSINE, ahead < -ALONG_COSINE], times[:2], times[2])
     obstacles = Obstacles.swept(ego.seen, rows, sweep_s)
     return search_lattice(curve, road, start, obstacles, config)
 
@@ -114,6 +127,10 @@ def lane_change_stuck(unit: EmvUnit, ego: Ego) -> GuardResult:
     return (changed(unit, stopped_s=0.0) if unit.stopped_s else unit), ()
 
 
+_BLOCKER_RANGE_M: Final = 15.0
+"""While the escape is active: free way in the EMV's lane below which the vehicle ahead still blocks it."""
+
+
 def blocker_of(unit: EmvUnit, ego: Ego) -> int:
     """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's blocker.
 
@@ -135,7 +152,7 @@ def blocker_of(unit: EmvUnit, ego: Ego) -> int:
             passed = advice.leader_id
     if lane != NO_LANE:
         gaps = gaps_in_lane(ego, lane)
-        if gaps.front_m < ego.emv_driver.gap_escape.blocker_range_m and gaps.front_id != passed:
+        if gaps.front_m < _BLOCKER_RANGE_M and gaps.front_id != passed:
             other = int(np.flatnonzero(ego.seen.actor_id == gaps.front_id)[0])
             if stopped or in_the_way(ego, other, lane):
                 return gaps.front_id
@@ -160,31 +177,48 @@ def in_the_way(ego: Ego, other: int, lane: int) -> bool:
     return bool(abs(left[1] - left[0]) < half.sum() + ego.emv_driver.corridor.clearance_m)
 
 
+_REPLAN_S: Final = 0.5
+"""Time between two searches."""
+_REPLAN_BELOW_M: Final = 15.0
+"""A free path is kept while more than this is left of it."""
+_USABLE_M: Final = 1.0
+"""Free way with which the present path is driven on where no other one is found."""
+_OFF_PATH_M: Final = 0.3
+"""Distance from the path at which another one is looked for."""
+
+
 def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
     """``BuildGapEscapeWaypoints``: the EMV with a path through free space, planned again from time to time.
 
     A path that is free to its end and still long enough is kept. If no other path is found, the present one is driven
     as far as it is free.
     """
-    config = ego.emv_driver.gap_escape
     lane = present_lane(ego, unit.navigator)
-    if lane == NO_LANE or ego.step - unit.escape_planned_step < steps_from_s(config.replan_s):
+    if lane == NO_LANE or ego.step - unit.escape_planned_step < steps_from_s(_REPLAN_S):
         return unit, ()
     first, driving = unit.escape_planned_step < 0, unit.escape_offset_m is not None
     unit = changed(unit, escape_planned_step=ego.step, plan=None)
     way = free_way(unit, ego)
     ahead = min(way.free_m if way is not None else 0.0, unit.navigator.remaining_m)
-    on_path = abs(unit.navigator.left_m) < config.off_path_m
-    if driving and on_path and ahead >= max(unit.navigator.remaining_m, config.replan_below_m):
+    on_path = abs(unit.navigator.left_m) < _OFF_PATH_M
+    if driving and on_path and ahead >= max(unit.navigator.remaining_m, _REPLAN_BELOW_M):
         return unit, ()
     reference = reference_line(ego, lane)
     escape = search_gap(reference, ego)
     if escape is not None:
         return _following(unit, escape, reference, ego)
-    if driving and ahead > config.usable_m:
+    if driving and ahead > _USABLE_M:
         return unit, ()
     waiting = (event_of(ego, EventKind.GAP_ESCAPE_WAITING),) if first or driving else ()
     return changed(unit, escape_offset_m=None), waiting
+
+
+_STEER_SHARE: Final = 0.5
+"""Part of the steering's rate that an escape path may ask for, relative to other paths."""
+_SAME_OFFSET_M: Final = 0.5
+"""Two paths that lead nearer to each other than this lead to the same place."""
+_SMOOTHING_M: Final = 0.7
+"""Standard deviation of the Gaussian that rounds the steps in a path's curvature."""
 
 
 def _following(unit: EmvUnit, escape: EscapePath, reference: LanePath, ego: Ego) -> GuardResult:
@@ -193,14 +227,14 @@ def _following(unit: EmvUnit, escape: EscapePath, reference: LanePath, ego: Ego)
         ego.navigator_config,
         ego.vehicle.centre_ahead_of_rear_axle_m,
     )
-    curve = Curve.through(escape.centre_line(reference.curve, ahead), config.smoothing_m)
-    rate_1pms = config.steer_share * base.curvature_rate_1pms
+    curve = Curve.through(escape.centre_line(reference.curve, ahead), _SMOOTHING_M)
+    rate_1pms = _STEER_SHARE * base.curvature_rate_1pms
     slowly = changed(base, lateral_accel_mps2=config.bend_accel_mps2, curvature_rate_1pms=rate_1pms)
     path = along_reference(curve, reference, escape.s_m + ahead, slowly, escape.length_m, stop_at_end=True)
     before, left = unit.escape_offset_m, float(escape.left_m[-1])
     navigator = unit.navigator.following(path, *ego.place)
     unit = changed(unit, navigator=navigator, escape_offset_m=left, escape_clearance_m=escape.clearance_m)
-    if before is not None and abs(left - before) < config.same_offset_m:
+    if before is not None and abs(left - before) < _SAME_OFFSET_M:
         return unit, ()
     margin = escape.clearance_m
     planned = event_of(ego, EventKind.GAP_ESCAPE_REPLANNED, left_m=left, free_m=escape.length_m, clearance_m=margin)

@@ -1,6 +1,7 @@
 """Guard 2 of the EMV: ``copy_sumo``, the rescue corridor between the leftmost lane and its right neighbour."""
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +21,13 @@ from siren_ros.simulation.behaviour.driving.speed_mechanisms import free_way
 from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.emv.forced_lane_change import cancel_lane_change
 from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, road_limits, shoulder_into_turn
+from siren_ros.simulation.behaviour.paths.lane_path import (
+    SHOULDER_REACH_M,
+    LaneEnd,
+    LanePath,
+    road_limits,
+    shoulder_into_turn,
+)
 from siren_ros.simulation.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
 from siren_ros.simulation.roads.rescue_lane import rescue_boundary_m
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
@@ -50,16 +57,28 @@ def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     return unit, ()
 
 
+_CORRIDOR_M: Final = 80.0
+"""Length of the corridor ahead of the EMV."""
+_ALONG_COSINE: Final = 0.5
+"""Cosine above which a vehicle counts as one of the EMV's own direction."""
+
+
 def _flows(ego: Ego) -> bool:
     """Whether the EMV is on a road out of town, and is fast itself or has nobody slow near ahead."""
     if ego.lane == NO_LANE or ego.world.rescue_sides[ego.lane] == 0:
         return False
     if ego.speed_mps > TOWN_LIMIT_MPS:
         return True
-    rows, (cos, sin), (x, y) = ego.near(ego.emv_driver.corridor.length_m), ego.direction, ego.place
+    rows, (cos, sin), (x, y) = ego.near(_CORRIDOR_M), ego.direction, ego.place
     ahead_m = cos * (ego.seen.x_m[rows] - x) + sin * (ego.seen.y_m[rows] - y)
-    along = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ego.emv_driver.corridor.along_cosine
+    along = np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > _ALONG_COSINE
     return not np.any(along & (ahead_m > 0.0) & (ego.seen.speed_mps[rows] < ego.civilian_driver.pull_over.flows_mps))
+
+
+_STANDING_MPS: Final = 0.5
+"""Slower vehicles stand."""
+_ROAD_HALF_WIDTH_M: Final = 8.0
+"""Vehicles farther from the reference line are on another road."""
 
 
 def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
@@ -68,17 +87,29 @@ def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
     Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
     corridor, so they do not count.
     """
-    path, config, seen, traffic = unit.navigator.path, ego.emv_driver.corridor, ego.seen, ego.traffic
-    rows = ego.near(config.length_m)
+    path, seen, traffic = unit.navigator.path, ego.seen, ego.traffic
+    rows = ego.near(_CORRIDOR_M)
     if path is None or len(rows) == 0:
         return False
-    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < config.standing_mps)
+    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < _STANDING_MPS)
     yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != ego.world.av_id)
     rows = rows[brakes & yields]
     s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
-    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > config.along_cosine
+    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > _ALONG_COSINE
     ahead = (s > unit.navigator.progress_m) & (s < path.length_m)
-    return bool(np.any(same & ahead & (np.abs(left) < config.road_half_width_m)))
+    return bool(np.any(same & ahead & (np.abs(left) < _ROAD_HALF_WIDTH_M)))
+
+
+_REPLAN_S: Final = 0.4
+"""Time between two plans."""
+_STRAIGHT_BELOW_M: Final = 25.0
+"""Free way along the corridor below which the EMV looks at its present path and at the way straight on."""
+_KEEP_GAIN_M: Final = 3.0
+"""Free way that keeping the present path must gain: a new one turns into the corridor later."""
+_KEEP_ABOVE_MPS: Final = 1.0
+"""Slower, a new path is taken in any case: stopping for it needs no hard braking."""
+_STRAIGHT_GAIN_M: Final = 8.0
+"""Free way that going straight on must gain."""
 
 
 def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
@@ -89,25 +120,24 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight on between the lanes
     that it is between.
     """
-    config = ego.emv_driver.corridor
-    if ego.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
+    if ego.step - unit.corridor_planned_step < steps_from_s(_REPLAN_S) and unit.navigator.path is not None:
         return unit
     network, lane = ego.network, present_lane(ego, unit.navigator)
     if lane == NO_LANE:
         return unit
-    lane = corridor_lane(network, lane, ego.route, config.shoulder_reach_m)
+    lane = corridor_lane(network, lane, ego.route, SHOULDER_REACH_M)
     planned = _along(unit, ego, lane, straight_on=False)
     open_m = _open_m(planned, ego)
-    if open_m < config.straight_below_m:
-        driven = unit.navigator.path is not None and ego.speed_mps > config.keep_above_mps
+    if open_m < _STRAIGHT_BELOW_M:
+        driven = unit.navigator.path is not None and ego.speed_mps > _KEEP_ABOVE_MPS
         stops = stops_within(ego.speed_mps * ego.speed_mps, ego.emv_driver.gap_escape.brake_mps2, open_m)
-        gain_m = config.keep_gain_m if stops else 0.0
+        gain_m = _KEEP_GAIN_M if stops else 0.0
         if driven and (
             _open_m(unit, ego) > open_m + gain_m or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))
         ):
             return changed(unit, corridor_planned_step=ego.step)
         other = _along(unit, ego, lane, straight_on=True)
-        if _open_m(other, ego) > open_m + config.straight_gain_m:
+        if _open_m(other, ego) > open_m + _STRAIGHT_GAIN_M:
             return other
     return planned
 
@@ -125,10 +155,16 @@ def _touches_m(unit: EmvUnit, ego: Ego) -> float:
     return math.inf if way is None else way.free_m
 
 
+_MERGE_MIN_M: Final = 8.0
+"""Least length of the lateral move into the corridor."""
+_SAME_OFFSET_M: Final = 0.5
+"""Two corridors that lie nearer to each other than this lead to the same place."""
+
+
 def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """The EMV with the corridor that is measured from a lane as its path."""
     config = ego.emv_driver.corridor
-    reference = ego.line_along(lane, config.length_m, 2.0, length_m=config.length_m + 2.0)
+    reference = ego.line_along(lane, _CORRIDOR_M, 2.0, length_m=_CORRIDOR_M + 2.0)
     s0, d0 = reference.curve.project_one(*ego.place)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
@@ -137,9 +173,9 @@ def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
     # Who points elsewhere has to turn back too: as much as from beside the place that the direction leads to.
-    aside = abs(d0 - float(target[0])) + config.merge_min_m * abs(slope)
+    aside = abs(d0 - float(target[0])) + _MERGE_MIN_M * abs(slope)
     blend = blend_length_m(aside, ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
-    merge = max(config.merge_min_m, min(blend, _merging_m(unit, reference, s, target, config.same_offset_m)))
+    merge = max(_MERGE_MIN_M, min(blend, _merging_m(unit, reference, s, target, _SAME_OFFSET_M)))
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
@@ -176,6 +212,12 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: floa
     return shoulder.onward.via[0] if shoulder.onward.via else shoulder.onward.to_lane
 
 
+_INFLUENCE_M: Final = 6.0
+"""Distance along the road over which a vehicle shapes the corridor before and behind itself."""
+_AMID_M: Final = 0.5
+"""A vehicle whose centre is nearer to the corridor's line stands in its middle."""
+
+
 def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_m: float | None = None) -> Floats:
     """Where the corridor's middle lies beside a reference line.
 
@@ -194,7 +236,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     config, seen = ego.emv_driver.corridor, ego.seen
     straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
     base = _boundary_offsets(reference, s_m, ego) if straight is None else straight
-    rows = ego.near(config.length_m + 10.0)
+    rows = ego.near(_CORRIDOR_M + 10.0)
     rows = rows[~np.isin(seen.actor_id[rows], seen.people[6])]
     if len(rows) == 0:
         return base
@@ -202,16 +244,16 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    followed = seen.is_emv[rows] & (np.cos(turned) > config.along_cosine)
-    near = (np.abs(left) < config.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1]) & ~followed
+    followed = seen.is_emv[rows] & (np.cos(turned) > _ALONG_COSINE)
+    near = (np.abs(left) < _ROAD_HALF_WIDTH_M) & (place > s_m[0]) & (place < s_m[-1]) & ~followed
     place, left = place[near], left[near]
-    extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
+    extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + _INFLUENCE_M
     side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
     beside = np.abs(s_m[:, None] - place) < extent
     road, half_width = road_limits(ego.network, reference.lanes[0]), ego.half_width_m
     line = np.interp(place, s_m, base)
     wider_on_right = left - side - road.right_m > road.left_m + road.opposite_m - left - side
-    on_left = np.where(np.abs(left - line) < config.amid_m, wider_on_right, left > line)
+    on_left = np.where(np.abs(left - line) < _AMID_M, wider_on_right, left > line)
     room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
@@ -220,7 +262,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
-    return _smooth(target, int(config.influence_m))
+    return _smooth(target, int(_INFLUENCE_M))
 
 
 def _on_cycle_lanes(ego: Ego) -> list[int]:
@@ -228,6 +270,10 @@ def _on_cycle_lanes(ego: Ego) -> list[int]:
     lanes, lane_of = ego.network.lanes, ego.traffic.lane
     known = [row for row in ego.seen.riders.tolist() if lane_of[row] != NO_LANE]
     return [row for row in known if lanes[lane_of[row]].kind is LaneKind.CYCLE]
+
+
+_LINE_SMOOTHING_M: Final = 5.0
+"""Way before and after the place where a lane begins over which the corridor's line moves aside, at least."""
 
 
 def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
@@ -243,7 +289,7 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
     known = np.isfinite(offset)
     if not known.any():
         return np.zeros(len(s_m))
-    radius = max(config.line_smoothing_m, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
+    radius = max(_LINE_SMOOTHING_M, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
     return _smooth(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
 
 

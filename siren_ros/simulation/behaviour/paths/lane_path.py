@@ -31,6 +31,10 @@ _LIMITS_KEPT: Final = 1024
 """Lanes whose road's limits are remembered."""
 
 
+SHOULDER_REACH_M: Final = 160.0
+"""How far beyond the present edge a right turn may be for which the EMV takes the shoulder that leads into it."""
+
+
 class LaneEnd(StrEnum):
     """Why a reference line ends where it ends."""
 

@@ -122,6 +122,10 @@ def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats
     return start + change * rise + slope * lead
 
 
+_WINDING: Final = 40.0
+"""Change of curvature that the length of a lateral move is laid out for, times length³ over lateral distance."""
+
+
 def blend_length_m(
     offset_change_m: float, speed_mps: float, duration_s: float, least_m: float, config: Navigation
 ) -> float:
@@ -132,8 +136,12 @@ def blend_length_m(
     """
     offset = abs(offset_change_m)
     share = math.sqrt(min(offset / 3.5, 1.0))
-    steerable = (config.winding * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
+    steerable = (_WINDING * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
     return max(least_m * share, duration_s * speed_mps * share, steerable, 3.0)
+
+
+_STEEPEST: Final = 0.6
+"""Largest tangent of the angle between pose and reference line with which a lateral move starts."""
 
 
 def path_onto(
@@ -154,7 +162,7 @@ def path_onto(
     s0, d0 = curve.project_one(pose[0], pose[1])
     heading = float(curve.heading_at(np.array([s0]))[0])
     turned = math.remainder(pose[2] - heading, 2.0 * math.pi)
-    slope = max(-config.steepest, min(config.steepest, math.tan(max(-1.0, min(1.0, turned)))))
+    slope = max(-_STEEPEST, min(_STEEPEST, math.tan(max(-1.0, min(1.0, turned)))))
     end_m = max(curve.length_m - shorten_m, s0 + 2.0)
     s = np.linspace(s0, end_m, max(3, math.ceil((end_m - s0) / SPACING_M) + 1))
     offsets = quintic_offsets((s - s0) / merge_m, d0, slope * merge_m, offset_m)

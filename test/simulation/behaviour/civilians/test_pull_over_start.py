@@ -8,12 +8,15 @@ from behaviour.civilians.civilian_steps import NEAR, UNIT, emv_at, shoulder_road
 from behaviour.lab import kinds
 
 from siren_ros.simulation.behaviour.civilians.pull_over import (
+    CURVATURE_MAX_1PM,
+    SETTLE_LENGTH_M,
     alignment_of,
     edge_offset_m,
     pull_over,
     pull_over_path,
     start_pull_over,
 )
+from siren_ros.simulation.behaviour.civilians.rejoin import LEAST_SIDEWAYS_M
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.behaviour.paths.tracked_path import PEAK_CURVATURE
 from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
@@ -187,17 +190,17 @@ def test_the_path_to_the_edge_is_as_long_as_curvature_and_steering_ask(lab, worl
     """From where it is to the edge, by the largest of three lengths, and on until the vehicle has come straight."""
     view = lab.view_in(world, [emv_at(lab), lab.Car(2, lane, 80, speed, (0,), left=left)])
     path = pull_over_path(replace(UNIT, side=side), view.ego(1), lane)
-    config, target = world.config.civilian_driver.pull_over, edge_offset_m(view.ego(1), lane, side)
+    target = edge_offset_m(view.ego(1), lane, side)
     moving = min(max(speed, 1.5), world.speeds.civilian_pull_over_mps)
     way = abs(target - left)
-    sharpest = (10.0 / np.sqrt(3.0) * way / config.curvature_max_1pm) ** 0.5
+    sharpest = (10.0 / np.sqrt(3.0) * way / CURVATURE_MAX_1PM) ** 0.5
     steerable = max((40.0 * way * moving / view.ego(1).navigator_config.curvature_rate_1pms) ** (1.0 / 3.0), 3.0)
-    expected = max(config.length_min_m, sharpest, steerable)
+    expected = max(LEAST_SIDEWAYS_M, sharpest, steerable)
     assert path.settled_m == pytest.approx(expected, rel=1e-6)
     assert path.curve.points[0] == pytest.approx((80.0, 3.3 * lane + left))
     assert path.curve.points[-1, 1] == pytest.approx(3.3 * lane + target)
     length = lab.vehicles[ActorClass.SEDAN].length_m
-    assert path.curve.points[-1, 0] == pytest.approx(80.0 + expected + max(config.settle_length_m, length), abs=0.1)
+    assert path.curve.points[-1, 0] == pytest.approx(80.0 + expected + max(SETTLE_LENGTH_M, length), abs=0.1)
     assert path.speed_cap_mps(path.length_m) < 0.1
 
 
@@ -213,7 +216,7 @@ def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight
     path, config = path_behind(lab, 4.5)
     way = 4.5 - config.room_standstill_gap_m
     end = path.curve.place(path.length_m)
-    shift = config.curvature_max_1pm * way**2 / PEAK_CURVATURE
+    shift = CURVATURE_MAX_1PM * way**2 / PEAK_CURVATURE
     assert (end[0] - 80.0, end[1]) == (pytest.approx(way, abs=0.1), pytest.approx(-shift, abs=0.03))
     assert abs(end[2]) < 0.05
     assert 0.2 < shift < 0.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from behaviour.civilians.civilian_steps import UNIT as HOLDING
 
-from siren_ros.simulation.behaviour.civilians.rejoin import is_over_red_line, rejoin, start_rejoin
+from siren_ros.simulation.behaviour.civilians.rejoin import LEAST_SIDEWAYS_M, is_over_red_line, rejoin, start_rejoin
 from siren_ros.simulation.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.simulation.behaviour.paths.tracked_path import blend_length_m
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
@@ -124,7 +124,7 @@ def test_the_way_back_is_laid_out_for_the_mean_of_the_present_and_the_wanted_spe
     path = start_rejoin(UNIT, view.ego(0)).unit.navigator.path
     config = view.world.config.civilian_driver.pull_over
     expected = blend_length_m(
-        left, 0.5 * (speed + 5.0), config.duration_s, config.length_min_m, view.ego(0).navigator_config
+        left, 0.5 * (speed + 5.0), config.duration_s, LEAST_SIDEWAYS_M, view.ego(0).navigator_config
     )
     assert path.settled_m == pytest.approx(expected, rel=1e-6)
 

@@ -7,16 +7,15 @@ import pytest
 from behaviour.civilians.civilian_steps import UNIT, steps
 from behaviour.lab import kinds
 
-from siren_ros.simulation.behaviour.civilians.yield_lane_change import yield_speed_mps
+from siren_ros.simulation.behaviour.civilians.yield_lane_change import OFF_PATH_GRACE_S, yield_speed_mps
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable
-from siren_ros.simulation.scenario.driver_parameters import DriverParameters
 from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
 from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner
 from siren_ros.simulation.world.traffic_state import TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
-GRACE = round(DriverParameters().civilian_driver.yielding.off_path_grace_s / 0.05)
+GRACE = round(OFF_PATH_GRACE_S / 0.05)
 
 
 def modes(commands):

@@ -9,9 +9,11 @@ from siren_ros.base.numerics.braking import speed_before_mps
 from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, LateralRequest
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 from siren_ros.simulation.behaviour.driving.line_book import LineBook
-from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
+from siren_ros.simulation.behaviour.driving.navigator import SPEED_GAIN_1PS, NavigatorState
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import (
+    LEAVING_MPS,
     MECHANISMS,
+    SIDE_MARGIN_M,
     UNLIMITED,
     Drive,
     Mechanism,
@@ -237,7 +239,7 @@ def test_follows_at_the_same_speed_after_the_headway():
 
 def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_has_left():
     staying, leaving = approach(26.0, 3.0), approach(26.0, 3.0, overlap=1.2, leaving=1.0)
-    assert leaving == pytest.approx(3.0 + (26.0 - CONFIG.standstill_gap_m) / (1.2 / CONFIG.leaving_mps))
+    assert leaving == pytest.approx(3.0 + (26.0 - CONFIG.standstill_gap_m) / (1.2 / LEAVING_MPS))
     assert leaving > staying
     assert approach(26.0, 3.0, overlap=1.2, leaving=0.1) == staying
     assert approach(26.0, 3.0, overlap=9.0, leaving=1.0) == staying
@@ -253,7 +255,7 @@ def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
 def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
     limit = anticipated_limit(unit, ego)
-    gain = ego.world.config.emv_driver.driving.speed_gain_1ps
+    gain = SPEED_GAIN_1PS
     assert (limit.speed_mps, limit.brake_mps2) == (pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain), 0.0)
 
 
@@ -261,7 +263,7 @@ def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
     asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
     assert math.isinf(anticipated_limit(unit, ego).speed_mps)
-    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / ego.world.config.emv_driver.driving.speed_gain_1ps)
+    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / SPEED_GAIN_1PS)
     assert anticipated_limit(asked, ego).speed_mps == pytest.approx(expected)
 
 
@@ -285,7 +287,7 @@ def test_a_vehicle_is_in_the_way_up_to_both_half_bodies_and_a_margin_aside(lab, 
     side_m = 0.5 * (sedan.width_m * np.cos(turned) + sedan.length_m * abs(np.sin(turned)) + ambulance.width_m)
     cars = [lab.Car(1, 0, 100, 13, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 0, (0,))]
     for more, counts in ((-0.02, True), (0.02, False)):
-        left = side * (side_m + CONFIG.side_margin_m + more)
+        left = side * (side_m + SIDE_MARGIN_M + more)
         poses = [[*(100.0 * along), turn, 13.0], [*(130.0 * along + left * across), turn + turned, 0.0]]
         assert math.isfinite(anticipated(lab, network, cars, poses)) is counts
 
@@ -311,7 +313,7 @@ def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, straight, si
     sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
     cos, sin = np.cos(0.3), np.sin(0.3)
     gap = 30.0 - 0.5 * (sedan.length_m * cos + sedan.width_m * sin) - 0.5 * ambulance.length_m
-    inside = 0.5 * (sedan.length_m * sin + sedan.width_m * cos + ambulance.width_m) + CONFIG.side_margin_m
+    inside = 0.5 * (sedan.length_m * sin + sedan.width_m * cos + ambulance.width_m) + SIDE_MARGIN_M
     for turned, leaving in ((0.3, 3.0 * sin), (-0.3, -3.0 * sin)):
         assert speeds[turned] == pytest.approx(approach(gap, 3.0 * cos, inside - 0.5, leaving), rel=1e-4)
     assert speeds[0.3] > speeds[-0.3] + 0.5
@@ -411,7 +413,7 @@ def test_the_emv_drives_so_and_enters_without_stopping(lab, junction, monkeypatc
 
 
 def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab, junction):
-    gain = lab.world_of(junction, lab.L2).config.emv_driver.driving.speed_gain_1ps
+    gain = SPEED_GAIN_1PS
     assert limit(lab, junction, 140.0, "r", speed=13.0) == pytest.approx(13.0 - ENTRY.ease_off_mps2 / gain)
 
 

@@ -11,6 +11,7 @@ from siren_ros.simulation.behaviour.driving.emv_unit import (
     strategic_side,
 )
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
 from siren_ros.simulation.behaviour.emv.gap_escape import reference_line, road_space
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd
 from siren_ros.simulation.roads.road_network import NO_LANE
@@ -104,7 +105,7 @@ def test_the_line_of_the_escape_search_begins_behind_the_rear_axle(lab):
     view = view_at(lab, lab.straight_road(2), 0, 100, (0,))
     line = reference_line(view.ego(0), 0)
     assert line.curve.points[0] == pytest.approx((95.0, 0.0), abs=1e-6)
-    assert line.curve.length_m == pytest.approx(view.world.config.emv_driver.gap_escape.horizon_m + 10.0)
+    assert line.curve.length_m == pytest.approx(ESCAPE_HORIZON_M + 10.0)
 
 
 def test_the_edges_of_the_road_beside_a_line(lab):

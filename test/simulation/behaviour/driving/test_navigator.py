@@ -9,13 +9,18 @@ import pytest
 from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 from siren_ros.simulation.behaviour.driving.navigator import (
+    DAMPING,
+    LEADER_BRAKE_MPS2,
+    NARROW_STOP_SHORT_M,
+    PREVIEW_MIN_M,
+    PREVIEW_TIME_S,
     NavigatorState,
     manoeuvring_limit,
     press_pedals,
     steer_along,
 )
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import MECHANISMS, Mechanism, navigate
-from siren_ros.simulation.behaviour.driving.step_view import Surroundings
+from siren_ros.simulation.behaviour.driving.step_view import STEER_RATE_SHARE, Surroundings
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.dynamics.parameters import ParameterTable
@@ -37,11 +42,11 @@ def line(turn):
 
 
 def expected(vehicle, left, turned, speed):
-    length, offset = max(CONFIG.preview_min_m, CONFIG.preview_time_s * speed), max(-1.0, min(1.0, left))
-    bend_rate = CONFIG.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
-    errors = abs(offset + 2.0 * CONFIG.damping * math.sin(turned) * length)
+    length, offset = max(PREVIEW_MIN_M, PREVIEW_TIME_S * speed), max(-1.0, min(1.0, left))
+    bend_rate = STEER_RATE_SHARE * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+    errors = abs(offset + 2.0 * DAMPING * math.sin(turned) * length)
     length = max(length, (speed * errors / bend_rate) ** (1.0 / 3.0))
-    target = -offset / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
+    target = -offset / length**2 - 2.0 * DAMPING * math.sin(turned) / length
     return math.atan(vehicle.wheelbase_m * target) + vehicle.understeer_gradient_s2pm * target * speed**2
 
 
@@ -51,7 +56,7 @@ def expected(vehicle, left, turned, speed):
     [(0.5, 0.0, 10.0), (-0.5, 0.0, 10.0), (0.0, 0.1, 3.0), (0.0, -0.1, 12.0), (0.8, 0.2, 8.0)],
 )
 def test_on_a_line_offset_and_heading_are_steered_back(vehicle, turn, left, turned, speed):
-    steer = steer_along(line(turn), 40.0, left, turn + turned, speed, vehicle, CONFIG)
+    steer = steer_along(line(turn), 40.0, left, turn + turned, speed, vehicle)
     assert steer == pytest.approx(expected(vehicle, left, turned, speed), abs=1e-9)
     if left * turned >= 0.0:
         assert np.sign(steer) == -np.sign(left + turned)
@@ -60,13 +65,13 @@ def test_on_a_line_offset_and_heading_are_steered_back(vehicle, turn, left, turn
 @pytest.mark.parametrize("speed", [3.0, 9.0])
 def test_large_offsets_are_corrected_no_more_steeply_than_one_metre(vehicle, speed):
     for left in (4.0, -4.0):
-        one = steer_along(line(0.3), 40.0, math.copysign(1.0, left), 0.3, speed, vehicle, CONFIG)
-        assert steer_along(line(0.3), 40.0, left, 0.3, speed, vehicle, CONFIG) == one
+        one = steer_along(line(0.3), 40.0, math.copysign(1.0, left), 0.3, speed, vehicle)
+        assert steer_along(line(0.3), 40.0, left, 0.3, speed, vehicle) == one
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_wheels_turn_no_farther_than_they_can(vehicle, side):
-    assert steer_along(line(0.0), 40.0, 0.0, -side * 1.4, 0.5, vehicle, CONFIG) == side * vehicle.max_steer_rad
+    assert steer_along(line(0.0), 40.0, 0.0, -side * 1.4, 0.5, vehicle) == side * vehicle.max_steer_rad
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -80,7 +85,7 @@ def test_on_a_circle_the_steady_cornering_angle_and_sideslip(vehicle, side, spee
     bend = side / radius
     slip = vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr)
     sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * bend) - slip * bend * speed**2
-    steer = steer_along(path, 40.0, 0.0, side * 40.0 / radius - sideslip, speed, vehicle, CONFIG)
+    steer = steer_along(path, 40.0, 0.0, side * 40.0 / radius - sideslip, speed, vehicle)
     steady = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed**2
     assert steer == pytest.approx(steady, abs=2e-3)
 
@@ -393,7 +398,7 @@ def test_a_vehicle_alongside_is_not_driven_into_sideways(lab):
     assert speed_limit.blocker_id == 3
     assert 0.0 < speed_limit.free_m < (0.6 - 0.1) / 0.2 + 0.3
     assert speed_limit.speed_mps == pytest.approx(
-        math.sqrt(2.0 * MANOEUVRING.brake_mps2 * (speed_limit.free_m - MANOEUVRING.stop_short_m))
+        math.sqrt(2.0 * MANOEUVRING.brake_mps2 * (speed_limit.free_m - NARROW_STOP_SHORT_M))
     )
     assert math.isinf(limit(lab, sideways(0.0), beside).speed_mps)
 
@@ -408,7 +413,7 @@ def test_who_comes_on_at_the_side_counts_where_it_will_be_in_a_moment(lab):
 def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):
     near = 80.0 + lab.vehicles[SEDAN].length_m + 3.0
     standing, driving = (limit(lab, sideways(0.0), lab.Car(3, 0, near, speed, (0,))) for speed in (0.0, 4.0))
-    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * LEADER_BRAKE_MPS2), abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -422,4 +427,4 @@ def test_the_flank_of_a_leader_in_the_next_lane_counts_as_far_as_it_reaches(lab,
         for speed in (0.0, 4.0)
     )
     assert standing.free_m < 8.0
-    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * MANOEUVRING.leader_brake_mps2), abs=1e-6)
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * LEADER_BRAKE_MPS2), abs=1e-6)

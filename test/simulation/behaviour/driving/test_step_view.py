@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.simulation.behaviour.driving.step_view import ActorTable, Surroundings
+from siren_ros.simulation.behaviour.driving.step_view import STEER_RATE_SHARE, ActorTable, Surroundings
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -76,7 +76,7 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
         (1, ActorClass.BUS, config.civilian_driver.driving),
     ):
         vehicle = lab.vehicles[kind]
-        rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+        rate = STEER_RATE_SHARE * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
         assert view.ego(row).navigator_config == Navigation.by(base, curvature_rate_1pms=rate)
         assert view.ego(row).vehicle == vehicle
     assert view.ego(0).navigator_config.standstill_gap_m == 4.0

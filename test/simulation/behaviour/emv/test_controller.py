@@ -10,7 +10,7 @@ from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit, RoutePlan
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.simulation.behaviour.emv import controller
-from siren_ros.simulation.behaviour.emv.controller import EmvState, mode_of, step_emv, target_speed_mps
+from siren_ros.simulation.behaviour.emv.controller import OFF_PATH_M, EmvState, mode_of, step_emv, target_speed_mps
 from siren_ros.simulation.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd
@@ -284,7 +284,7 @@ def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first
 def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side, more_m, anew):
     world = lab.world_of(lab.straight_road(), lab.L1)
     unit = steps(world, [emv], 1)[0].units[1]
-    off = replace(unit, navigator=replace(unit.navigator, left_m=side * (world.config.emv_driver.off_path_m + more_m)))
+    off = replace(unit, navigator=replace(unit.navigator, left_m=side * (OFF_PATH_M + more_m)))
     for step, planned in ((19, False), (20, anew)):
         after, _ = controller.follow_route(off, lab.view_in(world, [emv], step=step).ego(0))
         assert (after.navigator.path is not unit.navigator.path) is planned

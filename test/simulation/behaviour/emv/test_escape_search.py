@@ -9,8 +9,19 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.simulation.behaviour.driving.free_space import Obstacles, separations_m
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
 from siren_ros.simulation.behaviour.driving.step_view import Body
-from siren_ros.simulation.behaviour.emv.escape_search import RoadSpace, Start, _moved, lattice_of, search_lattice
+from siren_ros.simulation.behaviour.emv import escape_search
+from siren_ros.simulation.behaviour.emv.escape_search import (
+    OFFSET_COST,
+    SLOPE_STEP,
+    STATION_M,
+    RoadSpace,
+    Start,
+    _moved,
+    lattice_of,
+    search_lattice,
+)
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
@@ -20,7 +31,7 @@ REAR_M, WHEELBASE_M, SHARPEST_1PM = 1.7, 3.9, 0.16
 START = Start(0.2, 0.05, BODY, REAR_M, WHEELBASE_M, SHARPEST_1PM)
 STATIONS = 21
 TURNS = np.radians([0.0, 50.0, -130.0])
-GRAIN_M = 0.5 * CONFIG.station_m * CONFIG.slope_step
+GRAIN_M = 0.5 * STATION_M * SLOPE_STEP
 
 
 def line(turn=0.0):
@@ -41,7 +52,7 @@ def cars(turn, *rows):
 
 def road(right=-1.75, driving=-1.75, left=5.25, opposite=5.25, middle=1.75):
     """Stations from the line's place 10 m, its origin, on."""
-    s = 10.0 + CONFIG.station_m * np.arange(STATIONS)
+    s = 10.0 + STATION_M * np.arange(STATIONS)
     return RoadSpace(s, *(np.full(STATIONS, value) for value in (right, driving, left, opposite, middle)))
 
 
@@ -90,7 +101,7 @@ def test_the_change_of_slope_is_what_can_be_steered_less_the_bend_of_the_line(be
 
 def test_prices_are_of_the_shoulder_the_opposite_lane_and_the_distance_from_the_middle():
     nodes = lattice(road(right=-4.25, driving=-1.75, left=5.25, opposite=8.75))
-    share, half = CONFIG.station_m / CONFIG.horizon_m, BODY.half_width_m
+    share, half = STATION_M / ESCAPE_HORIZON_M, BODY.half_width_m
     for near, shoulder, beyond in (
         *[(-0.65, 0, 0.0), (-0.8, 1, 0.0), (1.75, 0, 0.0), (4.1, 0, 0.0)],
         *[(4.3, 0, 0.2), (4.7, 0, None), (6.5, 0, 1.0), (-2.9, 1, 0.0)],
@@ -98,7 +109,7 @@ def test_prices_are_of_the_shoulder_the_opposite_lane_and_the_distance_from_the_
         row = index_of(nodes.left_m, near)
         left = nodes.left_m[row]
         opposite = left + half - 5.25 if beyond is None else beyond
-        aside = CONFIG.offset_cost * min(abs(left - 1.75), 4.0)
+        aside = OFFSET_COST * min(abs(left - 1.75), 4.0)
         expected = share * (CONFIG.shoulder_cost_m * shoulder + CONFIG.opposite_cost_m * opposite) + aside
         assert nodes.price[:, row] == pytest.approx(expected), left
 
@@ -111,7 +122,7 @@ def test_the_clearance_of_a_node_is_that_of_the_body_whose_rear_axle_is_there(tu
         row, column = index_of(grid.left_m, left), index_of(grid.slope, slope)
         for half_way, nodes in ((0.0, grid.clearance_m), (0.5, grid.between_m)):
             yaw = turn + np.arctan(grid.slope[column])
-            ahead = CONFIG.station_m * (station + half_way)
+            ahead = STATION_M * (station + half_way)
             rear = ahead * np.array([np.cos(turn), np.sin(turn)])
             rear += grid.left_m[row] * np.array([-np.sin(turn), np.cos(turn)])
             x, y = rear + REAR_M * np.array([np.cos(yaw), np.sin(yaw)])
@@ -297,10 +308,10 @@ def test_costs_move_by_the_mean_of_both_slopes_where_it_is_free_half_way(turn):
 
 
 @pytest.mark.parametrize(("worth", "clearance"), [(0.01, 0.3), (6.0, 0.08)])
-def test_a_tight_margin_is_taken_for_as_much_way_as_it_costs(worth, clearance):
+def test_a_tight_margin_is_taken_for_as_much_way_as_it_costs(monkeypatch, worth, clearance):
     """With 0.3 m the path ends before two cars; between them 0.08 m are left, two steps of 6 m dearer."""
     tight = boxes(car(18.0, -0.75), car(18.0, 3.45))
-    config = replace(CONFIG, way_worth=worth)
-    nodes = search_lattice(LINE, road(), replace(START, left_m=0.0, slope=0.0), tight, config)
+    monkeypatch.setattr(escape_search, "WAY_WORTH", worth)
+    nodes = search_lattice(LINE, road(), replace(START, left_m=0.0, slope=0.0), tight, CONFIG)
     assert nodes.clearance_m == clearance
     assert nodes.complete is (clearance < 0.1)

@@ -7,7 +7,9 @@ import pytest
 from behaviour.lab import kinds
 
 from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit, RoutePlan
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
 from siren_ros.simulation.behaviour.emv import gap_escape
+from siren_ros.simulation.behaviour.emv.escape_search import STATION_M
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.simulation.scenario.presets import load_preset
 from siren_ros.simulation.world.actors import ActorClass
@@ -72,7 +74,7 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
 @pytest.mark.parametrize(("left", "turned"), [(0.4, 0.2), (-0.5, -0.15), (0.0, 1.2)])
 def test_the_search_begins_at_the_rear_axle_as_the_vehicle_points(lab, monkeypatch, turn, left, turned):
     asked, reference, along = start_of(lab, monkeypatch, turn=turn, left=left, turned=turned)
-    ((curve, road, start, _, config),) = asked
+    ((curve, road, start, *_),) = asked
     vehicle = lab.vehicles[AMBULANCE]
     rear = vehicle.centre_ahead_of_rear_axle_m
     assert curve is reference.curve
@@ -84,8 +86,8 @@ def test_the_search_begins_at_the_rear_axle_as_the_vehicle_points(lab, monkeypat
     assert start.sharpest_1pm == pytest.approx(np.tan(0.85 * vehicle.max_steer_rad) / vehicle.wheelbase_m)
     rear_axle = curve.at(road.s_m[:1])[0]
     assert rear_axle @ along == pytest.approx(100.0 - rear * np.cos(turned), abs=1e-6)
-    assert np.diff(road.s_m) == pytest.approx(config.station_m)
-    assert road.s_m[-1] - road.s_m[0] == pytest.approx(config.horizon_m)
+    assert np.diff(road.s_m) == pytest.approx(STATION_M)
+    assert road.s_m[-1] - road.s_m[0] == pytest.approx(ESCAPE_HORIZON_M)
 
 
 @pytest.mark.parametrize(("beyond_m", "stations"), [(20.0, 14), (2.9, 0), (3.1, 3)])

@@ -12,10 +12,11 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable
-from concurrent.futures import CancelledError, Future
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from itertools import islice
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,12 +25,13 @@ from typing import Any, Final, Self, TypeVar
 import pebble
 
 from siren_ros.base.processes.interrupts import children_without_ctrl_c, deferred_interrupts
-from siren_ros.base.processes.side_by_side import as_ready
 from siren_ros.errors import InputError, SirenError
 
 Progress = Callable[[float], None]
 """Takes the simulated seconds completed since its last call."""
+Item = TypeVar("Item")
 Result = TypeVar("Result")
+_LOOK_S: Final = 0.5
 TIMEOUT_S: Final = 900.0
 """Wall time after which a call counts as hanging, unless its caller sets another limit."""
 _NOTICE_S: Final = 0.5
@@ -308,3 +310,50 @@ def limit_memory(more_bytes: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         asked = has + more_bytes
         resource.setrlimit(resource.RLIMIT_AS, (asked if hard == resource.RLIM_INFINITY else min(asked, hard), hard))
+
+
+def as_ready(
+    submit: Callable[[Item], Future[Result]],
+    items: Iterable[Item],
+    at_once: int,
+    look: Callable[[], None] = lambda: None,
+) -> Generator[tuple[Item, Future[Result]], None, None]:
+    """Yield items with their finished futures, in the order of completion. Closing the generator cancels running work.
+
+    ``submit`` begins the work on an item, which is taken when its turn comes, so that there may be very many. ``look``
+    is called twice a second while the work goes on.
+    """
+    waiting = iter(items)
+    running: dict[Future[Result], Item] = {}
+    try:
+        while True:
+            for item in islice(waiting, at_once - len(running)):
+                running[submit(item)] = item
+            if not running:
+                return
+            done, _ = wait(running, _LOOK_S, return_when=FIRST_COMPLETED)
+            look()
+            for future in done:
+                yield running.pop(future), future
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def side_by_side(
+    tasks: Mapping[Item, Callable[[], Result]], workers: int, stop: Callable[[], None] = lambda: None
+) -> dict[Item, Result]:
+    """Run independent tasks in parallel; results by their keys. The first error cancels waiting tasks and is raised.
+
+    The tasks run in threads, where they wait for processes or for servers. After an error ``stop`` ends what they wait
+    for, before they are awaited.
+    """
+    with ThreadPoolExecutor(workers, "task") as threads:
+        try:
+            finished = as_ready(lambda name: threads.submit(tasks[name]), tasks, workers)
+            results = {name: future.result() for name, future in finished}
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)
+            stop()
+            raise
+    return {name: results[name] for name in tasks}

@@ -13,7 +13,6 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Points
-from siren_ros.data.datasets.commonroad_mirror_image import mirror_commonroad
 from siren_ros.data.datasets.commonroad_surface import Bounds, border_strips, junction_surfaces, lanelet_bounds
 from siren_ros.data.datasets.files import FileWriter, child, children, document
 from siren_ros.data.datasets.formats import EpisodeReport, FilesExporter
@@ -22,6 +21,7 @@ from siren_ros.data.record.episode_source import EpisodeSource
 from siren_ros.data.record.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import BagError
+from siren_ros.simulation.roads.mirror_image import OTHER_SIDE, negated
 from siren_ros.simulation.roads.road_network import Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.episode import EpisodeDescription
 from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
@@ -306,3 +306,40 @@ def _add_problem(root: Element, emv: Track) -> None:
     children(rectangle, length=_GOAL_LENGTH_M, width=_GOAL_WIDTH_M, orientation=emv.yaw_rad[-1])
     children(child(rectangle, "center"), x=emv.x_m[-1], y=emv.y_m[-1])
     children(child(goal, "time"), intervalStart=max(1, last // 2), intervalEnd=last)
+
+
+_SIDES: Final = ("left", "right", "Left", "Right")
+_LANELET: Final = ("leftBound", "rightBound", "predecessor", "successor", "adjacentLeft", "adjacentRight")
+"""Tags of a lanelet that come first, in the order of the schema."""
+_ARMS: Final = ("incomingLanelet", "Right", "Straight", "Left")
+"""Endings of the tags of an intersection's arm, in the order of the schema."""
+
+
+def mirror_commonroad(root: Element) -> None:
+    """Exchange left and right in place: coordinates, angles, names and the order of elements.
+
+    A scenario with left-hand traffic is written as the mirror image, about its x axis, of one with right-hand traffic.
+    """
+    for tag in ("y", "orientation", "orientation/exact"):
+        for number in root.iterfind(f".//{tag}"):
+            if number.text and number.text.strip():
+                number.text = negated(number.text)
+    for direction in root.iter("direction"):
+        direction.text = OTHER_SIDE.get(direction.text or "", direction.text)
+    for lanelet in root.iter("lanelet"):
+        for part in lanelet:
+            part.tag = _exchanged(part.tag)
+        lanelet[:] = sorted(lanelet, key=lambda part: _rank(_LANELET, part.tag))
+    for arm in root.iter("incoming"):
+        for part in arm:
+            part.tag = _exchanged(part.tag)
+        arm[:] = sorted(arm, key=lambda part: _rank(_ARMS, part.tag))
+
+
+def _exchanged(tag: str) -> str:
+    side = next((side for side in _SIDES if tag.startswith(side) or tag.endswith(side)), "")
+    return tag.replace(side, OTHER_SIDE[side]) if side else tag
+
+
+def _rank(order: tuple[str, ...], tag: str) -> int:
+    return next((rank for rank, end in enumerate(order) if tag.endswith(end)), len(order))

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from siren_ros.base.processes.process_pool import ProcessPool
-from siren_ros.base.processes.side_by_side import side_by_side
+from siren_ros.base.processes.process_pool import ProcessPool, side_by_side
 from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.benchmarks.templates import seeds_of_option
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop

@@ -26,8 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.processes.process_pool import CrashError, ProcessPool
-from siren_ros.base.processes.side_by_side import side_by_side
+from siren_ros.base.processes.process_pool import CrashError, ProcessPool, side_by_side
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError, SirenError
 from siren_ros.lab.benchmarks.json_figures import add_json, write_json

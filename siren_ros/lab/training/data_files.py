@@ -9,7 +9,7 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 import numpy as np
 
 from siren_ros.base.params import plain_json
-from siren_ros.base.processes.side_by_side import side_by_side
+from siren_ros.base.processes.process_pool import side_by_side
 from siren_ros.errors import InputError, SirenError, whole_file
 from siren_ros.running.studies.workers import attempt_processes
 

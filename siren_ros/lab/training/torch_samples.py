@@ -12,8 +12,7 @@ import torch
 from torch.utils.data import Dataset, IterableDataset, default_collate, get_worker_info
 
 from siren_ros.errors import InputError
-from siren_ros.lab.training.packed.order import samples_of_shard
-from siren_ros.lab.training.packed.parquet_samples import PackedSamples, Sample, SampleSource
+from siren_ros.lab.training.packed.parquet_samples import PackedSamples, Sample, SampleSource, samples_of_shard
 
 __all__ = ["SampleDataset", "SampleStream", "collated"]
 

@@ -16,8 +16,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.processes.process_pool import CrashError, ProcessPool
-from siren_ros.base.processes.side_by_side import as_ready
+from siren_ros.base.processes.process_pool import CrashError, ProcessPool, as_ready
 from siren_ros.data.interfaces.messages import json_text
 from siren_ros.errors import EXIT_BAD_INPUT, SirenError
 from siren_ros.running.generation.episode_setup import present_versions, set_up_episode

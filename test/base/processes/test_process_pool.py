@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from siren_ros.base.processes.process_pool import CrashError, ProcessPool
+from siren_ros.base.processes.process_pool import CrashError, ProcessPool, side_by_side
 from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.simulation.scenario.templates import load_template
 
@@ -303,3 +304,30 @@ def test_what_the_function_refuses_is_not_tried_again(answers: list[Any], error:
     with pytest.raises(type(error), match="no such map"):
         ProcessPool(1, fresh=True).call_with_retries(5, added, 3, 4)
     assert not answers
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_results_have_the_names_of_their_tasks(workers: int) -> None:
+    tasks = {f"{number} squared": partial(pow, number, 2) for number in range(7)}
+    assert side_by_side(tasks, workers) == {f"{number} squared": number**2 for number in range(7)}
+
+
+def test_two_workers_work_at_the_same_time() -> None:
+    meeting = threading.Barrier(2)
+    arrivals = side_by_side({name: partial(meeting.wait, 30.0) for name in "ab"}, 2)
+    assert sorted(arrivals.values()) == [0, 1]
+
+
+def test_the_first_error_is_raised_and_nothing_new_begins() -> None:
+    begun = []
+
+    def task(number: int) -> None:
+        begun.append(number)
+        if number == 1:
+            raise EpisodeError("the second task")
+        time.sleep(0.05)  # as work does, so that there is time to stop the others
+
+    with pytest.raises(EpisodeError, match="the second task"):
+        side_by_side({str(number): partial(task, number) for number in range(50)}, 1)
+    assert begun[:2] == [0, 1]
+    assert len(begun) < 50

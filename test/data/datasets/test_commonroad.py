@@ -18,9 +18,9 @@ from siren_ros.data.datasets.commonroad import (
     _root,
     benchmark_id,
     lanelet_id,
+    mirror_commonroad,
     obstacle_type,
 )
-from siren_ros.data.datasets.commonroad_mirror_image import mirror_commonroad
 from siren_ros.data.datasets.files import document
 from siren_ros.data.record.tracks import Track
 from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass

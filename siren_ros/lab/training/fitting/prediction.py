@@ -15,9 +15,8 @@ from torch import Tensor, nn
 from siren_ros.base.processes.interrupts import deferred_interrupts
 from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.lab.training.fitting.descent import Descent, exported
-from siren_ros.lab.training.fitting.lstm_network import LstmNetwork
+from siren_ros.lab.training.fitting.motion_network import LstmNetwork, TransformerNetwork
 from siren_ros.lab.training.fitting.path_network import NetworkSize, PathNetwork
-from siren_ros.lab.training.fitting.transformer_network import TransformerNetwork
 from siren_ros.lab.training.prediction.samples import SampleStore
 from siren_ros.lab.training.settings import FitConfig, FittedNetwork
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, SHAPES, Features

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros import __version__
-from siren_ros.base.processes.process_pool import ProcessPool, Result
-from siren_ros.base.processes.side_by_side import side_by_side
+from siren_ros.base.processes.process_pool import ProcessPool, Result, side_by_side
 from siren_ros.data.datasets.publication import datasheet, write_croissant
 from siren_ros.data.record.licences import LICENCE, licence_of_map
 from siren_ros.errors import InputError, write_text, writing

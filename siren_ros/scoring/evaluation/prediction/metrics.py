@@ -4,6 +4,10 @@ The truth has shape ``(N, T, 2)``; every function gives a value for each sample,
 *best* hypothesis is the one among the six most probable that ends nearest to the truth. The probabilities of the six
 are scaled to the sum 1, as Argoverse 2 does. Calibration: hypotheses with probability p should be the best ones in a
 share p of the cases. Collisions: a prediction of a scene should not drive one vehicle through another.
+
+Joint errors: Argoverse 2 calls a set of one path for each vehicle of a frame a *world* (``av2``: ``compute_world_fde``,
+``compute_world_ade``); its error is the mean over the vehicles. The models here predict each vehicle by itself, so
+world k has every vehicle's k-th most probable path; a vehicle with fewer paths keeps its last one.
 """
 
 from collections.abc import Callable
@@ -14,11 +18,15 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.compiled import box_gap_m, compiled
-from siren_ros.scoring.evaluation.prediction.feasibility import infeasible
-from siren_ros.scoring.evaluation.prediction.joint import world_min_ade_6, world_min_fde_6
+from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.road_use import off_road, wrong_way
-from siren_ros.scoring.evaluation.prediction.samples import SampleBatch, ScoredSamples
+from siren_ros.scoring.evaluation.prediction.samples import (
+    FRAME_PERIOD_S,
+    FUTURE_STRIDE_FRAMES,
+    SampleBatch,
+    ScoredSamples,
+)
 from siren_ros.scoring.evaluation.statistics import identity
 
 
@@ -215,6 +223,68 @@ def _mark(path: Any, cos: Any, sin: Any, half: Any, first: Any, end: Any, hit: A
 
 def _by_truth(function: Callable[[Hypotheses, Floats], Floats]) -> Callable[[Hypotheses, ScoredSamples], Floats]:
     return lambda hypotheses, samples: function(hypotheses, samples.future_xy_m)
+
+
+ACCELERATION_MAX_MPS2: Final = 0.9 * 9.81
+"""Largest total acceleration: tyres on dry asphalt carry 0.8 to 0.9 g (J. Y. Wong, Theory of Ground Vehicles, ch.
+1)."""
+RADIUS_MIN_M: Final = 6.4
+"""Smallest radius of the centre's path: design passenger car (AASHTO, Green Book 2018, table 2-2)."""
+_TURNING_MIN_MPS: Final = 1.0
+"""Bends are checked only above this speed; below it the direction of a segment is not certain enough."""
+_POINT_S: Final = FRAME_PERIOD_S * FUTURE_STRIDE_FRAMES
+
+
+def infeasible(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
+    """1 where the most probable path exceeds a limit of acceleration or curvature, else 0; shape ``(N,)``.
+
+    The path begins with the vehicle's recorded velocity.
+    """
+    batch = samples.batch
+    places = np.concatenate((batch.xy_m[:, None], hypotheses.xy_m[:, 0]), axis=1)
+    velocity = np.diff(places, axis=1) / _POINT_S
+    # The velocity of a segment belongs to its middle, so the first change takes half a period.
+    gained = np.diff(np.concatenate((batch.velocity_mps[:, None], velocity), axis=1), axis=1)
+    gained[:, 0] *= 2.0
+    acceleration = np.hypot(gained[..., 0], gained[..., 1]) / _POINT_S
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    turned = np.abs(wrap_angle(np.diff(np.arctan2(velocity[..., 1], velocity[..., 0]), axis=1)))
+    way = 0.5 * (speed[:, 1:] + speed[:, :-1]) * _POINT_S
+    moves = np.minimum(speed[:, 1:], speed[:, :-1]) > _TURNING_MIN_MPS
+    bent = moves & (turned * RADIUS_MIN_M > way)
+    return ((acceleration > ACCELERATION_MAX_MPS2).any(axis=1) | bent.any(axis=1)).astype(np.float64)
+
+
+WORLDS: Final = 6
+"""Number of worlds in Argoverse 2's multi-world metrics."""
+
+
+def world_min_ade_6(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
+    """Error of the best of six worlds: mean distance over a frame's vehicles and over time, in metres."""
+    return _of_frames(_distances(hypotheses, samples).mean(axis=-1), samples)
+
+
+def world_min_fde_6(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
+    """Error of the best of six worlds: mean distance over a frame's vehicles at the horizon, in metres."""
+    return _of_frames(_distances(hypotheses, samples)[..., -1], samples)
+
+
+def _distances(hypotheses: Hypotheses, samples: ScoredSamples) -> Floats:
+    miss = hypotheses.xy_m[:, :WORLDS] - samples.future_xy_m[:, None]
+    return np.asarray(np.hypot(miss[..., 0], miss[..., 1]))
+
+
+def _of_frames(errors: Floats, samples: ScoredSamples) -> Floats:
+    """Put the error of the best world at the first sample of each frame and NaN at the others: a frame counts once.
+
+    Errors have the shape ``(N, k)``, the answer ``(N,)``.
+    """
+    frame = samples.batch.actors.frame[samples.batch.target]
+    values = np.full(len(errors), np.nan)
+    if len(errors):
+        first, count = np.unique(frame, return_index=True, return_counts=True)[1:]
+        values[first] = (np.add.reduceat(errors, first, axis=0) / count[:, None]).min(axis=1)
+    return values
 
 
 SCENE_METRICS: Final = (

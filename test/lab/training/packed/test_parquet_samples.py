@@ -10,8 +10,13 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.lab.training.packed import parquet_samples
-from siren_ros.lab.training.packed.order import samples_of_shard
-from siren_ros.lab.training.packed.parquet_samples import Column, PackedSamples, join_files, write_samples
+from siren_ros.lab.training.packed.parquet_samples import (
+    Column,
+    PackedSamples,
+    join_files,
+    samples_of_shard,
+    write_samples,
+)
 
 COLUMNS = {
     "name": Column(str, (), "a text"),

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 from made_records import moving, record_with
 
-from siren_ros.scoring.evaluation.prediction.kinematic import acceleration_of, make_ca, make_ctra, turn_rate_of
+from siren_ros.scoring.evaluation.prediction.kinematic import (
+    acceleration_of,
+    make_ca,
+    make_ca_lane,
+    make_ctra,
+    make_cv_lane,
+    make_decay_lane,
+    turn_rate_of,
+)
 from siren_ros.scoring.evaluation.prediction.samples import (
     HistoryWindow,
     Population,
@@ -16,13 +24,13 @@ TIMES_S = future_times_s()
 NOWHERE = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
 
 
-def one(*values: float) -> SampleBatch:
-    return samples_of(record_with({1: moving(*values, steps=161)}, NOWHERE), HistoryWindow(), Population.ALL).batch
+def one(network: RoadNetwork, *values: float) -> SampleBatch:
+    return samples_of(record_with({1: moving(*values, steps=161)}, network), HistoryWindow(), Population.ALL).batch
 
 
 def circling(radius_m: float, speed_mps: float) -> SampleBatch:
     """A vehicle on a circle around the origin, counter-clockwise, now at angle 0 and heading north."""
-    batch = one(0.0, 0.0, speed_mps)
+    batch = one(NOWHERE, 0.0, 0.0, speed_mps)
     angle = speed_mps / radius_m * batch.window.times_s
     actors = batch.actors
     heading = angle + 0.5 * np.pi
@@ -48,7 +56,7 @@ def test_ca_leaves_the_circle_along_its_tangent() -> None:
 
 @pytest.mark.parametrize("make", [make_ca, make_ctra])
 def test_an_acceleration_goes_on(make) -> None:
-    batch = one(0.0, 0.0, 5.0, 0.8, 0.3)
+    batch = one(NOWHERE, 0.0, 0.0, 5.0, 0.8, 0.3)
     assert acceleration_of(batch)[0] == pytest.approx(0.8)
     way = batch.speed_mps[0] * TIMES_S + 0.4 * TIMES_S**2
     expected = batch.xy_m[0] + way[:, None] * np.array([np.cos(0.3), np.sin(0.3)])
@@ -56,7 +64,7 @@ def test_an_acceleration_goes_on(make) -> None:
 
 
 def test_a_vehicle_that_brakes_stops() -> None:
-    batch = one(0.0, 0.0, 8.0, -2.0)
+    batch = one(NOWHERE, 0.0, 0.0, 8.0, -2.0)
     now = batch.speed_mps[0]
     assert 0.0 < now < 4.0
     away_m = make_ctra().predict(batch).xy_m[0, 0, :, 0] - batch.xy_m[0, 0]
@@ -65,5 +73,38 @@ def test_a_vehicle_that_brakes_stops() -> None:
 
 
 def test_a_vehicle_that_stands_stays() -> None:
-    batch = one(3.0, 4.0, 0.0)
+    batch = one(NOWHERE, 3.0, 4.0, 0.0)
     assert make_ctra().predict(batch).xy_m[0, 0] == pytest.approx(np.tile([3.0, 4.0], (25, 1)))
+
+
+@pytest.mark.parametrize(
+    ("make", "gained_m"),
+    [
+        (make_cv_lane, 0.0 * TIMES_S),
+        (make_ca_lane, 0.5 * TIMES_S**2),
+        (make_decay_lane, TIMES_S - 1.0 + np.exp(-TIMES_S)),
+    ],
+)
+def test_ways_along_a_straight_lane(straight_road, make, gained_m) -> None:
+    """Of a vehicle that gains 1 m/s in each second: the integral of its speed, twice of the acceleration."""
+    batch = one(straight_road, 10.0, -5.0, 2.0, 1.0)
+    away_m = make().predict(batch).xy_m[0, 0] - batch.xy_m[0]
+    assert away_m[:, 0] == pytest.approx(batch.speed_mps[0] * TIMES_S + gained_m, abs=2e-3)
+    assert away_m[:, 1] == pytest.approx(0.0, abs=1e-9), "the offset from the centre line stays"
+
+
+def test_braking_ends_in_a_stop_unless_it_decays_before(straight_road) -> None:
+    """At 2 m/s and −2 m/s²: constant braking stops after 1 m; decayed braking takes 2 m/s off in all time."""
+    batch = one(straight_road, 10.0, -5.0, 8.0, -2.0)
+    assert batch.speed_mps[0] == pytest.approx(2.0)
+    ends_m = [
+        float(make().predict(batch).xy_m[0, 0, -1, 0] - batch.xy_m[0, 0]) for make in (make_ca_lane, make_decay_lane)
+    ]
+    assert ends_m == pytest.approx([1.0, 10.0 - 2.0 * (4.0 + np.exp(-5.0))], abs=1e-2)
+
+
+def test_a_vehicle_follows_the_bend_of_its_lane(crossroads) -> None:
+    """In no lane it goes straight ahead; in one it stays at its offset."""
+    batch = one(crossroads, 500.0, 500.0, 5.0, 0.0, 0.5)
+    expected = batch.xy_m[0] + 5.0 * TIMES_S[:, None] * np.array([np.cos(0.5), np.sin(0.5)])
+    assert make_cv_lane().predict(batch).xy_m[0, 0] == pytest.approx(expected, abs=1e-6)

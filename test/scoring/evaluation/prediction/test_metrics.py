@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_records import moving, record_with
 from made_scores import scored
 from reader_environments import read_with
 from shapely import Polygon
 
 from siren_ros.base.numerics.geometry import footprint_corners
 from siren_ros.scoring.evaluation.prediction.metrics import (
+    ACCELERATION_MAX_MPS2,
     METRIC_OF,
     METRICS,
+    RADIUS_MIN_M,
     Metric,
     ade,
     brier_min_fde_6,
@@ -21,13 +24,17 @@ from siren_ros.scoring.evaluation.prediction.metrics import (
     calibration_error,
     colliding,
     fde,
+    infeasible,
     min_ade_6,
     min_fde_6,
     missed_6,
     reliability_of,
     squared_fde,
+    world_min_ade_6,
+    world_min_fde_6,
 )
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, future_times_s, samples_of
 
 TRUTH = np.zeros((2, 4, 2))
 
@@ -348,3 +355,93 @@ def test_every_sample_has_the_value_of_argoverse_2(name, six_paths, argoverse2) 
     }
     assert np.abs(METRIC_OF[name].of_samples(hypotheses, scored(truth)) - expected[name]).max() < 1e-9
     assert 0.2 < missed.mean() < 0.8, "both kinds are there"
+
+
+TIMES_S = future_times_s()
+
+
+@pytest.fixture(scope="module")
+def samples(straight_road):
+    """A vehicle at (30, −5.25) that drives 10 m/s along x."""
+    one = samples_of(
+        record_with({1: moving(0.0, -5.25, 10.0, steps=161)}, straight_road), HistoryWindow(), Population.ALL
+    )
+    return one.select(np.array([0]))
+
+
+def value(samples, x_m, y_m) -> float:
+    path = samples.batch.xy_m[:, None] + np.stack((x_m, y_m), axis=-1)[None]
+    return float(infeasible(Hypotheses.certain(path), samples)[0])
+
+
+def speed_change(acceleration: float):
+    """The way of a vehicle that brakes to a standstill, or speeds up."""
+    until = np.minimum(TIMES_S, 10.0 / -acceleration) if acceleration < 0.0 else TIMES_S
+    return 10.0 * until + 0.5 * acceleration * until**2
+
+
+@pytest.mark.parametrize(("acceleration", "expected"), [(0.0, 0.0), (-8.0, 0.0), (5.0, 0.0), (-10.0, 1.0), (9.5, 1.0)])
+def test_tyres_carry_so_much(samples, acceleration, expected) -> None:
+    assert value(samples, speed_change(acceleration), 0.0 * TIMES_S) == expected
+
+
+@pytest.mark.parametrize(("radius", "expected"), [(1.05 * 100.0 / ACCELERATION_MAX_MPS2, 0.0), (10.0, 1.0)])
+def test_a_bend_at_speed_needs_acceleration_too(samples, radius, expected) -> None:
+    """At 10 m/s the smallest circle has 11.3 m."""
+    angle = 10.0 * TIMES_S / radius
+    assert value(samples, radius * np.sin(angle), radius * (1.0 - np.cos(angle))) == expected
+
+
+@pytest.mark.parametrize(("radius", "expected"), [(1.1 * RADIUS_MIN_M, 0.0), (0.8 * RADIUS_MIN_M, 1.0)])
+def test_a_slow_car_turns_no_tighter_than_its_steering(straight_road, radius, expected) -> None:
+    slow = samples_of(
+        record_with({1: moving(0.0, -5.25, 3.0, steps=161)}, straight_road), HistoryWindow(), Population.ALL
+    )
+    angle = 3.0 * TIMES_S / radius
+    assert value(slow.select(np.array([0])), radius * np.sin(angle), radius * (1.0 - np.cos(angle))) == expected
+
+
+def test_a_path_that_begins_with_another_velocity_is_none(samples) -> None:
+    assert value(samples, 14.0 * TIMES_S, 0.0 * TIMES_S) == 1.0
+    assert value(samples, 10.2 * TIMES_S, 0.0 * TIMES_S) == 0.0
+
+
+def world(errors_m: list[list[float]], frame: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Joint errors of samples whose hypotheses are off by some metres at all times."""
+    off = np.array(errors_m)
+    truth = np.cumsum(np.ones((len(off), 25, 2)), axis=1)
+    paths = truth[:, None] + np.stack((off, np.zeros_like(off)), axis=-1)[:, :, None]
+    hypotheses = Hypotheses(paths, np.full(off.shape, 1.0 / off.shape[1]))
+    samples = scored(truth, frame)
+    return world_min_ade_6(hypotheses, samples), world_min_fde_6(hypotheses, samples)
+
+
+def test_a_world_is_right_for_all_vehicles_or_for_none() -> None:
+    """Each vehicle has an exact path, but of another rank: no world is exact."""
+    for values in world([[0.0, 4.0], [6.0, 0.0]], [0, 0]):
+        assert values[0] == pytest.approx(2.0), "the second world: 4 m and 0 m"
+        assert np.isnan(values[1]), "a frame counts once"
+
+
+def test_one_vehicle_is_a_world_of_its_own() -> None:
+    ade, fde = world([[3.0, 1.0], [0.5, 2.0]], [0, 1])
+    assert ade.tolist() == pytest.approx([1.0, 0.5])
+    assert fde.tolist() == pytest.approx([1.0, 0.5])
+
+
+def test_only_six_worlds_count() -> None:
+    assert world([[9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 0.0]], [0])[0].tolist() == pytest.approx([4.0])
+
+
+def test_the_end_and_the_mean_over_time_differ() -> None:
+    truth = np.zeros((1, 25, 2))
+    path = np.zeros((1, 1, 25, 2))
+    path[..., 0] = np.arange(1, 26)
+    hypotheses, samples = Hypotheses(path, np.ones((1, 1))), scored(truth, [0])
+    assert world_min_ade_6(hypotheses, samples).tolist() == [13.0]
+    assert world_min_fde_6(hypotheses, samples).tolist() == [25.0]
+
+
+def test_without_samples_no_frame_has_a_value() -> None:
+    hypotheses = Hypotheses(np.zeros((0, 1, 25, 2)), np.zeros((0, 1)))
+    assert world_min_fde_6(hypotheses, scored(np.zeros((0, 25, 2)))).shape == (0,)

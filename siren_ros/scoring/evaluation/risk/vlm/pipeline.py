@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from siren_ros.base.processes.side_by_side import side_by_side
+from siren_ros.base.processes.process_pool import side_by_side
 from siren_ros.errors import whole_file
 from siren_ros.scoring.evaluation.risk.controls import CHANGES, Control
 from siren_ros.scoring.evaluation.risk.labels import RiskClass

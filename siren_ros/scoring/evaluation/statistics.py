@@ -2,7 +2,7 @@
 
 The jackknife leaves out one episode at a time, because the samples within one depend on each other. A percentile
 bootstrap over few episodes is too narrow: of intervals of 95 %, 48 % hold the mean with two episodes, 84 % with five,
-92 % with twenty. ``test_statistics_coverage.py`` counts how many of these hold it. Episodes are not known here.
+92 % with twenty. ``test_statistics.py`` counts how many of these hold it. Episodes are not known here.
 """
 
 from collections.abc import Callable, Sequence

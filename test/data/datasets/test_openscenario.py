@@ -1,17 +1,94 @@
-"""An OpenSCENARIO document of three vehicles, read as XML: who comes when, goes where, and goes when."""
+"""OpenDRIVE and OpenSCENARIO files of an episode."""
 
+import json
+import pickle
+import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
+from datasets.made_bag import BUS, CAR, EMV
 from datasets.made_tracks import made_tracks
-from defusedxml.ElementTree import fromstring
+from defusedxml.ElementTree import fromstring, parse
 from reader_environments import read_with
+from synthetic_episode import NET_XML
 
+from siren_ros.cli.main import main
 from siren_ros.data.datasets.files import document
+from siren_ros.data.datasets.opendrive import opendrive_of
 from siren_ros.data.datasets.openscenario import REAR_AXLE, rear_axle, scenario
+from siren_ros.data.record.episode_source import open_source
+from siren_ros.simulation.roads.road_network import LaneKind
+
+ROAD_DATASET = ("opendrive", "tracked_bag")
+
+
+def test_carla_finds_the_lanes_where_they_are(dataset, tracked_bag):
+    with open_source(tracked_bag) as source:
+        lanes = [lane for lane in source.network.lanes if lane.kind is LaneKind.DRIVING and lane.length_m > 20.0]
+    middles = np.array([lane.centre.at(np.array([lane.length_m / 2.0]))[0] for lane in lanes])
+    (file,) = dataset.glob("*.xodr")
+    read = read_with("carla", "read_opendrive.py", file, json.dumps(middles.tolist()))
+    on_road = np.array([place[:2] for place in read["places"]])
+    assert len(lanes) > 30
+    off = [abs(lane.centre.project(on_road[row : row + 1])[1][0]) for row, lane in enumerate(lanes)]
+    assert np.median(off) < 0.001
+    assert max(off) < 0.2, "the corners of bends are cut differently"
+    turned = [
+        np.cos(np.radians(place[2]) - lane.centre.heading_rad(lane.length_m / 2.0))
+        for place, lane in zip(read["places"], lanes, strict=True)
+    ]
+    assert min(turned) > 0.9, "lanes run in their direction"
+    assert read["topology"] > len(lanes)
+
+
+def checked(file: Path) -> list[str]:
+    """What ASAM's checker has against a map."""
+    read = read_with("asam", "read_asam_checks.py", "qc_opendrive", file)
+    assert read["statuses"]["check_asam_xodr_xml_valid_schema"] == "completed"
+    assert "error" not in read["statuses"].values()
+    return [f"{check}: {text}" for check, _, text in read["issues"]]
+
+
+def test_asams_checker_finds_nothing_in_a_map_with_crossings(dataset, tmp_path):
+    (file,) = dataset.glob("*.xodr")
+    text = file.read_text(encoding="utf-8")
+    assert text.count("<outline ") > 10
+    assert checked(file) == []
+    earlier = tmp_path / "earlier.xodr"
+    earlier.write_text(text.replace('revMinor="5"', 'revMinor="4"'), encoding="utf-8")
+    assert any("'outline', attribute 'id'" in issue for issue in checked(earlier)), "what netconvert writes is not 1.4"
+    bare = tmp_path / "bare.xodr"
+    bare.write_text(re.sub(r' (dynamic|zOffset)="[^"]*"', "", text), encoding="utf-8")
+    assert any("'zOffset' is required but missing" in issue for issue in checked(bare)), "nor 1.5"
+
+
+def test_a_map_with_a_place_on_earth_keeps_it(tmp_path):
+    """The header's offset leads from the map frame to the projection's coordinates."""
+    place = 'netOffset="-561653.57,-4185149.03" convBoundary="0.00,-7.00,320.00,7.00"'
+    utm = "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
+    net = re.sub(r"<location [^>]*>", f'<location {place} origBoundary="0,0,1,1" projParameter="{utm}"/>', NET_XML)
+    network = SimpleNamespace(sumo_offset_m=(100.0, 20.0), left_hand=False)
+    source: Any = SimpleNamespace(net_xml=net, network=network, description=SimpleNamespace(map_name="far"))
+    file = tmp_path / "far.xodr"
+    file.write_bytes(opendrive_of(source))
+    header = parse(file).getroot().find("header")
+    assert (header.attrib["revMajor"], header.attrib["revMinor"]) == ("1", "5")
+    assert str(header.findtext("geoReference")).strip() == utm
+    offset = header.find("offset")
+    assert [float(offset.attrib[axis]) for axis in "xy"] == [561753.57, 4185169.03]
+    assert checked(file) == []
+
+
+def test_the_same_map_gives_the_same_file(dataset, tracked_bag, tmp_path):
+    assert main(["export", "opendrive", str(tracked_bag), "--out", str(tmp_path / "out")]) == 0
+    (first,), (second,) = dataset.glob("*.xodr"), (tmp_path / "out").glob("*.xodr")
+    assert (first.name, first.read_bytes()) == (second.name, second.read_bytes())
+    assert b"netconvertConfiguration" not in first.read_bytes()
+
 
 DATASET = ("openscenario", "tracked_bag")
 ROOT: Element = fromstring(document(scenario(made_tracks(), "crossing.xodr", "three vehicles")))
@@ -123,3 +200,101 @@ def test_everybody_follows_the_recorded_trajectory(read, tracked_tracks):
         ahead = REAR_AXLE * track.actor.length_m
         assert x + ahead * np.cos(heading) == pytest.approx(track.x_m, abs=1e-4)
         assert y + ahead * np.sin(heading) == pytest.approx(track.y_m, abs=1e-4)
+
+
+ID = "S2_L2_seed0_straight"
+ROAD = "straight-73747261.xodr"
+"""The map's name with the beginning of its hash."""
+
+
+def exact(state: Element, tag: str) -> float:
+    return float(state.findtext(f"{tag}/exact", "nan"))
+
+
+def test_commonroad_has_the_emv_as_problem_and_the_others_as_obstacles(exported, made_drive):
+    out = exported("commonroad", made_drive)
+    assert [path.name for path in (out / "train").iterdir()] == [f"{ID}.xml"]
+    root = parse(out / "train" / f"{ID}.xml").getroot()
+    assert (root.attrib["timeStepSize"], root.attrib["commonRoadVersion"]) == ("0.1", "2020a")
+    assert root.attrib["benchmarkID"] == "ZAM_SirenS2straight-1_1_T-1"
+    assert root.attrib["source"] == "SIREN, template S2, level L2"
+    place = [root.findtext(f"location/{tag}") for tag in ("geoNameId", "gpsLatitude", "gpsLongitude")]
+    assert place == ["-999", "999", "999"], "a map that is nowhere on earth"
+    obstacles = {int(obstacle.attrib["id"]) - 6_000_000: obstacle for obstacle in root.findall("dynamicObstacle")}
+    assert {key: obstacle.findtext("type") for key, obstacle in obstacles.items()} == {CAR: "car", BUS: "bus"}
+    bus = obstacles[BUS]
+    assert (bus.findtext("shape/rectangle/length"), bus.findtext("shape/rectangle/width")) == ("12", "1.8")
+    times = [exact(state, "time") for state in bus.findall("trajectory/state")]
+    assert times == list(range(1, 129))
+    (problem,) = root.findall("planningProblem")
+    assert int(problem.attrib["id"]) == 5_000_000 + EMV
+    start, goal = problem.find("initialState"), problem.find("goalState")
+    assert (exact(start, "velocity"), exact(start, "slipAngle")) == (10.0, 0.0)
+    shape = [goal.findtext(f"position/rectangle/{tag}") for tag in ("length", "width", "orientation")]
+    assert shape == ["10", "4", "0"]
+    centre = [goal.findtext(f"position/rectangle/center/{tag}") for tag in ("x", "y")]
+    assert centre == ["150", "-5.25"], "20 m and 13 s at 10 m/s"
+    assert [goal.findtext(f"time/interval{end}") for end in ("Start", "End")] == ["65", "130"]
+    card = json.loads((out / "dataset.json").read_text())
+    assert (card["counts"], card["classes"]) == ({"scenarios": 1, "obstacles": 2}, {"bus": 1, "car": 1})
+
+
+def test_openscenario_drives_on_the_map_that_comes_with_it(exported, made_drive):
+    out = exported("openscenario", made_drive)
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        [f"{ID}.xosc", ROAD, "README.md", "croissant.json", "dataset.json"]
+    )
+    root = parse(out / f"{ID}.xosc").getroot()
+    header = root.find("FileHeader")
+    assert (header.attrib["revMajor"], header.attrib["revMinor"]) == ("1", "2")
+    assert header.attrib["description"] == "SIREN S2, level L2, seed 0"
+    assert [element.attrib["filepath"] for element in root.iter("LogicFile")] == [ROAD]
+    act = next(root.iter("Act"))
+    begins = act.find("StartTrigger")
+    (when,) = begins.iter("SimulationTimeCondition")
+    assert (float(when.attrib["value"]), when.attrib["rule"]) == (0.0, "greaterOrEqual")
+    stop = root.find("Storyboard/StopTrigger")
+    assert [float(element.attrib["value"]) for element in stop.iter("SimulationTimeCondition")] == [13.0]
+    path = next(trajectory for trajectory in root.iter("Trajectory") if trajectory.attrib["name"] == "EgoTrajectory")
+    assert path.attrib["closed"] == "false"
+    places = [place.attrib for place in path.iter("WorldPosition")]
+    x_m = np.array([float(place["x"]) for place in places])
+    assert x_m == pytest.approx(20.0 + np.arange(131) - REAR_AXLE * 6.0, abs=1e-5)
+    assert {(place["y"], place["z"], place["h"], place["p"], place["r"]) for place in places} == {
+        ("-5.25", "0", "0", "0", "0")
+    }
+    card = json.loads((out / "dataset.json").read_text())
+    assert (card["counts"], card["classes"]) == (
+        {"scenarios": 1, "vehicles": 3},
+        {"ambulance": 1, "bus": 1, "sedan": 1},
+    )
+
+
+def test_opendrive_has_the_roads_lanes_in_the_map_frame(exported, made_drive):
+    out = exported("opendrive", made_drive)
+    root = parse(out / ROAD).getroot()
+    assert root.find("header").attrib["date"] == "1970-01-01T00:00:00"
+    geometry = [curve.attrib for curve in root.iter("geometry")]
+    length_m = sum(float(curve["length"]) for curve in geometry)
+    assert length_m == pytest.approx(600.0), "300 m each way"
+    assert {abs(float(curve["y"])) for curve in geometry} == {0.0}, "the middle of the road is y = 0"
+    assert {float(curve["x"]) for curve in geometry} == {0.0, 300.0}
+    widths = [float(element.attrib["a"]) for element in root.iter("width")]
+    assert widths == pytest.approx([3.5] * 4)
+    assert json.loads((out / "dataset.json").read_text())["counts"] == {"lanes": 4}
+
+
+def test_scenarionet_has_a_database_of_the_split(exported, made_drive):
+    out = exported("scenarionet", made_drive)
+    name = f"sd_siren_1.0_{ID}.pkl"
+    names = ["dataset_mapping.pkl", "dataset_summary.pkl", name]
+    assert sorted(path.name for path in (out / "train").iterdir()) == names
+    mapping, summary, scenario = (pickle.loads((out / "train" / file_name).read_bytes()) for file_name in names)  # noqa: S301 - ours
+    assert mapping == {name: ""}
+    assert list(summary) == [name]
+    assert (scenario["id"], scenario["length"], scenario["metadata"]["sdc_id"]) == (ID, 131, str(EMV))
+    assert sorted(scenario["tracks"], key=int) == [str(EMV), str(CAR), str(BUS)]
+    moved = {key: summary_row["moving_distance"] for key, summary_row in summary[name]["object_summary"].items()}
+    assert moved == pytest.approx({str(EMV): 130.0, str(CAR): 6.0 * 12.5 + 0.1 * 12.5**2, str(BUS): 115.2}, rel=1e-4)
+    card = json.loads((out / "dataset.json").read_text())
+    assert (card["counts"], card["classes"]) == ({"scenarios": 1, "tracks": 3}, {"ambulance": 1, "bus": 1, "sedan": 1})

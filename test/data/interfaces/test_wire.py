@@ -1,12 +1,76 @@
-"""A node gets the very content that another node of its process sent; what comes from elsewhere is decoded."""
+"""Messages as CDR bytes."""
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from siren_ros.data.interfaces import wire
+from siren_ros.data.interfaces.boxes import SpaceBoxes, to_boxes
+from siren_ros.data.interfaces.cdr import CdrWriter, Layout, stamped, text
 from siren_ros.data.interfaces.conversions import from_actor_states, to_actor_states
 from siren_ros.data.interfaces.episode_conversions import Phase, StepReport, from_step_done, to_step_done
-from siren_ros.data.interfaces.topics import ACTORS, STEP_DONE
+from siren_ros.data.interfaces.markers import Marker, MarkerShape, to_markers
+from siren_ros.data.interfaces.messages import encode_cdr
+from siren_ros.data.interfaces.topics import ACTORS, BOXES, CLOCK, MARKERS, STEP_DONE, TF
+from siren_ros.data.interfaces.transforms import Transform, to_tf
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates
+
+NAMES = st.text("abcé_/", max_size=9)
+"""Names of every length shift what follows them against the alignment."""
+
+
+@given(NAMES, st.sampled_from(Phase), NAMES, st.integers(0, 2**64 - 1), st.floats(allow_nan=False))
+def test_a_report_comes_back(round_trip, name, phase, error, step, busy_s):
+    report = StepReport(step, name, phase, error, busy_s)
+    assert from_step_done(round_trip(to_step_done(report), STEP_DONE.type_name)) == report
+
+
+@given(st.lists(st.tuples(NAMES, NAMES), max_size=4))
+def test_frames_with_names_of_any_length_are_the_stores_bytes(round_trip, names):
+    transforms = [Transform(parent, child, (1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)) for parent, child in names]
+    message = round_trip(to_tf(27, transforms), TF.type_name)
+    assert [(item.header.frame_id, item.child_frame_id) for item in message.transforms] == names
+
+
+@given(NAMES, st.lists(st.tuples(NAMES, NAMES), max_size=4))
+def test_boxes_with_names_of_any_length_are_the_stores_bytes(round_trip, frame, names):
+    kinds, ids = tuple(kind for kind, _ in names), tuple(box_id for _, box_id in names)
+    rows = np.full((len(names), 3), 2.0)
+    message = round_trip(
+        to_boxes(SpaceBoxes(4, frame, kinds, rows[:, 0], rows, rows, rows[:, 1], ids)), BOXES.type_name
+    )
+    assert [item.results[0].hypothesis.class_id for item in message.detections] == list(kinds)
+    assert all(item.bbox.center.position.z == item.bbox.size.z == 2.0 for item in message.detections)
+
+
+@given(st.lists(st.tuples(NAMES, NAMES), max_size=4))
+def test_markers_with_texts_of_any_length_are_the_stores_bytes(round_trip, names):
+    markers = [
+        Marker(space, 7, MarkerShape.TEXT, (1.0, 2.0, 3.0), 0.5, (4.0, 5.0, 6.0), (0.25, 0.5, 0.75, 1.0), shown)
+        for space, shown in names
+    ]
+    message = round_trip(to_markers(8, markers), MARKERS.type_name)
+    assert [(item.ns, item.text, item.scale.z, item.color.b) for item in message.markers] == [
+        (space, shown, 6.0, 0.75) for space, shown in names
+    ]
+
+
+@pytest.mark.parametrize("offset", range(9))
+def test_fields_lie_at_multiples_of_their_size(offset):
+    packed = Layout("B d B i s B").pack(offset, 1, 0.5, 2, 3, text("ab"), 4)
+    first_number = -(offset + 1) % 8 + 1
+    assert (packed[0], packed[first_number : first_number + 8]) == (1, b"\0\0\0\0\0\0\xe0?")
+    word = first_number + 8 + 4  # the byte behind the number, and three of padding
+    assert packed[word:] == b"\3\0\0\0" + b"\3\0\0\0ab\0" + b"\4"
+
+
+def test_a_message_fills_whole_words_and_finished_bytes_stay(typestore):
+    writer = CdrWriter()
+    writer.put(Layout("B"), 9)
+    assert writer.cdr() == b"\0\1\0\0" + b"\x09\0\0\0"
+    assert encode_cdr(typestore, CLOCK, writer.cdr()) == writer.cdr()
+    assert stamped(27, "map") == (1, 350_000_000, b"\4\0\0\0map\0")
 
 
 def states_at(step: int) -> ActorStates:

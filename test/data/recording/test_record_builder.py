@@ -1,4 +1,4 @@
-"""Messages that a record must not hold, each at its limit, and when a record is complete."""
+"""A record from the messages of a bag, and the record itself."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_record import EMV, NORTHBOUND, Driven, crossing, hand_made
+from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.base.numerics.units import time_ns_of_step
@@ -22,7 +22,7 @@ from siren_ros.data.recording.record_builder import (
     check_description,
     check_traffic,
 )
-from siren_ros.errors import BagError
+from siren_ros.errors import BagError, InputError
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES
 from siren_ros.simulation.world.commands import COMMAND_DTYPES, VehicleCommands
@@ -170,3 +170,36 @@ def test_lost_steps_are_counted_up_to_the_last_one_where_the_bag_has_no_end():
             builder.add(topic.name, message)
     record = builder.build()
     assert (record.steps, record.lost_steps, record.outcome) == (3, 4, None)
+
+
+SHORT_RECORD = hand_made(
+    crossing(),
+    {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 6)), 2: Driven(EASTBOUND, at_speed(5.0, 4.0, 3), first_step=2)},
+    lambda step: "rG" if step < 4 else "Gr",
+)
+
+
+def test_a_track_has_the_steps_times_and_speeds_of_one_actor():
+    track = SHORT_RECORD.track(2)
+    assert track.step.tolist() == [2, 3, 4]
+    assert track.time_s == pytest.approx([0.1, 0.15, 0.2])
+    assert track.speed_mps == pytest.approx([4.0] * 3)
+    assert track.xy_m[:, 0] == pytest.approx(-110.0 + 5.0 + 0.2 * np.arange(3))
+    assert set(track.actor_id.tolist()) == {2}
+
+
+def test_rows_are_sorted_by_actor_and_then_by_step():
+    rows = SHORT_RECORD.rows
+    assert rows.actor_id.tolist() == [EMV] * 6 + [2] * 3
+    assert rows.step.tolist() == [0, 1, 2, 3, 4, 5, 2, 3, 4]
+    assert SHORT_RECORD.rows_of(EMV).tolist() == [0, 1, 2, 3, 4, 5]
+    assert SHORT_RECORD.rows_of(2).tolist() == [6, 7, 8]
+    assert len(SHORT_RECORD.rows_of(7)) == 0
+    assert rows.select(rows.step == 3).actor_id.tolist() == [EMV, 2]
+
+
+def test_steps_and_signals():
+    assert SHORT_RECORD.steps == 6
+    assert SHORT_RECORD.signal_states("J") == {step: "rG" if step < 4 else "Gr" for step in range(6)}
+    with pytest.raises(InputError, match=r"signal_id: 'K' .*one of J"):
+        SHORT_RECORD.signal_states("K")

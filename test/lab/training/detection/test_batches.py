@@ -1,7 +1,10 @@
-"""Points on a vehicle stay on it, whatever the variant."""
+"""Training samples of detection, and the batches of them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from datasets.made_bag import truth_of
 from made_training_frames import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
@@ -15,6 +18,7 @@ from siren_ros.lab.training.detection.batches import (
 )
 from siren_ros.lab.training.detection.samples import (
     TrainingFrame,
+    boxes_of_truth,
     check_apart,
     frames_among,
     read_frames_file,
@@ -22,6 +26,7 @@ from siren_ros.lab.training.detection.samples import (
 )
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.scoring.evaluation.detection.detectors.pillars import PillarGrid
+from siren_ros.simulation.world.actors import ActorClass
 
 BOX = np.array([[10.0, 4.0, -0.5, 4.0, 2.0, 1.5, 0.6, 5.0, 1.0, 0.0, 9.0]], dtype=np.float32)
 
@@ -155,3 +160,13 @@ def test_seeds_and_maps_of_the_training_do_not_judge() -> None:
     check_apart(trained, [{"template": "S1", "map": "town", "seed": 5}, {"template": "S1", "map": "b", "seed": 4}])
     with pytest.raises(InputError, match="S2 on town, seed 4"):
         check_apart(trained, [{"template": "S2", "map": "town", "seed": 4}])
+
+
+def test_people_are_no_vehicles() -> None:
+    """Of a car and a bus; then one of them is a person."""
+    truth = truth_of(10)
+    whole = boxes_of_truth(truth)
+    assert len(whole) == 2
+    for kind in (ActorClass.PEDESTRIAN, ActorClass.BICYCLE, ActorClass.MOTORCYCLE):
+        changed = replace(truth, actor_class=np.array([kind, ActorClass.BUS], dtype=np.uint8))
+        assert np.array_equal(boxes_of_truth(changed), whole[1:])

@@ -1,17 +1,30 @@
-"""Tracks of detections over episodes, their names, and which of them count in which class."""
+"""Detections as tracks: the tracker by hand, tracks over episodes, and their scores (HOTA, AMOTA, AMOTP).
 
+TrackEval's own code and the devkit's evaluation of the export give the same scores.
+"""
+
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from detection_boxes import found_boxes, truth_boxes
 from evaluation.made_frames import made_frames
+from hypothesis import given
+from hypothesis import strategies as st
+from reader_environments import read_with
 
+from siren_ros.cli.main import main
 from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes
-from siren_ros.scoring.evaluation.detection.devkit_tracking import devkit_tracking
+from siren_ros.scoring.evaluation.detection.devkit_tracking import DevkitTracking, devkit_tracking
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
+from siren_ros.scoring.evaluation.detection.hota import ALPHAS, ZERO_M, Hota, TrackTable, hota_sums
+from siren_ros.scoring.evaluation.detection.inputs.formats import labels_as_detections
+from siren_ros.scoring.evaluation.detection.inputs.nuscenes_results import write_nuscenes
 from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES
+from siren_ros.scoring.evaluation.detection.tracker import Tracker
 from siren_ros.scoring.evaluation.detection.tracking import TrackingScore, score_tracking, tracks_of
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -102,3 +115,306 @@ def test_what_is_lost_for_long_gets_another_number(lost: int) -> None:
     found = scores(frames, boxes.at(~gone))
     assert found["vehicle"].devkit.switches == 6
     assert found["vehicle"].hota.value < np.sqrt(1.0 - lost / FRAMES)
+
+
+STEP_S = 0.05
+
+
+def at(*places: tuple[float, float]) -> np.ndarray:
+    return np.array(places, dtype=float).reshape(-1, 2)
+
+
+@pytest.fixture
+def tracker() -> Tracker:
+    """Of one vehicle at the origin at step 0."""
+    tracker = Tracker()
+    velocity, sweeps, _ = tracker.follow(0, at((0.0, 0.0)), STEP_S)
+    assert (velocity.tolist(), sweeps.tolist()) == ([[0.0, 0.0]], [1])
+    return tracker
+
+
+def test_the_first_three_sweeps_by_hand(tracker: Tracker) -> None:
+    """1 m in 0.1 s, then 2 m more: gains 1 and 1, then 5/6 and 1/2."""
+    velocity, sweeps, _ = tracker.follow(2, at((1.0, -1.0)), STEP_S)
+    assert velocity == pytest.approx(np.array([[10.0, -10.0]]))
+    assert tracker.place_m == pytest.approx(np.array([[1.0, -1.0]]))
+    velocity, sweeps, _ = tracker.follow(4, at((3.0, -3.0)), STEP_S)
+    # Expected at 1 + 10 × 0.1 = 2 m, seen at 3 m.
+    assert velocity == pytest.approx(np.array([[15.0, -15.0]]))
+    assert tracker.place_m == pytest.approx(np.array([[2.0 + 5.0 / 6.0, -2.0 - 5.0 / 6.0]]))
+    assert sweeps.tolist() == [3]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_short_track_is_the_straight_line_through_its_boxes(seed: int) -> None:
+    places = 0.3 * np.random.default_rng(seed).normal(size=(5, 2)) + np.arange(5)[:, None] * [0.8, -0.4]
+    tracker, times_s = Tracker(), 0.1 * np.arange(5)
+    for number, place in enumerate(places):
+        velocity, *_ = tracker.follow(2 * number, place[None], STEP_S)
+    slope, start = np.polyfit(times_s, places, 1)
+    assert velocity[0] == pytest.approx(slope)
+    assert tracker.place_m[0] == pytest.approx(start + slope * times_s[-1])
+
+
+def test_a_long_track_forgets_with_constant_gains(tracker: Tracker) -> None:
+    for step in range(2, 40, 2):
+        tracker.follow(step, at((0.0, 0.0)), STEP_S)
+    velocity, *_ = tracker.follow(40, at((1.0, 0.0)), STEP_S)
+    assert velocity[0] == pytest.approx([0.15 / 0.1, 0.0])
+    assert tracker.place_m[0] == pytest.approx([0.5, 0.0])
+
+
+@pytest.mark.parametrize(("away_m", "same"), [(2.4, True), (2.6, False)])
+def test_a_box_beyond_the_gate_is_another_vehicle(tracker: Tracker, away_m: float, *, same: bool) -> None:
+    _, sweeps, _ = tracker.follow(2, at((0.0, away_m)), STEP_S)
+    assert sweeps.tolist() == [2 if same else 1]
+    assert len(tracker.place_m) == (1 if same else 2)
+
+
+@pytest.mark.parametrize(("missed", "known"), [(20, True), (22, False)])
+def test_a_track_is_kept_for_a_second(tracker: Tracker, missed: int, *, known: bool) -> None:
+    for step in range(2, missed, 2):
+        tracker.follow(step, at(), STEP_S)
+    _, sweeps, _ = tracker.follow(missed, at((0.0, 0.0)), STEP_S)
+    assert sweeps.tolist() == [2 if known else 1]
+
+
+def test_numbers_of_tracks_stay_and_are_never_given_twice(tracker: Tracker) -> None:
+    numbers = [tracker.follow(2, at((20.0, 0.0), (0.1, 0.0)), STEP_S).track.tolist()]
+    numbers.append(tracker.follow(4, at((0.2, 0.0), (20.0, 0.0)), STEP_S).track.tolist())
+    numbers.append(tracker.follow(30, at((20.0, 0.0), (0.2, 0.0)), STEP_S).track.tolist())
+    assert numbers == [[1, 0], [0, 1], [2, 3]], "the last ones are new: the old ones were forgotten"
+
+
+@pytest.mark.parametrize(("stated", "begins"), [((3.0, -4.0), (3.0, -4.0)), ((np.nan, np.nan), (0.0, 0.0))])
+def test_a_track_begins_with_the_velocity_that_the_detector_states(
+    stated: tuple[float, float], begins: tuple[float, float]
+) -> None:
+    tracker = Tracker()
+    velocity, *_ = tracker.follow(0, at((0.0, 0.0)), STEP_S, np.array([stated]))
+    assert velocity.tolist() == [list(begins)]
+    tracker.follow(2, at(), STEP_S, at())
+    assert tracker.place_m[0] == pytest.approx(0.1 * np.array(begins))
+
+
+def test_answers_are_in_the_order_of_the_boxes() -> None:
+    """Two known vehicles and a new one between them, given in another order."""
+    tracker = Tracker()
+    tracker.follow(0, at((0.0, 0.0), (20.0, 0.0)), STEP_S)
+    tracker.follow(2, at((0.0, 0.0), (20.0, 0.0)), STEP_S)
+    velocity, sweeps, _ = tracker.follow(4, at((20.0, 1.0), (10.0, 0.0), (-1.0, 0.0)), STEP_S)
+    assert sweeps.tolist() == [3, 1, 3]
+    assert velocity == pytest.approx(np.array([[0.0, 5.0], [0.0, 0.0], [-5.0, 0.0]]))
+
+
+def test_the_nearest_pairs_are_the_same_vehicles() -> None:
+    """Both boxes are within the gate of both tracks: the sum of the ways decides."""
+    tracker = Tracker()
+    tracker.follow(0, at((0.0, 0.0), (2.0, 0.0)), STEP_S)
+    velocity, *_ = tracker.follow(2, at((1.9, 0.0), (0.2, 0.0)), STEP_S)
+    assert velocity[:, 0] == pytest.approx([-1.0, 2.0])
+
+
+def test_the_same_instant_moves_nobody(tracker: Tracker) -> None:
+    velocity, sweeps, _ = tracker.follow(0, at((1.0, 0.0)), STEP_S)
+    assert (velocity.tolist(), sweeps.tolist()) == ([[0.0, 0.0]], [2])
+    assert tracker.place_m.tolist() == [[0.0, 0.0]]
+
+
+def test_tracks_find_the_velocity() -> None:
+    tracker = Tracker()
+    for step in range(0, 80, 2):
+        places = np.array([[8.0 * step * 0.05, 0.0], [30.0, 10.0 - 3.0 * step * 0.05]])
+        velocity, sweeps, _ = tracker.follow(step, places[:: 1 if step % 4 else -1], 0.05)
+    assert sweeps.tolist() == [40, 40]
+    assert np.sort(velocity, axis=0) == pytest.approx(np.array([[0.0, -3.0], [8.0, 0.0]]), abs=0.1)
+
+
+def test_vehicles_that_leave_are_forgotten(tracker: Tracker) -> None:
+    _, sweeps, _ = tracker.follow(40, np.array([[0.0, 0.0]]), 0.05)
+    assert sweeps.tolist() == [1]
+    velocity, sweeps, _ = tracker.follow(42, np.zeros((0, 2)), 0.05)
+    assert (velocity.shape, sweeps.shape) == ((0, 2), (0,))
+
+
+def table(*rows: tuple[int, float, int], episode: int = 0) -> TrackTable:
+    """Rows of frame, x and track."""
+    frame, x, track = (np.array(column) for column in zip(*rows, strict=True)) if rows else np.zeros((3, 0))
+    places = np.stack((x, np.zeros(len(x))), axis=-1)
+    return TrackTable(
+        np.full(len(x), episode), frame.astype(np.intp), places, track.astype(np.intp), np.full(len(x), 0.5)
+    )
+
+
+def joined(*tables: TrackTable) -> TrackTable:
+    columns = [[getattr(one, name) for one in tables] for name in TrackTable.__dataclass_fields__]
+    return TrackTable(*(np.concatenate(column) for column in columns))
+
+
+def whole(labels: TrackTable, found: TrackTable, episodes: int = 1) -> Hota:
+    return hota_sums(labels, found, episodes).of(np.ones(episodes))
+
+
+STANDS = tuple((frame, 0.0, 7) for frame in range(4))
+
+
+def test_the_labels_themselves_are_perfect() -> None:
+    assert whole(table(*STANDS), table(*STANDS)) == (1.0, 1.0, 1.0)
+
+
+def test_a_change_of_the_number_halves_the_association() -> None:
+    """Two tracks of two boxes each for a vehicle of four: each hit shares 2 of 4 boxes."""
+    found = table((0, 0.0, 1), (1, 0.0, 1), (2, 0.0, 2), (3, 0.0, 2))
+    assert whole(table(*STANDS), found) == pytest.approx((np.sqrt(0.5), 1.0, 0.5))
+
+
+def test_a_false_alarm_in_each_frame_halves_the_detection() -> None:
+    found = joined(table(*STANDS), table(*((frame, 50.0, 9) for frame in range(4))))
+    found = found.at(np.argsort(found.frame, kind="stable"))
+    assert whole(table(*STANDS), found) == pytest.approx((np.sqrt(0.5), 0.5, 1.0))
+
+
+@pytest.mark.parametrize("away_m", [0.3, 1.0, 1.7])
+def test_a_track_aside_is_found_as_long_as_it_is_near_enough(away_m: float) -> None:
+    found = table(*((frame, away_m, 1) for frame in range(4)))
+    share = float(np.mean(1.0 - away_m / ZERO_M >= ALPHAS - 1e-12))
+    assert whole(table(*STANDS), found) == pytest.approx((share, share, share))
+
+
+def test_nothing_at_all_has_no_value_and_nothing_found_is_zero() -> None:
+    assert np.isnan(whole(table(), table())).all()
+    assert whole(table(*STANDS), table()) == (0.0, 0.0, 0.0)
+    assert whole(table(), table(*STANDS)) == (0.0, 0.0, 0.0)
+
+
+def random_tables(seed: int, episodes: int = 3) -> tuple[TrackTable, TrackTable]:
+    """Vehicles that move at random, found with errors, gaps, changes of numbers and false alarms."""
+    rng = np.random.default_rng(seed)
+    labels, found = [], []
+    for episode in range(episodes):
+        rows: list[tuple[int, float, int]] = []
+        seen: list[tuple[int, float, int]] = []
+        for frame in range(100 * episode, 100 * episode + 8):
+            for vehicle in range(int(rng.integers(1, 6))):
+                x = 4.0 * vehicle + 0.2 * (frame % 100)
+                rows.append((frame, x, vehicle))
+                if rng.random() < 0.8:
+                    seen.append((frame, x + rng.normal(0.0, 0.8), vehicle + 10 * int(rng.random() < 0.2)))
+            seen += [(frame, rng.uniform(-10.0, 30.0), 90 + k) for k in range(int(rng.integers(0, 3)))]
+        labels.append(table(*rows, episode=episode))
+        found.append(table(*seen, episode=episode))
+    return joined(*labels), joined(*found)
+
+
+@given(st.integers(0, 10_000))
+def test_numbers_mean_nothing_and_a_farther_track_is_never_better(seed: int) -> None:
+    labels, found = random_tables(seed, episodes=1)
+    value = whole(labels, found)
+    other = TrackTable(found.episode, found.frame, found.centre_m, 1000 - found.track, found.score)
+    assert whole(labels, other) == pytest.approx(value)
+    assert 0.0 <= value.hota <= 1.0
+    assert value.hota <= np.sqrt(value.detection * value.association) + 1e-12, "the mean of roots is below that"
+    away = TrackTable(found.episode, found.frame, found.centre_m + np.array([100.0, 0.0]), found.track, found.score)
+    assert whole(labels, away).hota == 0.0
+
+
+def test_trackeval_gives_the_same(tmp_path: Path) -> None:
+    labels, found = random_tables(4)
+    ours = whole(labels, found, 3)
+    assert 0.1 < ours.hota < 0.9
+    sequences = {}
+    for episode in range(3):
+        frames = []
+        for frame in range(100 * episode, 100 * episode + 8):
+            one, other = (side.at(side.frame == frame) for side in (labels, found))
+            way = one.centre_m[:, None] - other.centre_m[None]
+            alike = np.maximum(0.0, 1.0 - np.linalg.norm(way, axis=-1) / 2.0)
+            frames.append({"labels": one.track.tolist(), "tracks": other.track.tolist(), "alike": alike.tolist()})
+        sequences[str(episode)] = frames
+    file = tmp_path / "sequences.json"
+    file.write_text(json.dumps(sequences))
+    told = read_with("trackeval", "read_hota.py", file)
+    assert ours == pytest.approx((told["HOTA"], told["DetA"], told["AssA"]), abs=1e-9)
+
+
+SCORED_FRAMES = 8
+
+
+def along(episode: int, x_m: float, track: int, away_m: float = 0.0) -> TrackTable:
+    first = SCORED_FRAMES * episode
+    return table(*((frame, x_m + away_m, track) for frame in range(first, first + SCORED_FRAMES)), episode=episode)
+
+
+def amota_of(labels: TrackTable, found: TrackTable, episodes: int = 1) -> DevkitTracking:
+    frames = [list(range(SCORED_FRAMES * one, SCORED_FRAMES * (one + 1))) for one in range(episodes)]
+    return devkit_tracking(labels, found, frames)
+
+
+def test_the_labels_themselves_have_the_best_amota() -> None:
+    labels = joined(along(0, 0.0, 1), along(0, 20.0, 2))
+    score = amota_of(labels, labels)
+    assert (score.labels, score.amota, score.amotp_m, score.mota, score.switches) == (2, 1.0, 0.0, 1.0, 0.0)
+    assert score.confidence == 0.5
+
+
+def test_half_a_metre_away_is_a_precision_of_half_a_metre() -> None:
+    score = amota_of(along(0, 0.0, 1), along(0, 0.0, 1, away_m=0.5))
+    assert (score.amota, score.amotp_m) == pytest.approx((1.0, 0.5))
+
+
+def test_nothing_found_is_the_worst_of_all() -> None:
+    score = amota_of(along(0, 0.0, 1), along(0, 50.0, 1))
+    assert (score.amota, score.amotp_m) == (0.0, 2.0)
+    assert np.isnan(score.confidence)
+
+
+def test_a_change_of_the_number_counts() -> None:
+    whole = along(0, 0.0, 1)
+    changed = replace(whole, track=np.repeat([1, 2], SCORED_FRAMES // 2))
+    score = amota_of(whole, changed)
+    assert score.switches == 1.0
+    assert score.mota == pytest.approx(1.0 - 1.0 / SCORED_FRAMES)
+
+
+def test_without_an_episode_the_score_is_that_of_the_others() -> None:
+    """All confidences are equal, so that the thresholds do not depend on the episodes: an exact comparison."""
+    labels = joined(*(along(one, 10.0 * place, 10 * one + place) for one in range(3) for place in range(3)))
+    found = joined(
+        *(along(one, 10.0 * place, 10 * one + place, away_m=0.3 * one) for one in range(3) for place in range(3)),
+        *(along(one, 60.0 + 5.0 * place, 100 + 10 * one + place) for one in range(3) for place in range(one)),
+    )
+    found = found.at(np.lexsort((found.frame, found.episode)))
+    score = amota_of(labels, found, 3)
+    for left_out in range(3):
+        kept = [np.flatnonzero(side.episode != left_out) for side in (labels, found)]
+        others = amota_of(labels.at(kept[0]), found.at(kept[1]), 3)
+        assert score.left_out["amota"][left_out] == pytest.approx(others.amota)
+        assert score.left_out["amotp_m"][left_out] == pytest.approx(others.amotp_m)
+
+
+def test_the_devkits_evaluation_of_the_export_gives_the_same(frames: Frames, sensed_bag: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    boxes = labels_as_detections(frames)
+    boxes = boxes.at(np.flatnonzero(rng.random(len(boxes)) < 0.8))
+    boxes.centre_m[:, :2] += rng.normal(0.0, 0.3, size=(len(boxes), 2))
+    results, dataset, out = tmp_path / "results.json", tmp_path / "dataset", tmp_path / "out"
+    write_nuscenes(results, boxes, frames)
+    assert main(["evaluate", "detection", str(sensed_bag), "--detections", f"noisy={results}", "--tracking",
+                 "--out", str(out)]) == 0  # fmt: skip
+    ours = json.loads((out / "scores.json").read_text())["noisy"]["tracking"]["vehicle"]
+    options = ("--vehicle-category", "vehicle.car", "--split", "val")
+    assert main(["export", "nuscenes", str(sensed_bag), "--out", str(dataset), *options]) == 0
+    from nuscenes.eval.common.config import config_factory
+    from nuscenes.eval.tracking.evaluate import TrackingEval
+
+    official = TrackingEval(
+        config_factory("tracking_nips_2019"), str(out / "tracks_noisy.json"), "siren_val",
+        str(tmp_path / "official"), "v1.0-siren", str(dataset), verbose=False,
+    )  # fmt: skip
+    metrics, _ = official.evaluate()
+    assert 0.0 < ours["AMOTA"]["value"] < 1.0
+    assert ours["AMOTA"]["value"] == pytest.approx(metrics.compute_metric("amota", "car"), abs=1e-6)
+    assert ours["AMOTP"]["value"] == pytest.approx(metrics.compute_metric("amotp", "car"), abs=1e-6)
+    assert ours["MOTA"] == pytest.approx(metrics.compute_metric("mota", "car"), abs=1e-6)
+    assert ours["switches"] == metrics.compute_metric("ids", "car")
+    assert (out / "tracking.csv").read_text().startswith("detector,figure,vehicle")

@@ -1,14 +1,28 @@
+"""People who label videos: their answers, and the page on which they give them."""
+
 import json
 import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import pytest
+from browser_pages import OpenedPage, PageBrowser
+from evaluation.made_video_sets import evidence, small_video_set
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.risk.labels import RiskClass
+from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, RiskClass, RiskThresholds, label_of
 from siren_ros.scoring.evaluation.risk.people import blind_name, cohens_kappa, consensus, read_rating, write_rating_page
+from siren_ros.scoring.evaluation.risk.risk_page import HEIGHT, WIDTH, charts_of, curves_of, save_confusions, write_page
+from siren_ros.scoring.evaluation.risk.scoring import ModelScores, oracle, score_answers
+from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet
+from siren_ros.scoring.pictures.video import write_video
 
 N, M, C = RiskClass
 
@@ -133,3 +147,187 @@ def test_the_page_keeps_answers_and_goes_on(tmp_path, browser):
             opened.page.click("#save")
         content = json.loads(download.value.path().read_text())
     assert content["answers"] == {items[0]["id"]: "Near-Miss", items[1]["id"]: "Collision"}
+
+
+LIMITS = RiskThresholds()
+
+
+def video_of(found: Evidence, first_step: int = 20) -> RiskVideo:
+    return RiskVideo("S4_000", "S4", "a.mp4", 190, first_step, label_of(found, LIMITS), found, {})
+
+
+def moments(*rows: tuple[int, int, float, float, float, float]) -> Evidence:
+    step, actor, *values = (np.array(column) for column in zip(*rows, strict=True))
+    return Evidence(Moments(step, actor.astype(np.uint32), *values, np.zeros(len(step))), (), ())
+
+
+def test_time_begins_with_the_first_frame() -> None:
+    curves = curves_of(video_of(evidence("Collision")), LIMITS)
+    assert (len(curves.time_s), curves.time_s[0], curves.time_s[-1]) == (380, 0.0, pytest.approx(18.95))
+    assert np.flatnonzero(np.isfinite(curves.time_to_collision_s)).tolist() == list(range(20, 28))
+    assert curves.moment_s == pytest.approx((48 - 20) * 0.05)
+    assert [(dot.at_s, dot.value) for dot in curves.contacts] == [(pytest.approx(1.4), 3.5)]
+    assert [(dot.at_s, dot.value) for dot in curves.encroachments] == [(pytest.approx(2.0), 2.5)]
+
+
+def test_the_most_critical_of_those_who_count_is_drawn() -> None:
+    found = moments(
+        # step, actor, TTC, closing, DRAC, gap: one closes too slowly, one is too far for its deceleration to count
+        (30, 1, 0.5, 0.9, 2.0, 5.0),
+        (30, 2, 2.0, 3.0, 1.0, 6.0),
+        (30, 3, 1.8, 9.0, 8.0, 10.0),
+    )
+    curves = curves_of(video_of(found), LIMITS)
+    assert curves.time_to_collision_s[10] == 1.8
+    assert curves.required_deceleration_mps2[10] == 2.0
+    assert curves.moment_s is None
+
+
+def test_what_lies_outside_the_window_is_left_out() -> None:
+    found = moments(*((step, 1, 1.0, 3.0, 1.0, 5.0) for step in (19, 20, 399, 400)))
+    known = np.flatnonzero(np.isfinite(curves_of(video_of(found), LIMITS).time_to_collision_s))
+    assert known.tolist() == [0, 379]
+
+
+def test_charts_keep_their_scale_and_lift_the_pen() -> None:
+    found = moments(*((step, 1, value, 3.0, 20.0, 5.0) for step, value in ((20, 5.0), (21, 2.5), (210, 9.0))))
+    ttc, pet, drac = charts_of(curves_of(video_of(found), LIMITS), LIMITS)
+    assert ttc.path == f"M0.0 0.0h0.6L1.0 {HEIGHT / 2:.1f}M{WIDTH / 2:.1f} 0.0h0.6"
+    assert ttc.limit_y == pytest.approx(HEIGHT * 0.7)
+    assert ttc.extreme == "2.50 s at 0.1 s"
+    assert (pet.path, pet.dots, pet.extreme) == ("", (), "")
+    assert drac.extreme == "20.00 m/s² at 0.0 s"
+    assert drac.path.startswith("M0.0 0.0")
+
+
+ODD = 'my <b>"model"</b>'
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory: pytest.TempPathFactory) -> VideoSet:
+    """Six videos, one with a name that an address has to quote; the file of the last one is missing."""
+    folder = tmp_path_factory.mktemp("set of videos")
+    made = small_video_set(folder)
+    first, *_, last = made.videos
+    renamed = {**made.videos, first: replace(made.videos[first], file="videos/a %23#.mp4")}
+    for key, video in renamed.items():
+        if key != last:
+            write_video(folder / video.file, (np.full((48, 64, 3), number, np.uint8) for number in range(190)))
+    return replace(made, videos=renamed)
+
+
+@pytest.fixture(scope="module")
+def path(videos: VideoSet) -> Path:
+    answers = {
+        "oracle": oracle(videos),
+        ODD: {"S4_000": RiskClass.NORMAL, "S4_001": None, "S4_002": RiskClass.COLLISION},
+    }
+    page = videos.folder.parent / "pages" / "risk.html"
+    write_page(page, videos, answers, [score_answers(name, videos, given) for name, given in answers.items()])
+    return page
+
+
+@pytest.fixture
+def opened(browser: PageBrowser, path: Path) -> Iterator[OpenedPage]:
+    with browser.opened(path) as page:
+        yield page
+
+
+def shown(opened: OpenedPage) -> list[str]:
+    return opened.page.eval_on_selector_all(".card", "cards => cards.filter(c => !c.hidden).map(c => c.id)")
+
+
+def test_every_video_plays_and_nothing_else_is_asked_for(opened: OpenedPage) -> None:
+    assert opened.unplayable_videos() == []
+    assert opened.page.locator("video").count() == 5
+    assert opened.page.locator("#S6_005 .missing").inner_text() == "The video's file is missing."
+    assert all(url.startswith("file:") and url.endswith(".mp4") for url in opened.requests)
+    # A browser breaks a request off when it has read as much of a video as it needs.
+    assert [problem for problem in opened.problems if ".mp4" not in problem] == []
+
+
+def test_labels_and_answers_are_shown(opened: OpenedPage) -> None:
+    heading = opened.page.locator("#S6_005 h2").inner_text()
+    assert "Collision" in heading
+    assert "contact at 3.5 m/s at 1.4 s" in heading
+    assert opened.table("#S4_002 .answers") == [["oracle", "Near-Miss", "right"], [ODD, "Collision", "wrong"]]
+    assert opened.table("#S4_001 .answers")[1] == [ODD, "unreadable", "wrong"]
+    assert opened.table("#S6_003 .answers")[1] == [ODD, "none", ""]
+    assert opened.table("#models")[1][:3] == ["oracle", "6 / 6", "100.0 %"]
+
+
+def test_the_filter_shows_what_is_asked_for(opened: OpenedPage) -> None:
+    assert len(shown(opened)) == 6
+    opened.page.select_option("select[name=label]", "Near-Miss")
+    assert shown(opened) == ["S4_002", "S6_004"]
+    opened.page.select_option("select[name=template]", "S6")
+    assert shown(opened) == ["S6_004"]
+    opened.page.select_option("select[name=verdict]", "wrong")
+    assert shown(opened) == []
+    assert opened.page.locator("#nothing").is_visible()
+    opened.page.select_option("select[name=model]", "1")
+    assert shown(opened) == ["S6_004"]
+    assert opened.page.locator("#shown").inner_text() == "1 of 6"
+
+
+def test_the_button_goes_to_the_moment_and_the_charts_follow(opened: OpenedPage) -> None:
+    opened.page.evaluate("document.querySelectorAll('video').forEach(video => video.play = () => {})")
+    card = opened.page.locator("#S6_004")
+    card.locator("svg").first.click(position={"x": 300, "y": 40})
+    opened.page.wait_for_function("document.querySelector('#S6_004 video').currentTime > 5")
+    opened.page.wait_for_function("document.querySelector('#S6_004 line.now').style.opacity === '1'")
+    at, x = opened.page.evaluate(
+        "[document.querySelector('#S6_004 video').currentTime,"
+        " Number(document.querySelector('#S6_004 line.now').getAttribute('x1'))]"
+    )
+    assert x == pytest.approx(at / 19 * 380, abs=1.0)
+    card.locator("button").click()
+    opened.page.wait_for_function("document.querySelector('#S6_004 video').currentTime < 1")
+
+
+COUNTS = np.array([[7, 3, 0, 0], [1, 1, 0, 2], [0, 0, 0, 0]])
+
+
+def drawn(figures: list[Figure], templates: int, counts: npt.NDArray[np.intp] = COUNTS) -> Figure:
+    by_template = {f"S{number}": (number + 1) * counts for number in range(templates)}
+    save_confusions(ModelScores("mine", 14, 14, counts, by_template), Path("a.png"))
+    return figures.pop()
+
+
+def test_a_panel(figures: list[Figure]) -> None:
+    figure = drawn(figures, 1)
+    first, second = [axes for axes in figure.axes if axes.get_visible()]
+    assert (first.get_title(), second.get_title()) == ("all templates (n = 14)", "S0 (n = 14)")
+    (image,) = first.images
+    assert np.asarray(image.get_array()) == pytest.approx(
+        np.array([[0.7, 0.3, 0.0, 0.0], [0.25, 0.25, 0.0, 0.5], [0.0] * 4])
+    )
+    assert image.get_clim() == (0.0, 1.0)
+    told = {text.get_position(): (text.get_text(), text.get_color()) for text in first.texts}
+    assert len(told) == 12
+    # Column, row. Dark from 60 % of a label's videos on.
+    assert told[0, 0] == ("7", "white")
+    assert told[1, 0] == ("3", "black")
+    assert told[3, 1] == ("2", "black")
+    assert told[2, 2] == ("0", "black")
+    assert [text.get_text() for text in first.get_xticklabels()] == ["Normal", "Near-Miss", "Collision", "none"]
+    assert [text.get_text() for text in first.get_yticklabels()] == ["Normal", "Near-Miss", "Collision"]
+    assert (first.get_xlabel(), first.get_ylabel()) == ("answer", "label")
+    assert figure.get_suptitle() == "mine"
+
+
+def test_numbers_are_white_from_sixty_percent_on(figures: list[Figure]) -> None:
+    figure = drawn(figures, 0, np.array([[3, 2, 0, 0], [41, 59, 0, 0], [0, 0, 60, 40]]))
+    colours = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
+    assert {text for text, colour in colours.items() if colour == "white"} == {"3", "60"}
+
+
+@pytest.mark.parametrize(("templates", "rows"), [(0, 1), (3, 1), (4, 2), (7, 2)])
+def test_four_panels_stand_in_a_row(figures: list[Figure], templates: int, rows: int) -> None:
+    figure = drawn(figures, templates)
+    assert len(figure.axes) == 4 * rows
+    assert [axes.get_visible() for axes in figure.axes] == [True] * (1 + templates) + [False] * (
+        4 * rows - 1 - templates
+    )
+    width, height = figure.get_size_inches()
+    assert width / 4 == pytest.approx(height / rows, rel=0.1), "a panel is about square"

@@ -1,13 +1,17 @@
-"""Scores of three classes: closed forms, the paper's table from confusion matrices, and tables cell by cell."""
+"""Scores of answers about risk: how answers are read, metrics, and controls."""
 
 import csv
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from siren_ros.base.tables.table import Table
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.risk import controls as controls_module
+from siren_ros.scoring.evaluation.risk.controls import CHANGES, Control, sequence_answers
 from siren_ros.scoring.evaluation.risk.labels import RiskClass
 from siren_ros.scoring.evaluation.risk.risk_page import save_confusions
 from siren_ros.scoring.evaluation.risk.scoring import (
@@ -16,15 +20,18 @@ from siren_ros.scoring.evaluation.risk.scoring import (
     ModelScores,
     accuracy,
     balanced_accuracy,
+    checked_answers,
     confusion,
     f1,
     macro_f1,
     majority,
     oracle,
     precision,
+    read_answers,
     recall,
     score_answers,
 )
+from siren_ros.scoring.evaluation.risk.sequence_model import load_sequence_model
 from siren_ros.scoring.evaluation.risk.tables import (
     PAPER_BALANCE,
     PAPER_SCORES,
@@ -33,6 +40,7 @@ from siren_ros.scoring.evaluation.risk.tables import (
     tables_of,
 )
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import questions_about
 
 NORMAL, NEAR_MISS, COLLISION = RiskClass
 
@@ -259,3 +267,123 @@ def test_the_papers_accuracies_are_counts_of_its_videos(name: str) -> None:
     right = PAPER_SCORES[name]["accuracy"] * videos
     assert videos == 105
     assert right == pytest.approx(round(right), abs=0.01)
+
+
+BOTH = [
+    ("a.json", '{"S1_000": "Normal", "S1_001": "near-miss", "S1_002": "unreadable"}'),
+    ("a.csv", "class,video\nNormal,S1_000\nNear-Miss,S1_001\nunreadable,S1_002\n"),
+]
+
+
+@pytest.mark.parametrize(("name", "text"), BOTH)
+def test_both_formats(tmp_path: Path, name: str, text: str) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    assert read_answers(path) == {"S1_000": RiskClass.NORMAL, "S1_001": RiskClass.NEAR_MISS, "S1_002": None}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "named"),
+    [
+        ("a.json", '{"S1_000": "Crash"}', "Crash"),
+        ("a.json", '{"S1_000": "Normal", "S1_000": "Normal"}', "S1_000"),
+        ("a.json", '["Normal"]', "video and class"),
+        ("a.json", '{"S1_000": 1}', "video and class"),
+        ("a.json", "{", "video and class"),
+        ("a.json", '{"S1_000": [1]}', "video and class"),
+        ("a.csv", f"video,class\n{'x' * 200_000},Normal\n", "field limit"),
+        ("a.csv", "id,label\nS1_000,Normal\n", "columns"),
+        ("a.csv", "video,class\nS1_000\n", "S1_000"),
+    ],
+)
+def test_what_is_refused(tmp_path: Path, name: str, text: str, named: str) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=named):
+        read_answers(path)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        read_answers(tmp_path / "none.json")
+
+
+def test_answers_belong_to_the_set() -> None:
+    answers = {"b": RiskClass.NORMAL}
+    assert checked_answers(answers, ["b"], allow_missing=False) == answers
+    with pytest.raises(InputError, match="2 unknown videos, first c"):
+        checked_answers({**answers, "d": None, "c": None}, ["b"], allow_missing=True)
+    with pytest.raises(InputError, match="2 videos without an answer, first a"):
+        checked_answers(answers, ["c", "b", "a"], allow_missing=False)
+    assert checked_answers(answers, ["c", "b", "a"], allow_missing=True) == answers
+
+
+PICTURES = [np.full((4, 6, 3), value, dtype=np.uint8) for value in range(9)]
+
+
+def shown(control, key="S4_000"):
+    return [int(picture[0, 0, 0]) for picture in CHANGES[control](PICTURES, key)]
+
+
+def test_what_is_taken_away():
+    assert shown(Control.BLANK) == [128] * 9
+    assert shown(Control.ONE_FRAME) == [4] * 9
+    assert sorted(shown(Control.SHUFFLED)) == list(range(9)) != shown(Control.SHUFFLED)
+    assert shown(Control.SHUFFLED) == shown(Control.SHUFFLED)
+    assert shown(Control.SHUFFLED) != shown(Control.SHUFFLED, "S4_001")
+    assert Control.TEXT_ONLY not in CHANGES
+
+
+def test_questions_keep_their_text(drawn):
+    video = drawn.videos["S4_002"]
+
+    def asked(control):
+        return questions_about(drawn.folder, video, marked=False, control=control)
+
+    plain = asked(None)
+    for control in (Control.BLANK, Control.SHUFFLED):
+        changed = asked(control)
+        assert [one.text for one in changed] == [one.text for one in plain]
+        assert [len(one.pictures) for one in changed] == [8, 1]
+    assert asked(Control.BLANK)[0].pictures != plain[0].pictures
+    (single,) = asked(Control.ONE_FRAME)
+    assert single.pictures == (plain[0].pictures[4],)
+    assert "9.4 s" in single.text
+    assert [(one.text, one.pictures) for one in asked(Control.TEXT_ONLY)] == [(one.text, ()) for one in plain]
+
+
+@dataclass
+class _Brightest:
+    """Answers by the mean of all pictures, and notes the order of what it saw."""
+
+    seen: list = field(default_factory=list)
+
+    def answer(self, frames):
+        self.seen.append(frames.copy())
+        return int(frames.mean() > 100)
+
+
+def test_the_sequence_model_sees_the_changed_film(drawn):
+    model = _Brightest()
+    answers = sequence_answers(drawn, model, [Control.BLANK])[Control.BLANK]
+    assert set(answers) == set(drawn.videos)
+    assert {int(film.min()) for film in model.seen} == {int(film.max()) for film in model.seen} == {128}
+    assert {film.shape for film in model.seen} == {(95, 60, 160)}
+
+
+def test_a_film_is_read_once_for_all_controls(drawn, monkeypatch):
+    read, opened = controls_module.read_small_frames, []
+    monkeypatch.setattr(
+        controls_module, "read_small_frames", lambda path, *rest: opened.append(path) or read(path, *rest)
+    )
+    model = _Brightest()
+    answers = sequence_answers(drawn, model, [Control.BLANK, Control.ONE_FRAME])
+    assert {control: set(given) for control, given in answers.items()} == {key: set(drawn.videos) for key in answers}
+    assert len(opened) == len(set(opened)) == len(drawn.videos)
+    assert all((film == film[0]).all() for film in model.seen)
+    assert sequence_answers(drawn, model, []) == {}
+
+
+def test_the_shipped_model_answers_blank_films_all_alike(drawn):
+    answers = sequence_answers(drawn, load_sequence_model(), [Control.BLANK])[Control.BLANK]
+    assert len(set(answers.values())) == 1

@@ -6,9 +6,9 @@ from repository import REPOSITORY
 import siren_ros
 from docsite.code_tables import TABLES, node_table
 from docsite.topic_tables import texts_of
-from siren_ros.lab.calibration.parameters import PARAMETERS
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.scoring.judging.physics import VerifyLimits
+from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 
 
 def rows(table: str) -> list[list[str]]:
@@ -16,10 +16,10 @@ def rows(table: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if "| `" in line]
 
 
-def test_the_table_of_the_calibration_has_every_parameter_with_its_range() -> None:
-    table = rows(TABLES["calibrate"]())
-    assert [row[0].strip("`") for row in table] == list(PARAMETERS)
-    assert ["`emv_driver.driving.comfort_accel_mps2`", "0.8 to 4", "acceleration"] in table
+def test_the_table_of_drivers_has_every_parameter_with_its_range() -> None:
+    table = rows(TABLES["drivers"]())
+    assert [row[0].strip("`") for row in table] == list(DRIVER_PARAMETERS)
+    assert ["`emv_driver.driving.comfort_accel_mps2`", "2", "0.8 to 4", "acceleration"] in table
 
 
 def test_the_table_of_yielding_has_every_metric_of_episodes_then_of_drivers() -> None:

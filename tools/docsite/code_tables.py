@@ -15,7 +15,6 @@ from docsite.house import sizes_table
 from docsite.template_tables import entries, template_table
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.data.datasets.formats import FORMATS
-from siren_ros.lab.calibration.parameters import PARAMETERS
 from siren_ros.lab.learning.rewards import TERMS
 from siren_ros.lab.learning.rollout import Seat
 from siren_ros.lab.learning.task import Task
@@ -85,12 +84,6 @@ def templates_table() -> str:
         for t in templates
     ]
     return "\n".join(["| template | level | interaction | site |", "|---|---|---|---|", *rows])
-
-
-def calibration_table() -> str:
-    """The parameters that can be fitted as Markdown: name, range, meaning."""
-    rows = [f"| `{name}` | {part.low:g} to {part.high:g} | {part.meaning} |" for name, part in PARAMETERS.items()]
-    return "\n".join(["| parameter | range | meaning |", "|---|---|---|", *rows])
 
 
 def drivers_table() -> str:
@@ -315,7 +308,6 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "sizes": partial(sizes_table, _NODES_FILE.parents[1] / "docs" / "sizes.json"),
     "templates": templates_table,
     "formats": formats_table,
-    "calibrate": calibration_table,
     "drivers": drivers_table,
     "yield": yield_table,
     "yield_thresholds": partial(values_table, YieldThresholds()),

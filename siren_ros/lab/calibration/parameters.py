@@ -50,9 +50,21 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
 }
 """Every parameter that can be fitted, by name. The ranges are those of driving that is physically sensible."""
 
+FORMER_NAMES: Final[Mapping[str, str]] = {
+    "controller.target_speed_mps": TARGET_SPEED,
+    "controller.accel_mps2": "emv_driver.driving.comfort_accel_mps2",
+    "controller.lateral_accel_mps2": "emv_driver.driving.lateral_accel_mps2",
+    "controller.headway_s": "emv_driver.approach.headway_s",
+    "controller.approach_brake_mps2": "emv_driver.approach.brake_mps2",
+    "controller.approach_gap_m": "emv_driver.approach.standstill_gap_m",
+    "controller.red_light_speed_mps": "emv_driver.lines.speed_mps",
+}
+"""Names that commands of earlier versions have; they still work."""
+
 
 def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
     """Parameters by name, in the given order; InputError for no name, an unknown name, or a repeated one."""
+    names = [FORMER_NAMES.get(name, name) for name in names]
     for name in names:
         if name not in PARAMETERS:
             raise InputError("parameters", name, f"one or several of {', '.join(PARAMETERS)}")

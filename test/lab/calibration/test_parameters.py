@@ -8,6 +8,7 @@ import pytest
 
 from siren_ros.errors import InputError
 from siren_ros.lab.calibration.parameters import (
+    FORMER_NAMES,
     PARAMETERS,
     Parameter,
     check_effect,
@@ -83,6 +84,12 @@ def test_only_the_emvs_drivers_change() -> None:
     changed = with_drivers(plan, {"sumo.tau_s": 2.0, "emv_driver.approach.headway_s": 1.0})
     assert changed.emvs[0].driver == replace(DRIVER, tau_s=2.0)
     assert changed.groups == plan.groups
+
+
+def test_former_names_still_work() -> None:
+    assert [parameter.name for parameter in parameters_named(list(FORMER_NAMES))] == list(FORMER_NAMES.values())
+    with pytest.raises(InputError, match="each once"):
+        parameters_named(["controller.target_speed_mps", "emv.speed_mps"])
 
 
 @pytest.mark.parametrize("names", [[], ["sumo.tau_s", "sumo.tau_s"], ["sumo.mood"]])

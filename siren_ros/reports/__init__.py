@@ -1,1 +1,1 @@
-"""What people read: an episode's page, a study's report, an exam's certificate."""
+"""Reports for people: an episode's page, a study's report, an exam's certificate."""

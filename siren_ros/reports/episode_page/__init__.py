@@ -1,1 +1,1 @@
-"""The page of an episode: one HTML file with the scene in 3-D, a timeline, and what each vehicle does."""
+"""The page of an episode: one HTML file with the scene in 3-D, a timeline, and the actions of each vehicle."""

@@ -1,4 +1,4 @@
-"""The page of an episode from its record."""
+"""Builds the page of an episode from its record."""
 
 import base64
 import hashlib
@@ -27,13 +27,13 @@ from siren_ros.simulation.world.traffic_state import Event, EventKind
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
 FORMAT: Final = 3
-"""Of the embedded data; the script refuses another one."""
+"""Version of the embedded data; the script refuses other versions."""
 NO_DECISIONS: Final = "SIREN decided for no vehicle in this episode."
 NOT_YET: Final = "not yet"
-"""How an episode has ended that is under way."""
+"""End of an episode that is still running."""
 _MARKS: Final = {kind: colour for kind, (_, colour, _) in EVENT_STYLES.items()} | {EventKind.YIELD_RELEASED: "#7d8894"}
 _JUDGED: Final = {True: "#b7791f", False: "#d40000"}
-"""Colours of the predicate's moments, by whether its part holds."""
+"""Colours of the predicate's moments, by whether the condition holds."""
 
 
 def episode_data(
@@ -44,7 +44,7 @@ def episode_data(
     *,
     live: StaticScene | None = None,
 ) -> bytes:
-    """What the page knows of an episode, compressed.
+    """Compressed data of an episode's page.
 
     Args:
         record: The episode.
@@ -86,7 +86,7 @@ def episode_page(
     against: Sequence[EpisodeRecord] = (),
     sensed: Sensed = NOTHING,
 ) -> str:
-    """The whole page in one file; arguments and errors as of ``episode_data``.
+    """The complete page as one file; arguments and errors as of ``episode_data``.
 
     Its security policy allows this script and these styles alone, by their hashes. The data is base64, so nothing in it
     can end its element.
@@ -96,7 +96,7 @@ def episode_page(
 
 
 def live_page() -> str:
-    """The page of the episodes that run, without data: its script asks for the stream beside it."""
+    """The page for running episodes, without data: its script requests the stream from its server."""
     return _page("SIREN live", "", live=True)
 
 
@@ -142,7 +142,7 @@ def _description(record: EpisodeRecord, sensed: Sensed) -> dict[str, Any]:
 
 
 def _verdict_of(record: EpisodeRecord) -> Verdict | None:
-    """The verdict of the episode's predicate; None where it cannot be judged."""
+    """Verdict of the episode's predicate; None if it cannot be judged."""
     try:
         return evaluate_predicate(record)
     except SirenError:
@@ -150,7 +150,7 @@ def _verdict_of(record: EpisodeRecord) -> Verdict | None:
 
 
 def _told(verdict: Verdict) -> dict[str, Any]:
-    """A verdict; each part with step and actor of the moment that decides it, where there is one."""
+    """A verdict as JSON types; each condition has step and actor of its decisive moment, if there is one."""
     moments = [part.decisive for part in verdict.parts]
     parts = [
         {"holds": part.holds, "text": str(part), "at": [moment.step, moment.actor_id] if moment else None}
@@ -160,7 +160,7 @@ def _told(verdict: Verdict) -> dict[str, Any]:
 
 
 def _modes() -> list[dict[str, Any]]:
-    """Names and colour of each mode, by its number; an empty colour where a civilian in it is like any other."""
+    """Name and colour of each mode, by its number; the colour is empty if a civilian has no special colour in it."""
     return [
         {
             "name": MODE_NAMES[mode],
@@ -177,7 +177,7 @@ def _hex(colour: tuple[float, float, float, float]) -> str:
 
 
 def events_of(record: EpisodeRecord, verdict: Verdict | None = None) -> list[list[Any]]:
-    """Step, kind, actor, other actor, details, and the colour of its mark; no colour for what has no mark.
+    """Events as step, kind, actor, other actor, details, and colour of the mark (empty without a mark).
 
     The predicate's moments are among them, by time.
     """
@@ -202,7 +202,7 @@ def _details(event: Event) -> str:
 
 
 def _detail(name: str, value: float | str) -> str:
-    """``way_m`` 21.96 as ``distance 22 m``."""
+    """A detail as text: ``way_m`` 21.96 becomes ``distance 22 m``."""
     if name == "owner":
         return "to the behaviour model" if value == Owner.ROS.name else f"to {value}"
     head, _, unit = name.replace("way_m", "distance_m").rpartition("_")

@@ -1,4 +1,4 @@
-"""Columns of whole numbers as few bytes, which the page's script reads back.
+"""Stores columns of whole numbers in few bytes, for the page's script to read.
 
 A file is the length of its head, the head as JSON, and the columns, all through zlib. A column holds differences of
 neighbours, once or twice, as numbers of 32 or 16 bits that wrap around. Its bytes are sorted by significance: what
@@ -16,20 +16,20 @@ import numpy.typing as npt
 SMALL: Final = 9
 MEDIUM: Final = 6
 QUICK: Final = 1
-"""Levels of zlib. The first takes seconds for a town; on noise, such as sweeps, ten times as long as the second, and
-saves 4 %."""
+"""Compression levels of zlib. The first takes seconds for a town; on noise such as sweeps it takes ten times as long as
+the second and saves 4 %."""
 
 
 class ColumnFile:
     """Collects columns by name."""
 
     def __init__(self) -> None:
-        """No columns."""
+        """Start without columns."""
         self._entries: list[dict[str, Any]] = []
         self._bytes: list[bytes] = []
 
     def add(self, name: str, values: npt.ArrayLike, unit: float = 1.0, order: int = 1, *, width: int = 4) -> None:
-        """Appends a column of any shape, rounded to whole multiples of a unit.
+        """Add a column of any shape, rounded to whole multiples of a unit.
 
         ``order`` is how often neighbours are subtracted: twice for what changes evenly, such as a position. Numbers
         have ``width`` bytes, 4 or 2.
@@ -42,11 +42,11 @@ class ColumnFile:
         self._bytes.append(numbers.astype(f"<u{width}").view(np.uint8).reshape(-1, width).T.tobytes())
 
     def add_bytes(self, name: str, content: bytes) -> None:
-        """Appends bytes as they are, such as pictures."""
+        """Add bytes unchanged, such as pictures."""
         self._entries.append({"name": name, "length": len(content), "bytes": 1})
         self._bytes.append(content)
 
     def packed(self, head: Mapping[str, Any], level: int = SMALL) -> bytes:
-        """The whole file; ``head`` is of JSON types, and the list of columns is added to it."""
+        """The complete file; ``head`` has JSON types, and the list of columns is added to it."""
         text = json.dumps({**head, "columns": self._entries}, allow_nan=False, separators=(",", ":")).encode()
         return zlib.compress(b"".join((len(text).to_bytes(4, "little"), text, *self._bytes)), level)

@@ -1,4 +1,4 @@
-"""An episode under way as the page's data: first all that is known of it, then what is new.
+"""A running episode as data of the page: first all that is known, then updates.
 
 Both are files of the format that the page of a recorded episode holds. A file of what is new has rows of the new frames
 alone, and counts frames from its own first one. Frames may be more than a step apart: not all steps are heard
@@ -29,24 +29,24 @@ NO_WHY: Final = "Not known while an episode runs; the page of its bag says it."
 LIVE_TOPICS: Final = topics.OBSERVED | {
     topic.name: topic for topic in (topics.EPISODE, topics.MAP, topics.ROSTER, topics.EPISODE_END, topics.OUTCOME)
 }
-"""What has to be heard: by the name that an episode knows it by, the topic that brings it."""
+"""Topics to subscribe to, by the name that they have in an episode."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """How far a reader has come in an episode."""
+    """Position of a reader in an episode."""
 
     step: int = -1
-    """The last step that it has."""
+    """The last step that the reader has."""
     judged: bool = False
-    """Whether it knows the outcome."""
+    """Whether the reader has the outcome."""
 
 
 class LiveEpisode:
-    """One episode, from the first message that is heard of it. One thread adds messages, others read."""
+    """One episode, from the first message received. One thread adds messages, others read."""
 
     def __init__(self) -> None:
-        """Nothing is known."""
+        """Start without messages."""
         self._builder = RecordBuilder()
         self._latest: dict[str, int] = dict.fromkeys(topics.OBSERVED, -1)
         self._heard: set[str] = set()
@@ -56,11 +56,11 @@ class LiveEpisode:
         self._begin: tuple[bytes, Place] | None = None
 
     def belongs(self, topic: str) -> bool:
-        """Whether a message can be of this episode; otherwise it is the first of the next one."""
+        """Whether a message can belong to this episode; otherwise it is the first of the next one."""
         return topic not in _SETTING or not self._heard & {topic, topics.EPISODE_END.name}
 
     def add(self, topic: str, message: Any) -> None:
-        """Takes a message of a topic of ``LIVE_TOPICS``.
+        """Add a message of a topic of ``LIVE_TOPICS``.
 
         Raises:
             SirenError: Its content cannot be used.
@@ -79,7 +79,7 @@ class LiveEpisode:
 
     @property
     def progress(self) -> tuple[int, bool]:
-        """The last step of which everything is known, and whether the outcome is; -1 before there is anything to show.
+        """The last complete step, and whether the outcome is known; -1 before there is data to show.
 
         DDS keeps the order of a topic's messages, and not that of different topics.
         """
@@ -87,7 +87,7 @@ class LiveEpisode:
         return min(self._latest.values()) if introduced and self.is_set else -1, topics.OUTCOME.name in self._heard
 
     def prepare(self) -> None:
-        """Makes the scene, which takes seconds in a town; otherwise the first reader waits for it.
+        """Make the scene, which takes seconds in a town; otherwise the first reader waits for it.
 
         Raises:
             BagError: Before description and map are known.
@@ -99,7 +99,7 @@ class LiveEpisode:
                 self._scene = kept_scene(setting.network, setting.description.seed, config)
 
     def since(self, place: Place) -> tuple[bytes, Place]:
-        """What is new for a reader, and where it is then; from the default place on, all of the episode but its end.
+        """New data for a reader and its new position; from the default position, the whole episode so far.
 
         Call it where ``progress`` is beyond the place.
         """
@@ -123,20 +123,20 @@ class LiveEpisode:
         return file.packed({**head, **(_end_of(record) if judged else {})}, QUICK), Place(last, judged)
 
     def _part(self, steps: range) -> EpisodeRecord:
-        """What was heard of some steps."""
+        """Record of some steps, as received."""
         with self._adding:
             record = self._builder.build(steps=steps)
         return replace(record, states=tuple(_known(state, record.actors) for state in record.states))
 
 
 def _known(state: ActorStates, actors: Collection[int]) -> ActorStates:
-    """The state without actors of which nothing was said."""
+    """The state without actors that have no description."""
     known = np.isin(state.actor_id, list(actors))
     return state if known.all() else state.select(known)
 
 
 def _end_of(record: EpisodeRecord) -> Mapping[str, Any]:
-    """How the episode ended, for the head; nothing while it is under way."""
+    """The end of the episode for the head of the data; empty while it runs."""
     outcome = record.outcome
     if outcome is None:
         return {}

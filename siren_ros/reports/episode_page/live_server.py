@@ -21,11 +21,11 @@ from siren_ros.reports.episode_page.live import LiveEpisode, Place
 
 HOST: Final = "127.0.0.1"
 BATCH_S: Final = 0.05
-"""Least wall time between two messages to a browser; what comes meanwhile goes together."""
+"""Least wall time between two messages to a browser; data in between are sent together."""
 SIGN_OF_LIFE_S: Final = 5.0
-"""A browser that has left is noticed when something is sent to it."""
+"""Wall time between signs of life. A browser that has left is noticed only when something is sent to it."""
 PATIENCE_S: Final = 30.0
-"""A browser that takes nothing for this time has to connect again."""
+"""A browser that receives nothing for this time must connect again."""
 _HEADERS: Final = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -36,16 +36,16 @@ _HEADERS: Final = {
 
 
 class LiveFeed:
-    """The newest episode. One thread adds messages; each browser has a thread that waits for what is new."""
+    """Feed of the newest episode. One thread adds messages; each browser has a thread that waits for new data."""
 
     def __init__(self) -> None:
-        """No episode yet."""
+        """Start without an episode."""
         self._episode = LiveEpisode()
         self._changed = threading.Condition()
         self._closed = threading.Event()
 
     def add(self, topic: str, message: Any) -> None:
-        """Takes a message of an episode, or the first one of the next episode.
+        """Add a message of the episode, or the first one of the next episode.
 
         Raises:
             SirenError: As ``LiveEpisode.add``.
@@ -60,13 +60,13 @@ class LiveFeed:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """No more messages come; everybody who waits is told."""
+        """End the feed; all waiting threads are informed."""
         with self._changed:
             self._closed.set()
             self._changed.notify_all()
 
     def events(self) -> Iterator[tuple[str, bytes]]:
-        """What a browser is told: ``begin``, then ``more``, and ``next`` when another episode begins.
+        """Yield messages for a browser: ``begin``, then ``more``, and ``next`` when another episode begins.
 
         A kind without content is a sign of life. A reader who is slow gets more at once.
         """
@@ -97,12 +97,12 @@ def _beyond(episode: LiveEpisode, place: Place) -> bool:
 
 
 class LiveServer(ThreadingHTTPServer):
-    """Serves a feed from threads of its own."""
+    """Serves a feed to browsers, from its own threads."""
 
     daemon_threads = True
 
     def __init__(self, feed: LiveFeed, port: int = 0) -> None:
-        """Listens from now on; port 0 takes a free one.
+        """Start to listen; port 0 takes a free one.
 
         Raises:
             InputError: The port is taken.
@@ -119,11 +119,11 @@ class LiveServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """What a browser has to open."""
+        """Address to open in a browser."""
         return f"http://{HOST}:{self.server_port}/{self.secret}/"
 
     def write_door(self, folder: Path) -> Path:
-        """Writes a page that leads to the address, which only the user can read."""
+        """Write a page that leads to the address; only the user can read it."""
         door = folder / "siren.html"
         with os.fdopen(os.open(door, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
             file.write(
@@ -132,7 +132,7 @@ class LiveServer(ThreadingHTTPServer):
         return door
 
     def close(self) -> None:
-        """Ends all connections."""
+        """End all connections."""
         self.feed.close()
         self.shutdown()
         self.server_close()
@@ -143,10 +143,10 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = PATIENCE_S
 
     def do_GET(self) -> None:
-        """The page, its stream, or an error."""
+        """Send the page, its stream, or an error."""
         here = {f"{name}:{self.server.server_port}" for name in (HOST, "localhost")}
         folder, _, name = self.path.removeprefix("/").partition("/")
-        opened = not name and self.headers.get("Sec-Fetch-Dest") == "document"  # from the file that leads here
+        opened = not name and self.headers.get("Sec-Fetch-Dest") == "document"  # opened from the file that leads here
         foreign = self.headers.get("Sec-Fetch-Site", "none") not in {"none", "same-origin"} and not opened
         if self.headers.get("Host") not in here or foreign:
             self.send_error(HTTPStatus.FORBIDDEN)
@@ -170,8 +170,8 @@ class _Handler(BaseHTTPRequestHandler):
             for kind, content in self.server.feed.events():
                 text = f"event: {kind}\ndata: {base64.b64encode(content).decode()}\n\n" if kind else ":\n\n"
                 self.wfile.write(text.encode())
-        except OSError:  # the browser has left, or takes nothing
+        except OSError:  # the browser has left, or receives nothing
             self.close_connection = True
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name of the base class
-        """Says nothing of each request."""
+        """Suppress the log line of each request."""

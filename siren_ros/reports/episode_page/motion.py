@@ -1,4 +1,4 @@
-"""The actors of a record and how they move, as columns: one row for each actor and frame from its first to its last."""
+"""Stores actors and their motion as columns: one row per actor and frame, from its first frame to its last."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -13,9 +13,9 @@ from siren_ros.reports.episode_page.emv_measures import measures_of_emvs
 from siren_ros.simulation.world.actors import ActorDescription
 
 _FARTHEST_M: Final = 2e6
-"""What a column of 32 bits holds in millimetres."""
+"""Largest coordinate that a 32-bit column holds in millimetres."""
 ABSENT: Final = 255
-"""Mode of a frame in which an actor is not there, between frames in which it is."""
+"""Mode that marks a frame in which an actor is absent, between frames in which it is present."""
 _UNITS: Final[Mapping[str, tuple[float, int]]] = {
     "x_m": (0.001, 2),
     "y_m": (0.001, 2),
@@ -33,7 +33,7 @@ _UNITS: Final[Mapping[str, tuple[float, int]]] = {
 
 
 def check_motion(record: EpisodeRecord) -> None:
-    """Refuses a record that cannot be shown, such as that of a damaged bag.
+    """Check that a record can be shown; damaged bags often cannot.
 
     Raises:
         InputError: No states, states that are no numbers or far away, or actors without a description.
@@ -54,7 +54,7 @@ def _size_m(actor: ActorDescription) -> tuple[float, float, float]:
 
 
 def add_motion(file: ColumnFile, record: EpisodeRecord, prefix: str = "") -> list[dict[str, Any]]:
-    """Adds the columns ``frame.step`` and ``motion.*``; the actors for the head, in the order of the columns.
+    """Add the columns ``frame.step`` and ``motion.*``; returns the actors for the head, in the order of the columns.
 
     The columns' names begin with ``prefix``.
     """

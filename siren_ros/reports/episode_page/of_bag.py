@@ -1,4 +1,4 @@
-"""The page of a recorded episode, with why its actors drive as they do wherever that is known."""
+"""Builds the page of a recorded episode, with the reasons of its drivers' decisions if they are known."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ def page_of_bag(
     complain: Callable[[str], None] = lambda _: None,
     sensed: Sensed = NOTHING,
 ) -> str:
-    """The page of a bag, compared with others, with what its sensors measured; says where decisions are not known.
+    """Page of a bag with sensor data, compared with others; ``complain`` gets a line if decisions are unknown.
 
     Raises:
         SirenError: A bag cannot be read, or as ``episode_page``.

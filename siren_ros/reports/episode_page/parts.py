@@ -1,4 +1,4 @@
-"""One episode of a page: its actors, how they move, and its signals; each episode's columns have names of their own."""
+"""One episode of a page: actors, motion and signals; each episode's columns have their own names."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -13,11 +13,11 @@ from siren_ros.sensing.scene.kept_scenes import kept_scene
 from siren_ros.sensing.scene.kerbside import scene_config_of
 
 MOST_OTHERS: Final = 3
-"""Besides the episode itself: four pictures are what a screen has room for."""
+"""Largest number of episodes for comparison: a screen has space for four pictures."""
 
 
 def title_of(record: EpisodeRecord) -> str:
-    """``S2 at L2, seed 0, on town``."""
+    """Title such as ``S2 at L2, seed 0, on town``."""
     episode = record.description
     return shown_text(f"{episode.template} at {episode.level.name}, seed {episode.seed}, on {episode.map_name}")
 
@@ -25,7 +25,7 @@ def title_of(record: EpisodeRecord) -> str:
 def add_parts(
     file: ColumnFile, record: EpisodeRecord, others: Sequence[EpisodeRecord], scene: StaticScene | None = None
 ) -> dict[str, Any]:
-    """Adds an episode and those it is compared with; what the head says of them.
+    """Add an episode and those for comparison; returns their entries for the head.
 
     ``scene`` is that of the first episode, where it has been made already. Episodes on the same map share its scene.
     Its triangles are fewer where there are more pictures to draw.
@@ -67,7 +67,7 @@ def _part(file: ColumnFile, record: EpisodeRecord, prefix: str) -> dict[str, Any
 
 
 def signals_of(record: EpisodeRecord) -> dict[str, list[tuple[int, str]]]:
-    """By signal the steps at which its state changes, with the new state."""
+    """For each signal the steps at which its state changes, with the new state."""
     changes: dict[str, list[tuple[int, str]]] = {}
     for traffic in record.traffic:
         for signal in traffic.signals:

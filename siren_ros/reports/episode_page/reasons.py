@@ -1,4 +1,4 @@
-"""Why actors drive as they do, as columns: what limits a speed at each step, and what each guard says."""
+"""Stores the reasons of drivers' decisions as columns: what limits the speed at each step, and each guard's result."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -9,14 +9,14 @@ from siren_ros.running.generation.decisions import Decision
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
 
 Decisions = Iterable[tuple[int, Mapping[int, Decision]]]
-"""As ``decisions_of`` gives them: each step with the decisions at it, by actor."""
+"""Decisions as ``decisions_of`` gives them: each step with its decisions by actor."""
 _SPEED_UNIT_MPS: Final = 0.01
 _FASTEST_MPS: Final = 60.0
-"""Nobody drives faster: a higher limit, such as that of a straight path, limits nothing and is left out."""
+"""Speed limits above this are left out, since no vehicle drives faster."""
 
 
 def add_reasons(file: ColumnFile, decisions: Decisions) -> Mapping[str, Any]:
-    """Adds the columns ``why.*``; for the head the names that they count, or nothing where there are no decisions."""
+    """Add the columns ``why.*``; returns the names that they refer to, or an empty head without decisions."""
     by_step = [(actor, step, decision) for step, decided in decisions for actor, decision in decided.items()]
     rows = sorted(by_step, key=lambda row: row[:2])
     if not rows:
@@ -46,5 +46,5 @@ def _that_limit(decision: Decision) -> Mapping[str, SpeedLimit]:
 
 
 def _bounded(speed_mps: float) -> float:
-    """A speed that a column can hold; -1 for none, where SUMO drives."""
+    """A speed in the range of a column; -1 for none, where SUMO drives."""
     return -1.0 if math.isnan(speed_mps) else min(max(speed_mps, 0.0), _FASTEST_MPS)

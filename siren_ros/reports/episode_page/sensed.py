@@ -1,4 +1,4 @@
-"""What an episode's sensors measured, as little as a page needs: LiDAR points around the carrier, camera pictures.
+"""Reduces sensor data for a page: LiDAR points around the carrier, and camera pictures.
 
 Of the points one stays in each cube of 0.3 m; pictures get smaller. Where it is more than a page may hold, time is
 thinned.
@@ -32,29 +32,29 @@ from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME
 ALL: Final = "all"
 MOST_MB: Final = 20.0
 PERIODS_STEPS: Final = (4, 10, 20, 40, 100, 200)
-"""Between two sweeps or pictures: 0.2 s, and more where these are too many."""
+"""Possible steps between two sweeps or pictures: 0.2 s, or more if these are too many."""
 CUBE_M: Final = 0.3
 UNIT_M: Final = 0.01
-"""Of a point's place."""
+"""Unit of a point's coordinates."""
 _FARTHEST_M: Final = 320.0
-"""What a column of 16 bits holds in centimetres."""
+"""Largest coordinate that a 16-bit column holds in centimetres."""
 _WIDTH_PX: Final = 480
 _QUALITY: Final = 75
 _LARGEST_PX: Final = 8192
 _IN_PAGE: Final = 4.0 / 3.0
-"""Letters of base64 for a byte."""
+"""Letters of base64 per byte."""
 
 
 class _Timed(Protocol):
-    """Something at a step."""
+    """Protocol of an item that belongs to a step."""
 
     @property
     def step(self) -> int:
-        """When it was measured."""
+        """Step of the measurement."""
 
     @property
     def size_bytes(self) -> int:
-        """How much of the page it takes."""
+        """Size of the item in the page."""
 
 
 Item = TypeVar("Item", bound=_Timed)
@@ -62,19 +62,19 @@ Item = TypeVar("Item", bound=_Timed)
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """The points of one sweep, thinned."""
+    """Thinned points of one sweep."""
 
     step: int
     origin_m: tuple[float, float, float]
-    """The carrier's place in the map, in whole centimetres."""
+    """Position of the carrier in the map, in whole centimetres."""
     counts: npt.NDArray[np.int64]
-    """Places from there along the map's axes in multiples of ``UNIT_M``, shape ``(N, 3)``."""
+    """Positions of the points relative to it along the map's axes, in multiples of ``UNIT_M``, shape ``(N, 3)``."""
     measured: int
-    """Number of points before they were thinned."""
+    """Number of points before thinning."""
 
     @cached_property
     def size_bytes(self) -> int:
-        """Of its own columns, compressed."""
+        """Size of its columns, compressed."""
         file = ColumnFile()
         _add_points(file, [self])
         return round(_IN_PAGE * len(file.packed({}, MEDIUM)))
@@ -89,27 +89,27 @@ class Shot:
 
     @property
     def size_bytes(self) -> int:
-        """In base64."""
+        """Size in base64."""
         return round(_IN_PAGE * len(self.jpeg))
 
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a page shows of an episode's sensors."""
+    """Sensor data of an episode that a page shows."""
 
     sweeps: Mapping[str, tuple[Sweep, ...]] = field(default_factory=dict)
-    """By the LiDAR's name."""
+    """Sweeps by the LiDAR's name."""
     pictures: Mapping[str, tuple[Shot, ...]] = field(default_factory=dict)
-    """By the camera's name."""
+    """Pictures by the camera's name."""
     notes: tuple[tuple[str, str], ...] = ()
-    """By the sensor's name what of it is there, and what was left out."""
+    """For each sensor's name, what is included and what was left out."""
 
 
 NOTHING: Final = Sensed()
 
 
 def sensed_of(path: Path, names: Sequence[str], most_mb: float = MOST_MB) -> Sensed:
-    """What some sensors of a bag measured, in at most so many megabytes of a page.
+    """Sensor data of a bag, limited to a size in the page.
 
     Args:
         path: The bag.
@@ -153,7 +153,7 @@ def _chosen(source: EpisodeSource, names: Sequence[str]) -> tuple[MountedSensor,
 
 
 def _read(source: EpisodeSource, sensors: Iterable[MountedSensor]) -> Sensed:
-    """The first sweep or picture of each sensor in each of the shortest periods."""
+    """First sweep or picture of each sensor in each of the shortest periods."""
     lidars = {lidar.topic for lidar in _lidars(source)}
     sweeps: dict[str, list[Sweep]] = {sensor.name: [] for sensor in sensors if sensor.topic in lidars}
     pictures: dict[str, list[Shot]] = {sensor.name: [] for sensor in sensors if sensor.topic not in lidars}
@@ -180,7 +180,7 @@ def _read(source: EpisodeSource, sensors: Iterable[MountedSensor]) -> Sensed:
 
 
 def _place(source: EpisodeSource, sensor: MountedSensor, held: Mapping[str, BagMessage]) -> Matrix:
-    """A sensor's carrier in the map."""
+    """Pose in the map of a sensor's carrier."""
     if source.station is not None and sensor.base_frame == BASE_FRAME:
         return source.station
     if TF.name not in held:
@@ -189,7 +189,7 @@ def _place(source: EpisodeSource, sensor: MountedSensor, held: Mapping[str, BagM
 
 
 def sweep_of(step: int, xyz_m: Points, map_from_base: Matrix, map_from_lidar: Matrix) -> Sweep:
-    """A sweep of points in the LiDAR's frame; one of them stays in each cube around the carrier."""
+    """Make a sweep from points in the LiDAR's frame; one point per cube around the carrier remains."""
     origin_m = np.round(map_from_base[:3, 3], 2)
     places_m = xyz_m @ map_from_lidar[:3, :3].T + map_from_lidar[:3, 3] - origin_m
     places_m = places_m[(np.abs(places_m) < _FARTHEST_M).all(axis=1)]
@@ -201,7 +201,7 @@ def sweep_of(step: int, xyz_m: Points, map_from_base: Matrix, map_from_lidar: Ma
 
 
 def smaller(jpeg: bytes) -> bytes:
-    """A picture of at most 480 pixels' width; ValueError for one that is no JPEG or enormous."""
+    """Reduce a picture to at most 480 pixels width; ValueError if it is not a JPEG or is enormous."""
     height, width, *_ = simplejpeg.decode_jpeg_header(jpeg)
     if not 0 < max(height, width) <= _LARGEST_PX:
         raise ValueError(f"a picture of {width} × {height} pixels")
@@ -236,7 +236,7 @@ def _notes(sensed: Sensed, sensors: Iterable[MountedSensor], period: int, most_m
 
 
 def add_sensed(file: ColumnFile, sensed: Sensed) -> dict[str, Any]:
-    """Adds the columns ``sweep.*`` and ``pictures.*``; what the head says of them, nothing without any."""
+    """Add the columns ``sweep.*`` and ``pictures.*``; returns their entry for the head, empty without data."""
     if not any(sensed.sweeps.values()) and not any(sensed.pictures.values()):
         return {}
     lidars, cameras = [], []

@@ -1,4 +1,4 @@
-"""What the page draws, as columns of triangles: the static scene around the EMV's way, signals, and the actors."""
+"""Stores what the page draws as columns of triangles: scene around the EMV's path, signals, actors."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -14,17 +14,17 @@ from siren_ros.sensing.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.simulation.world.actors import ActorClass
 
 STATIC_TRIANGLES: Final = 190_000
-"""The page may draw 300,000; the rest is for the actors."""
+"""Largest number of triangles of the scene. The page may draw 300,000; the rest is for the actors."""
 _UNIT_M: Final = 0.001
 _GROUND: Final = (
     *(Material.GROUND, Material.GRASS, Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.MARKING_WHITE),
     *(Material.MARKING_YELLOW, Material.KERB, Material.SIDEWALK, Material.MEDIAN),
 )
 _GROUND_FIRST: Final = 0.25
-"""The ground counts as this much nearer than it is, because distant roads tell more than distant trees."""
+"""Factor on the distance of the ground: distant roads matter more than distant trees."""
 _PLAIN, _PAINT = 0, 1
 _SLENDER: Final = (Material.SIGNAL_HOUSING, Material.METAL_POLE, Material.STOP_SIGN)
-"""Hides little, so that the page cuts nothing out of it: a signal keeps its housing."""
+"""Materials of thin objects. They hide little, so that the page need not cut them open for the view."""
 _SURFACES: Final = {
     Material.CAR_PAINT: _PAINT,
     Material.CLOTHING: _PAINT,
@@ -35,7 +35,7 @@ _SURFACES: Final = {
     Material.BEACON_RED: 6,
     Material.HEAD_LAMP: 7,
 }
-"""Codes of the page's script for what takes the actor's colour or can shine; everything else is plain."""
+"""Codes in the page's script for surfaces that have the actor's colour or can shine; all others are plain."""
 _SURFACE_OF: Final = np.array([_SURFACES.get(material, _PLAIN) for material in Material])
 _CLOTHES: Final = (255, 255, 255)
 
@@ -43,7 +43,7 @@ _CLOTHES: Final = (255, 255, 255)
 def add_static_scene(
     file: ColumnFile, records: Sequence[EpisodeRecord], scene: StaticScene, prefix: str = "", pictures: int = 1
 ) -> dict[str, Any]:
-    """Adds the mesh without the lenses of signals, and the lenses; says for the head what the lamps are.
+    """Add the mesh without the lenses of signals, and the lenses; returns the lamps for the head.
 
     ``records`` are the episodes in it. The columns' names begin with ``prefix``.
     """
@@ -65,7 +65,7 @@ def add_static_scene(
 def _nearest(
     records: Sequence[EpisodeRecord], mesh: Mesh, candidates: npt.NDArray[np.intp], most: int
 ) -> npt.NDArray[np.intp]:
-    """The triangles that are kept, in their order: all, or those nearest to the EMVs' ways."""
+    """Select triangles, in order: all, or those nearest to the EMVs' paths."""
     if len(candidates) <= most:
         return candidates
     ways = [each.rows.xy_m[np.isin(each.rows.actor_id, each.emv_ids)] for each in records]
@@ -78,7 +78,7 @@ def _nearest(
 
 
 def add_shapes(file: ColumnFile, classes: Iterable[ActorClass]) -> None:
-    """Adds the shape of each class at rest in ``base_link``, and the parts that move (``VehicleShape.parts``)."""
+    """Add the shape of each class at rest in ``base_link``, and its moving parts (``VehicleShape.parts``)."""
     for actor_class in classes:
         shape = vehicle_shape(actor_class)
         mesh = shape.at_rest
@@ -99,7 +99,7 @@ def _add_mesh(
     rows: npt.NDArray[np.intp],
     surface: npt.NDArray[np.intp],
 ) -> npt.NDArray[np.intp]:
-    """Adds some triangles, at each vertex with a colour and a surface; the mesh's vertices."""
+    """Add some triangles with colour and surface at each vertex; returns the mesh's vertices used."""
     code = _packed_rgb(mesh.colour_rgb[rows]) + (surface[rows] << 24)
     vertex, code, triangles = _split_by_code(mesh.triangles[rows], code)
     file.add(f"{name}.xyz", mesh.vertices_m[vertex].T, _UNIT_M)
@@ -116,7 +116,7 @@ def _packed_rgb(colour_rgb: Bytes) -> npt.NDArray[np.int64]:
 def _split_by_code(
     corners: Triangles, code: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Vertices with one code each: their old indices, their codes, and the corners as indices of them."""
+    """Split vertices so that each has one code: old indices, codes, and corners as indices of the new ones."""
     codes, code_index = np.unique(code, return_inverse=True)
     key = corners.astype(np.int64) * len(codes) + code_index.reshape(-1, 1)
     keys, triangles = np.unique(key.ravel(), return_inverse=True)

@@ -1,4 +1,4 @@
-"""The page of a study from its folder: the sections about the traffic and about the tasks, and all of them together."""
+"""Builds the page of a study from its folder: the sections on traffic and tasks, and all of them together."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -41,7 +41,7 @@ from siren_ros.scoring.evaluation.yielding.scoring import yield_tables
 from siren_ros.simulation.scenario.templates import own_level
 
 DRAWN: Final = ("emv_delay_s", "corridor_continuity", "compliance", "wake_duration_s", "civilian_delay_s", "min_ttc_s")
-"""Episode metrics that have a chart."""
+"""Metrics of episodes that get a chart."""
 _DRIVERS: Final = {
     "response_time_s": "first shift or slowing of drivers in the way",
     "clearance_time_s": "the way clear of them",
@@ -50,7 +50,7 @@ _DRAWN_EFFECTS: Final = ("emv_delay_s", "civilian_delay_s")
 
 
 def making_way_section(study: StudyRows, measures: StudyMeasures) -> Section:
-    """What traffic did for the EMV."""
+    """Section: how traffic made way for the EMV."""
     episodes = measures.yielding
     figures = [
         Picture(f"metric_{metric.name}", f"{metric.name}: {metric.meaning}", figure_uri(draw_metric(episodes, metric)))
@@ -76,7 +76,7 @@ def making_way_section(study: StudyRows, measures: StudyMeasures) -> Section:
 
 
 def effects_section(study: StudyRows, measures: StudyMeasures) -> Section | None:
-    """Differences between levels; None where no seed was run at two of them."""
+    """Section: differences between levels; None if no seed was run at two of them."""
     known = [effect for effect in effects(measures.yielding) if effect.paired.difference.valid]
     if not known:
         return None
@@ -102,7 +102,7 @@ def effects_section(study: StudyRows, measures: StudyMeasures) -> Section | None
 
 
 def diversity_section(study: StudyRows, measures: StudyMeasures) -> Section:
-    """Coverage and novelty, group by group."""
+    """Section: coverage and novelty of each group."""
     profiles = [bag.profile for bag in measures.bags]
     groups = diversity(profiles, drawn_ranges(profiles))
     drawn = [diverse for diverse in groups if own_level(diverse.group[0]) in {diverse.group[1], ""}] or list(groups)
@@ -127,7 +127,7 @@ def diversity_section(study: StudyRows, measures: StudyMeasures) -> Section:
 
 
 def prediction_section(study: StudyRows, scores: ScoreTable) -> Section:
-    """How well models predict where vehicles go."""
+    """Section: how well models predict vehicles."""
     picture = Picture("horizon", "Error over the horizon", figure_uri(draw_horizon(scores)))
     text = (
         "Three seconds of history, five of future every 0.2 s, a sample for each vehicle and each frame at 10 Hz; "
@@ -146,7 +146,7 @@ def prediction_section(study: StudyRows, scores: ScoreTable) -> Section:
 
 
 def detection_section(study: StudyRows, folder: Path) -> Section | None:
-    """The detectors' scores; None where there are none."""
+    """Section: scores of detectors; None if there are none."""
     tables = stored_tables("detection", folder, detection_tables_of)
     if tables is None:
         return None
@@ -159,7 +159,7 @@ def detection_section(study: StudyRows, folder: Path) -> Section | None:
 
 
 def risk_section(folder: Path) -> Section | None:
-    """The models' scores; None where there are none."""
+    """Section: scores of the risk task; None if there are none."""
     tables = stored_tables("risk", folder, risk_tables_of)
     if tables is None:
         return None
@@ -172,7 +172,7 @@ def risk_section(folder: Path) -> Section | None:
 
 
 def paper_section(study: StudyRows, measures: StudyMeasures, options: PageOptions) -> Section | None:
-    """The paper's numbers that were measured here; None without an episode at its template's own level."""
+    """Section: comparison with the paper's numbers; None without an episode at its template's own level."""
     counted = at_template_level(measures.prediction, own_level)
     if not counted:
         return None
@@ -202,7 +202,7 @@ def build_page(
     plan: Callable[[int], None] = lambda _: None,
     done: Callable[[], None] = lambda: None,
 ) -> tuple[Page, EpisodePages]:
-    """The page of a study, and the pages of episodes that it leads to, not yet written.
+    """Page of a study, and the linked pages of episodes, which are not written yet.
 
     Args:
         folder: What ``siren generate`` made.
@@ -222,7 +222,7 @@ def build_page(
 
 
 def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -> tuple[Page, EpisodePages]:
-    """The page and the pages of episodes, from what was read and measured."""
+    """Assemble the page and the pages of episodes from the measured data."""
     pages = EpisodePages(options.pages_folder, options.pages, {bag.bag for bag in measures.bags if bag.moments})
     moments = moments_section(((bag.bag, moment) for bag in measures.bags for moment in bag.moments), pages)
     sections: list[Section | None] = [

@@ -1,4 +1,4 @@
-"""The charts of the page."""
+"""Charts of the study's page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.scoring.pictures.palette import FAINT_TEXT, TEXT
 
 LEVEL_COLOURS: Final = {"L0": "#8a9099", "L1": "#e08e1b", "L2": "#1a86b8", "L3": "#12855f"}
-"""One colour for each level, in every chart."""
+"""Colour of each level in all charts."""
 OTHER_LEVEL: Final = "#5c6b73"
 WIDTH_IN: Final = 9.0
-"""Of every chart: the page's."""
+"""Width of all charts, that of the page."""
 OF_A_PLACE: Final = 0.8
-"""Share of a template's place that the bars of its levels take."""
+"""Share of a template's space that the bars of its levels cover."""
 HIGHEST_SHARE: Final = 1.02
-"""A line at 1 is seen."""
+"""Upper limit of the axis, so that a line at 1 is visible."""
 _LEGEND_MARK_PT: Final = 5
 
 
@@ -36,7 +36,7 @@ def _colour(level: str) -> str:
 
 
 def level_legend(axes: Axes, levels: Sequence[str]) -> None:
-    """Names the levels' colours above the axes, at the right."""
+    """Draw a legend of the levels' colours above the axes, at the right."""
     dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markersize": _LEGEND_MARK_PT}
     handles = [Line2D([], [], color=_colour(level), label=level, **dot) for level in levels]
     place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
@@ -44,7 +44,7 @@ def level_legend(axes: Axes, levels: Sequence[str]) -> None:
 
 
 def titled_axes(figure: Figure, title: str, rows: int = 1, columns: int = 1, place: int = 1, **options: Any) -> Axes:
-    """Axes in a grid of panels, with a title above them at the left; ``options`` are those of ``add_subplot``."""
+    """Add axes in a grid of panels with a title above them at the left; ``options`` as of ``add_subplot``."""
     axes: Axes = figure.add_subplot(rows, columns, place, **options)
     quiet(axes)
     axes.set_title(title, fontsize=TITLE_PT, color=TEXT, loc="left")
@@ -53,7 +53,7 @@ def titled_axes(figure: Figure, title: str, rows: int = 1, columns: int = 1, pla
 
 @dataclass(frozen=True)
 class _Places:
-    """Where the levels of each template stand on an axis of templates."""
+    """Positions of the levels of each template on an axis."""
 
     templates: list[str]
     levels: list[str]
@@ -67,7 +67,7 @@ class _Places:
         return OF_A_PLACE / max(len(self.levels), 1)
 
     def middles(self, level: str) -> Floats:
-        """Of a level at each template."""
+        """Position of a level, for each template."""
         aside = (self.levels.index(level) - 0.5 * (len(self.levels) - 1)) * self.width
         return np.arange(len(self.templates)) + aside
 
@@ -83,7 +83,7 @@ _ALL_TEMPLATES: Final = "#b3121a"
 
 
 def draw_forest(effects: Sequence[Effect], outcome: str) -> Figure:
-    """Effects on one outcome: a panel for each pair of levels, a row for each template."""
+    """Draw the effects on one outcome: a panel per pair of levels, a row per template."""
     contrasts = list(dict.fromkeys((effect.first, effect.second) for effect in effects))
     names = {effect.template for effect in effects}
     templates = sorted(names - {ALL}) + [ALL] * (ALL in names)
@@ -112,11 +112,11 @@ _METRIC_IN, _DRIVERS_IN = 2.3, 2.8
 _POINT_PT2, _OPAQUE = 11, 0.85
 _MEDIAN_PT, _CURVE_PT = 2, 1.6
 _SPREAD, _MEDIAN = 0.55, 0.42
-"""Shares of a level's part of a place: that its points are spread over, and half the length of the bar."""
+"""Shares of a level's space: width of the scattered points, and half the length of the median's bar."""
 
 
 def draw_metric(episodes: Sequence[ScoredEpisode], metric: Metric) -> Figure:
-    """One metric: a point for each episode by template and level, a bar at the median."""
+    """Draw one metric: a point per episode by template and level, and a bar at the median."""
     places = _Places.of(episodes)
     half = _MEDIAN * places.width
     figure = new_figure(WIDTH_IN, _METRIC_IN)
@@ -140,7 +140,7 @@ def draw_metric(episodes: Sequence[ScoredEpisode], metric: Metric) -> Figure:
 
 
 def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Mapping[str, str]) -> Figure:
-    """Share of the drivers in the EMV's way who have done something within a time, a curve for each level.
+    """Draw the share of drivers in the EMV's way that have acted within a time; a curve per level.
 
     Drivers who had not by the end of the episode count in the share's denominator. ``marks`` holds the titles of driver
     metrics in seconds by their names.
@@ -173,7 +173,7 @@ _CURVE_MARK_PT: Final = 2.5
 
 
 def draw_coverage(groups: Sequence[GroupDiversity], colours: Sequence[str]) -> Figure:
-    """A line for each group in four panels, against the number of episodes."""
+    """Draw coverage over the number of episodes: four panels, a line per group."""
     figure = new_figure(WIDTH_IN, _COVERAGE_IN)
     titles = (
         "share of the parameters' ranges tried",
@@ -201,12 +201,12 @@ def draw_coverage(groups: Sequence[GroupDiversity], colours: Sequence[str]) -> F
 
 _OUTCOMES_IN: Final = 2.5
 _BAR: Final = 0.86
-"""Share of a level's part of a place that its bar is wide."""
+"""Width of a bar as a share of its level's space."""
 _OUTLINE_PT: Final = 0.8
 
 
 def draw_outcomes(rows: Sequence[EpisodeRow]) -> Figure:
-    """Bars by template and level: filled where the predicate holds, an outline for all complete episodes."""
+    """Draw outcomes by template and level: filled bars if the predicate holds, outlines for all complete episodes."""
     complete = [row for row in rows if row.status is Status.COMPLETE]
     places = _Places.of(rows)
     figure = new_figure(WIDTH_IN, _OUTCOMES_IN)

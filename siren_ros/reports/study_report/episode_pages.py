@@ -1,4 +1,4 @@
-"""Pages of episodes in a folder next to the report, for the moments that the report leads to."""
+"""Pages of episodes in a folder next to the report, for the moments that it links to."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -10,17 +10,17 @@ from siren_ros.reports.episode_page.of_bag import page_of_bag
 
 
 class EpisodePages:
-    """Gives the addresses of moments, and remembers which pages they need; ``write`` writes these."""
+    """Gives addresses of moments and collects the pages that they need; ``write`` writes these pages."""
 
     def __init__(self, folder: Path, most: int, bags: Collection[Path]) -> None:
-        """Pages of at most so many episodes, of those bags alone that a page can show."""
+        """Prepare pages for at most ``most`` episodes, only of bags that a page can show."""
         self.folder = folder
         self._most = most
         self._bags = bags
         self._asked: dict[Path, Path] = {}
 
     def address(self, bag: Path, time_s: float, actor_id: int | None = None) -> str:
-        """Address of a moment relative to the report; empty where the episode has no page."""
+        """Address of a moment relative to the report; empty if the episode has no page."""
         if bag not in self._asked:
             if bag not in self._bags or len(self._asked) >= self._most:
                 return ""
@@ -29,7 +29,7 @@ class EpisodePages:
         return f"{quote(self.folder.name)}/{quote(self._asked[bag].name)}#t={time_s:g}{actor}"
 
     def write(self, jobs: int) -> tuple[int, int, tuple[str, ...]]:
-        """Writes the pages in some processes; how many, their size in bytes, and why others are missing."""
+        """Write the pages in parallel processes; returns their number, total size, and reasons of missing pages."""
         if not self._asked:
             return 0, 0, ()
         with writing(self.folder):
@@ -41,7 +41,7 @@ class EpisodePages:
 
 
 def write_page(bag: Path, file: Path) -> int | str:
-    """Writes the page of a bag; its size in bytes, or why it cannot be made."""
+    """Write the page of a bag; returns its size in bytes, or why it cannot be made."""
     try:
         content = page_of_bag(bag)
         write_text(file, content)

@@ -1,4 +1,4 @@
-"""Sections of the page about the episodes: what was generated, and a picture and a short film of each template."""
+"""Sections on the episodes: what was generated, and a picture and a short film for each template."""
 
 import json
 import re
@@ -42,7 +42,7 @@ from siren_ros.simulation.scenario.templates import load_template, own_level
 from siren_ros.simulation.world.traffic_state import EventKind
 
 _NAMED_MAX: Final = 50
-"""Most missing episodes that the page names."""
+"""Largest number of missing episodes that the page names."""
 _PEOPLE_CAPTION: Final = (
     "People within 150 m of an EMV, over the episode and at once (median), and how many of them meet an EMV or a "
     "driver who makes way: means over the episodes; the last column has the episodes in which somebody is met"
@@ -55,7 +55,7 @@ _VERDICT: Final = re.compile(r"emv(\d+)\.predicate_holds")
 
 
 def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
-    """What ``siren generate`` made."""
+    """Section: what ``siren generate`` made."""
     rows = study.rows
     complete = [row for row in rows if row.status is Status.COMPLETE]
     summary = (
@@ -136,7 +136,7 @@ def _group_row(template: str, level: str, map_name: str, rows: Sequence[EpisodeR
 
 
 def _further_emvs(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
-    """By template, level and EMV: in how many episodes its own verdict holds, and its mean speed over all of them."""
+    """Rows for further EMVs by template and level: share of episodes in which its verdict holds, and its mean speed."""
     found: dict[tuple[str, str, int], list[tuple[bool, float]]] = {}
     for row in rows:
         measures = json.loads(row.measures)
@@ -151,7 +151,7 @@ def _further_emvs(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
 
 
 def _people(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
-    """By template, level and class: means over the episodes, and in how many of them somebody is met."""
+    """Rows for people by template, level and class: means over the episodes, and share of episodes with a meeting."""
     groups: dict[tuple[str, str], list[dict[str, int]]] = {}
     for row in rows:
         if row.people:
@@ -167,7 +167,7 @@ def _people(rows: Iterable[EpisodeRow]) -> Iterator[Row]:
 
 
 def _asked(study: StudyRows) -> Table:
-    """What the episodes share or differ in."""
+    """Table of the study's options."""
     texts = {"map": {"": TOWN}, "draw": {"-1": "none"}}
     rows = []
     for name in ("map", "preset", "sensors", "look", "draw"):
@@ -183,11 +183,11 @@ _PICTURE_PX: Final = 1200
 _CODING: Final = Coding(width_px=640, crf=24)
 _POSTER_PX: Final = (640, 360)
 _FILMED: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED, EventKind.YIELD_HELD}
-"""The film shows the middle of these events."""
+"""The film shows the time around the middle one of these events."""
 
 
 def scenes_section(study: StudyRows, jobs: int, film_s: float, pages: EpisodePages) -> Section:
-    """An episode of each template: at its own level if there is one, with a predicate that holds if there is one."""
+    """Section: one episode per template, at its own level and with a predicate that holds if possible."""
     chosen = chosen_episodes(study.rows)
     figures, clips, commands, links = [], [], [], []
     with ProcessPool(min(jobs, len(chosen))) as pool:
@@ -218,7 +218,7 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float, pages: EpisodePag
 
 
 def chosen_episodes(rows: Sequence[EpisodeRow]) -> tuple[EpisodeRow, ...]:
-    """One complete episode of each template, by template."""
+    """Choose one complete episode per template."""
     usable = [row for row in rows if row.status is Status.COMPLETE and row.bag]
 
     def preference(row: EpisodeRow) -> tuple[bool, bool, int]:
@@ -229,7 +229,7 @@ def chosen_episodes(rows: Sequence[EpisodeRow]) -> tuple[EpisodeRow, ...]:
 
 
 def show_episode(bag: Path, film_s: float) -> tuple[str, str, str, float] | None:
-    """Data URIs of picture, film and poster, and the film's first second; None where the bag cannot be drawn."""
+    """Picture, film and poster as data URIs, and the film's first second; None if the bag cannot be drawn."""
     try:
         record = read_episode(bag)
         steps = film_steps(record, film_s)
@@ -242,7 +242,7 @@ def show_episode(bag: Path, film_s: float) -> tuple[str, str, str, float] | None
 
 
 def film_steps(record: EpisodeRecord, film_s: float) -> range:
-    """The frames around the median event of the interaction; around its middle where there is no event."""
+    """Frames of the film around the median event, or around the middle of the interaction without events."""
     emvs = frozenset(record.emv_ids)
     steps = [
         event.step

@@ -1,4 +1,4 @@
-"""Moments of episodes that a reader may want to look into: what failed, contacts, and the closest calls."""
+"""Finds moments of episodes that readers may want to see: failures, contacts, and the closest approaches."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 
 class Kind(StrEnum):
-    """Why a moment is worth a look; those that come first are shown first."""
+    """Kind of a moment, in the order in which they are shown."""
 
     CONTACT = "contact"
     FAILURE = "failure"
-    """A part of the predicate does not hold at the template's own level."""
+    """A condition of the predicate does not hold at the template's own level."""
     CLOSE = "close"
 
 
 MOST: Final = {Kind.CONTACT: 20, Kind.FAILURE: 20, Kind.CLOSE: 5}
-"""How many moments of each kind a page names."""
+"""Largest number of moments of each kind on a page."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class Notable:
     step: int
     actor_id: int
     rank: float
-    """Of moments of one kind, those with the least are named."""
+    """Rank of the moment in its kind; the page shows those with the lowest."""
 
 
 def notable_moments(record: EpisodeRecord) -> tuple[Notable, ...]:
-    """At most one moment of each kind: the hardest contact, what decided the first part that fails, the least TTC.
+    """Find at most one moment per kind: hardest contact, decisive moment of the first failed condition, smallest TTC.
 
     Nothing of a record that no page can show.
     """
@@ -70,7 +70,7 @@ def _failure(record: EpisodeRecord) -> Iterator[Notable]:
     episode = record.description
     try:
         failing = evaluate_predicate(record).failing if own_level(episode.template) == episode.level.name else ()
-    except SirenError:  # nothing says what should have happened
+    except SirenError:  # without a predicate there is no expectation to fail
         return
     for part in failing[:1]:
         moment = part.decisive
@@ -88,7 +88,7 @@ def _closest(record: EpisodeRecord) -> Iterator[Notable]:
 
 
 def moments_section(found: Iterable[tuple[Path, Notable]], pages: EpisodePages) -> Section | None:
-    """Moments of bags with links to pages of the episodes, or the command that shows them; None without a moment."""
+    """Section of moments with links to pages of episodes, or commands that show them; None without moments."""
     links, left_out = [], 0
     ordered = sorted(found, key=lambda item: (item[1].rank, item[0].name))
     for kind, most in MOST.items():

@@ -1,4 +1,4 @@
-"""What the page is made of: sections, tables, pictures and films as data URIs, and commands; and the page as HTML."""
+"""Building blocks of the study's page (sections, tables, pictures, films, commands), and the page as HTML."""
 
 import base64
 import io
@@ -24,9 +24,9 @@ class Picture:
 
     key: str
     caption: str
-    """Also the text for readers who do not see the picture."""
+    """Caption, also for readers who cannot see the picture."""
     source: str
-    """A data URI."""
+    """The picture as a data URI."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,20 @@ class Clip:
     key: str
     caption: str
     source: str
-    """A data URI of an MP4."""
+    """The film as a data URI of an MP4."""
     poster: str
-    """A data URI of the picture before the film plays."""
+    """The poster as a data URI; it is shown before the film plays."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """A moment of an episode."""
+    """A link to a moment of an episode."""
 
     text: str
     address: str
-    """Relative to the page; empty where the episode has no page."""
+    """Address relative to the page; empty if the episode has no page."""
     command: str = ""
-    """It shows the moment where there is no page."""
+    """Command that shows the moment if there is no page."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ class Section:
     key: str
     title: str
     text: tuple[str, ...] = ()
-    """Paragraphs."""
+    """Paragraphs of text."""
     figures: tuple[Picture, ...] = ()
     clips: tuple[Clip, ...] = ()
     tables: tuple[Table, ...] = ()
     links: tuple[Link, ...] = ()
     commands: tuple[str, ...] = ()
-    """They make the section's numbers again."""
+    """Commands that compute the section's numbers again."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ _PAGE: Final = "study"
 
 
 def html_of(page: Page) -> str:
-    """The whole page in one file, with its styles."""
+    """The complete page in one file, with its styles."""
     return page_template(_PAGE, keep_trailing_newline=True).render(page=page, css=page_part(_PAGE, "page.css"))
 
 
@@ -89,12 +89,12 @@ _JPEG_QUALITY: Final = 82
 
 
 def data_uri(kind: str, content: bytes) -> str:
-    """A file's content as an address."""
+    """Content of a file as a data URI."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def figure_uri(figure: Figure) -> str:
-    """A chart as SVG: the same figure gives the same bytes, and no font of the reader's is needed."""
+    """A chart as SVG: the same figure gives the same bytes, and it needs no font of the reader's."""
     out = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "siren", "svg.fonttype": "path"}):
         figure.savefig(out, format="svg", metadata={"Date": None})
@@ -102,21 +102,21 @@ def figure_uri(figure: Figure) -> str:
 
 
 def picture_uri(pixels: Image.Image) -> str:
-    """A picture as JPEG."""
+    """A picture as JPEG in a data URI."""
     out = io.BytesIO()
     pixels.convert("RGB").save(out, "JPEG", quality=_JPEG_QUALITY, optimize=True)
     return data_uri("image/jpeg", out.getvalue())
 
 
 def drawn_uri(figure: Figure, width_px: int) -> str:
-    """A figure with very many lines, such as a map, as JPEG of some width."""
+    """A figure with very many lines, such as a map, as JPEG with a given width."""
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=width_px / figure.get_figwidth())
     return picture_uri(Image.open(out))
 
 
 def film_uri(frames: Iterable[Frame], coding: Coding) -> str:
-    """Frames as H.264 in MP4."""
+    """Frames as H.264 in MP4, as a data URI."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         write_video(path, frames, coding)
@@ -124,17 +124,17 @@ def film_uri(frames: Iterable[Frame], coding: Coding) -> str:
 
 
 def generate_command(asked: Mapping[str, Any], folder: Path) -> str:
-    """The call of ``siren generate`` that makes a study, from its ``study.json``."""
+    """The ``siren generate`` command that makes a study, from its ``study.json``."""
     return " ".join(["./env siren generate", *_matrix(asked), *_draws(asked.get("draws")), f"--out {quoted(folder)}"])
 
 
 def command(verb: str, folder: Path, *more: str) -> str:
-    """A call of ``siren`` on the study's folder."""
+    """A ``siren`` command for the study's folder."""
     return " ".join(["./env siren", verb, quoted(folder), *more])
 
 
 def quoted(path: Path) -> str:
-    """A path as a shell reads it."""
+    """A path quoted for a shell."""
     return quote(str(path))
 
 

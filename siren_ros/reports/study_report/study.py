@@ -1,4 +1,4 @@
-"""A study as the page needs it: its rows, its options, stored scores, and everything that is measured on its bags."""
+"""Data of a study's page: rows, options, stored scores, and measures of its bags."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,17 +24,17 @@ from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode, score_y
 
 @dataclass(frozen=True)
 class StudyRows:
-    """What a study's folder says about its episodes."""
+    """Content of a study's folder about its episodes."""
 
     folder: Path
     asked: Mapping[str, Any]
-    """``study.json``: what the last run asked for; empty where it is missing."""
+    """Content of ``study.json``, the options of the last run; empty if it is missing."""
     rows: tuple[EpisodeRow, ...]
     manifest_sha256: str
 
 
 def read_rows(folder: Path) -> StudyRows:
-    """Reads the table of a study, and the rows next to bags that a run without an end left out of it.
+    """Read a study's table, and rows next to bags that an interrupted run did not add to it.
 
     Raises:
         InputError: The folder is none that ``siren generate`` made.
@@ -62,32 +62,32 @@ PAGES: Final = 8
 
 @dataclass(frozen=True)
 class PageOptions:
-    """What goes into a page."""
+    """Options of a page."""
 
     models: tuple[str, ...] = MODELS
-    """Trajectory predictors that are scored on the bags."""
+    """Trajectory predictors to score on the bags."""
     detection: Path | None = None
-    """Folder that ``siren evaluate detection --out`` wrote; None: the folder ``detection`` of the study."""
+    """Folder of ``siren evaluate detection --out``; None for the folder ``detection`` of the study."""
     risk: Path | None = None
-    """Folder that ``siren evaluate risk --out`` wrote; None: the folder ``risk`` of the study."""
+    """Folder of ``siren evaluate risk --out``; None for the folder ``risk`` of the study."""
     jobs: int = 1
     film_s: float = FILM_S
     """Length of the films."""
     pages: int = PAGES
-    """Most episodes that get a page of their own."""
+    """Largest number of episodes that get a page of their own."""
     pages_folder: Path = Path("pages")
-    """Where these pages are: a folder next to the report."""
+    """Folder of these pages next to the report."""
 
     def detection_in(self, folder: Path) -> Path:
-        """Folder of the detectors' scores of a study."""
+        """Folder of the detectors' scores for a study."""
         return self.detection or folder / DETECTION
 
     def risk_in(self, folder: Path) -> Path:
-        """Folder of the risk task's scores of a study."""
+        """Folder of the risk task's scores for a study."""
         return self.risk or folder / RISK
 
     def check(self) -> None:
-        """InputError if a folder that was asked for has no scores: a page without them would not say so."""
+        """Check that requested folders have scores; otherwise InputError, because the page would not show the lack."""
         for task, folder in ((DETECTION, self.detection), (RISK, self.risk)):
             if folder is not None and stored(folder) is None:
                 raise InputError(task, str(folder), f"a folder that `siren evaluate {task} --out` wrote")
@@ -96,7 +96,7 @@ class PageOptions:
 def stored_tables(
     task: str, folder: Path, tables: Callable[[Mapping[str, Any]], Iterable[Table]]
 ) -> tuple[Table, ...] | None:
-    """The tables of the ``scores.json`` in a folder, by the task of ``siren evaluate``; None without such a file.
+    """Tables of the ``scores.json`` in a folder for a task of ``siren evaluate``; None without such a file.
 
     Raises:
         InputError: The scores are those of something else.
@@ -112,7 +112,7 @@ def stored_tables(
 
 @dataclass(frozen=True)
 class BagMeasures:
-    """What one bag gives."""
+    """Measures of one bag."""
 
     bag: Path
     yielding: ScoredEpisode
@@ -123,28 +123,28 @@ class BagMeasures:
 
 @dataclass(frozen=True)
 class StudyMeasures:
-    """What all bags give, in the order of the bags."""
+    """Measures of all bags, in their order."""
 
     bags: tuple[BagMeasures, ...]
     unread: tuple[tuple[Path, str], ...] = ()
-    """Bags that give nothing, each with the reason."""
+    """Bags that cannot be read, each with the reason."""
 
     @property
     def yielding(self) -> tuple[ScoredEpisode, ...]:
-        """In the order in which ``siren evaluate yield`` takes them, which the bootstrap depends on."""
+        """Yield scores in the order of ``siren evaluate yield``, on which the bootstrap depends."""
         episodes = [bag.yielding for bag in self.bags]
         return tuple(sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)))
 
     @property
     def prediction(self) -> tuple[EpisodeScores, ...]:
-        """In the order in which ``siren evaluate prediction`` takes them."""
+        """Prediction scores in the order of ``siren evaluate prediction``."""
         return tuple(bag.prediction for bag in self.bags)
 
 
 def measure_study(
     bags: Sequence[Path], models: Sequence[str], jobs: int, progress: Callable[[], None] = lambda: None
 ) -> StudyMeasures:
-    """Measures every bag in some processes; a bag that cannot be read does not keep the others from being measured.
+    """Measure every bag in parallel processes; an unreadable bag does not stop the others.
 
     The models are trajectory predictors that need no checkpoint; ``progress`` is called after each bag.
 
@@ -163,7 +163,7 @@ def measure_study(
 
 
 def measure_bag(bag: Path, models: tuple[str, ...]) -> BagMeasures | tuple[Path, str]:
-    """All measures of a bag; the bag with the reason where it cannot be read."""
+    """All measures of a bag; or the bag with the reason if it cannot be read."""
     try:
         record = read_episode(bag)
         yielding = ScoredEpisode.of(str(bag), record, score_yielding(record))
@@ -175,5 +175,5 @@ def measure_bag(bag: Path, models: tuple[str, ...]) -> BagMeasures | tuple[Path,
 
 @cache
 def _predictors(models: tuple[str, ...]) -> dict[str, Predictor]:
-    """Made once in each process."""
+    """Make the predictors once per process."""
     return predictors_named(models)

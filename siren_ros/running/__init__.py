@@ -1,1 +1,1 @@
-"""Makes episodes: one without ROS or as nodes, with an AV under test, or many in a study."""
+"""Runs episodes: one without ROS or as nodes, with an AV under test, or many in a study."""

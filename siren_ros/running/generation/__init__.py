@@ -1,1 +1,1 @@
-"""One episode: set up from a request, run without ROS, repeated for a check."""
+"""One episode: its setup from a request, its run without ROS, its repetition for a check."""

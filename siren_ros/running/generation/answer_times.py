@@ -1,4 +1,4 @@
-"""How fast the program that drives the AV under test answers: wall time from a step's states to its answer."""
+"""Measures how fast the AV's program answers: wall time from a step's states to its answer."""
 
 import re
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _LINE: Final = re.compile(
 
 @dataclass(frozen=True)
 class AnswerTimes:
-    """Of one episode, milliseconds of wall time."""
+    """Answer times of one episode in milliseconds of wall time."""
 
     median_ms: float
     p95_ms: float
@@ -22,18 +22,18 @@ class AnswerTimes:
 
     @classmethod
     def of(cls, times_s: Sequence[float]) -> Self:
-        """Of an episode's answers; at least one."""
+        """Compute them from the answers of an episode; at least one."""
         median, p95, worst = np.percentile(times_s, (50.0, 95.0, 100.0)) * 1000.0
         return cls(round(float(median), 1), round(float(p95), 1), round(float(worst), 1))
 
     @property
     def line(self) -> str:
-        """As a line of an episode's summary."""
+        """The times as a line of an episode's summary."""
         told = f"{self.median_ms:.1f} ms (median), {self.p95_ms:.1f} ms (95 %), {self.worst_ms:.1f} ms (worst)"
         return f"answers of the AV's program after {told}"
 
     @classmethod
     def in_lines(cls, lines: Sequence[str]) -> Self | None:
-        """What a summary says; None where it says nothing."""
+        """Read the times from a summary; None if it has no such line."""
         found = [match for line in lines if (match := _LINE.search(line))]
         return cls(*map(float, found[-1].groups())) if found else None

@@ -1,4 +1,4 @@
-"""What the controllers need, from an episode's description."""
+"""Prepares what the controllers need from an episode's description."""
 
 from collections.abc import Mapping
 from typing import cast
@@ -14,7 +14,7 @@ from siren_ros.simulation.scenario.presets import load_preset
 
 
 def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWorld:
-    """The controllers' view of an episode that does not change.
+    """Constant inputs of the controllers in an episode.
 
     Args:
         episode: The description, with the template's values under ``parameters["template"]``.

@@ -30,13 +30,13 @@ class LoopStep:
 
     traffic: TrafficState
     commands: tuple[VehicleCommands, ...]
-    """Of the EMV controller and of the yield manager, and of the AV's controller where there is one."""
+    """Commands of the EMV controller and the yield manager, and of the AV's controller if there is one."""
     states: ActorStates
     events: tuple[Event, ...]
 
     @property
     def state_hash(self) -> int:
-        """Hash of the actor states and the signals, as the events of the step carry it."""
+        """Hash of actor states and signals, as in the step's events."""
         return hash_state(self.states, self.traffic.signals)
 
 
@@ -46,7 +46,7 @@ def closed_loop(
     residual_limit_m: float = RESIDUAL_LIMIT_M,
     world: BehaviourWorld | None = None,
 ) -> Generator[LoopStep, Controls | None, None]:
-    """Runs an episode's behaviour, dynamics and traffic step by step.
+    """Run an episode's behaviour, dynamics and traffic step by step.
 
     It yields each step, and takes by ``send`` what the drivers in seats answer to it. The AV under test is always in a
     seat: without an answer it rolls. Every other actor is in one while it is among the answers; what the model's
@@ -85,7 +85,7 @@ def closed_loop(
 def driven(
     loop: Generator[LoopStep, Controls | None, None], answer: Callable[[LoopStep], Controls]
 ) -> Iterator[tuple[LoopStep, Controls]]:
-    """The steps of a ``closed_loop`` with what drivers in seats answer to each one."""
+    """Steps of a ``closed_loop`` with the drivers' answers to each."""
     with closing(loop):
         controls: Controls | None = None
         while True:
@@ -100,7 +100,7 @@ def driven(
 def _with_seats(
     commands: tuple[VehicleCommands, ...], av_id: int, traffic: TrafficState, controls: Controls
 ) -> tuple[VehicleCommands, ...]:
-    """The commands of a step, with those of drivers in seats: their answers to the step before."""
+    """Commands of a step with those of external drivers, which are their answers to the previous step."""
     others = {one: control for one, control in controls.items() if one != av_id and one in traffic.actor_id}
     if others:
         emvs = {advice.actor_id for advice in traffic.emvs}
@@ -112,7 +112,7 @@ def _with_seats(
 
 
 def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:
-    """The record of these steps, as their bag would give it; for predicates and pictures."""
+    """Record of these steps, as from their bag; for predicates and pictures."""
     actors: dict[int, ActorDescription] = {actor.actor_id: actor for step in steps for actor in step.traffic.spawned}
     commands: dict[str, list[VehicleCommands]] = {}
     for step in steps:

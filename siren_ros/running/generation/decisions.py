@@ -1,4 +1,4 @@
-"""Decisions of an episode, made again from its record by the code that made them: what limited whom, and why."""
+"""Computes the drivers' decisions of a recorded episode again: which mechanism limited whom, and why."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -25,18 +25,18 @@ _SOURCES: Final = (EMV_SOURCE, YIELD_SOURCE)
 
 @dataclass(frozen=True)
 class Decision:
-    """Why one EMV or one civilian who makes way did at a step what it did."""
+    """Why an EMV or a yielding civilian acted as it did at a step."""
 
     mode: Mode
     target_mps: float
-    """Speed that the mode asked for; NaN where SUMO drives."""
+    """Target speed of its mode; NaN if SUMO drives."""
     limits: Mapping[str, SpeedLimit]
-    """What the mechanisms (``MECHANISMS``) allowed, those that limit nothing left out; empty where SUMO drives."""
+    """Speed limits by mechanism (``MECHANISMS``), without those that limit nothing; empty if SUMO drives."""
     guards: tuple[GuardState, ...]
 
 
 def decisions_of(record: EpisodeRecord) -> Iterator[tuple[int, Mapping[int, Decision]]]:
-    """Each step with the decisions at it, by actor.
+    """Each step with its decisions by actor.
 
     Raises:
         EpisodeError: The record does not hold its template's values, or the present code decides otherwise than the
@@ -78,11 +78,11 @@ def _decision(mode: Mode, navigator: NavigatorState, guards: tuple[GuardState, .
 
 
 def _check(decided: VehicleCommands, recorded: Mapping[int, VehicleCommands]) -> None:
-    """Compare with what was recorded of the step, where the bag has it."""
+    """Compare with the recorded commands of the step, if the bag has them."""
     before = recorded.get(decided.step)
     if before is None:
         return
-    difference = first_mismatch(before, replace(decided, events=before.events))  # they have a topic of their own
+    difference = first_mismatch(before, replace(decided, events=before.events))  # events have a topic of their own
     if difference is not None:
         raise EpisodeError(
             f"the present version decides otherwise at step {decided.step}: {difference.name} of {decided.source} "

@@ -1,4 +1,4 @@
-"""Everything that is decided before the first step of an episode, from what the user asked for."""
+"""Prepares an episode from a request: everything that is decided before the first step."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -67,7 +67,7 @@ _PACKAGES: Final = ("eclipse-sumo", "numpy", "embreex")
 
 @dataclass(frozen=True)
 class EpisodeSetup:
-    """A request with everything looked up, drawn and compiled."""
+    """A request with all lookups, draws and compilations done."""
 
     description: EpisodeDescription
     template: Template
@@ -80,12 +80,12 @@ class EpisodeSetup:
 
 
 def level_of(request: EpisodeRequest, template: Template) -> EmergencyLevel:
-    """The level asked for, or the template's own."""
+    """Level of the request, or the template's own."""
     return EmergencyLevel[request.level] if request.level else template.level
 
 
 def map_of(request: EpisodeRequest, template: Template) -> Path | None:
-    """The map asked for, or the template's own; None is the built-in town."""
+    """Map of the request, or the template's own; None means the built-in town."""
     name = request.map or template.map_name
     return Path(name) if name else None
 
@@ -101,7 +101,7 @@ def plan_length(request: EpisodeRequest) -> int:
 
 
 def default_bag_path(request: EpisodeRequest) -> Path:
-    """Where the bag goes unless the user says otherwise: ``bags/S2_L2_seed0``, and the map's name if one is given."""
+    """Default folder of a bag: ``bags/S2_L2_seed0``, with the map's name if the request gives one."""
     template = load_template(request.template)
     return _bag_path(
         template.template_id, level_of(request, template), request.seed, request.map, has_av=bool(request.av)
@@ -109,7 +109,7 @@ def default_bag_path(request: EpisodeRequest) -> Path:
 
 
 def default_bag_path_of(episode: EpisodeDescription) -> Path:
-    """``default_bag_path`` of the request that the episode was made from."""
+    """``default_bag_path`` for the request that an episode was made from."""
     map_file = str(episode.asked.get("map", ""))
     return _bag_path(episode.template, episode.level, episode.seed, map_file, has_av=episode.av_id != NO_ACTOR)
 
@@ -124,14 +124,14 @@ def _bag_path(template_id: str, level: EmergencyLevel, seed: int, map_file: str,
 
 
 def default_kitti_path(bag: Path) -> Path:
-    """Where the KITTI export of an episode goes: the folder next to its bag, with the suffix ``_kitti``."""
+    """Folder of an episode's KITTI export: next to its bag, with the suffix ``_kitti``."""
     return bag.with_name(f"{bag.name}_kitti")
 
 
 def set_up_episode(
     request: EpisodeRequest, files: InputFiles = FILES_ON_DISK, compiled_map: CompiledMap | None = None
 ) -> EpisodeSetup:
-    """Look up, draw and compile what an episode needs. The same request and files give the same setup.
+    """Look up, draw and compile what an episode needs. Equal requests and files give equal setups.
 
     Args:
         request: What the user asks for.

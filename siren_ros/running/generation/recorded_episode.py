@@ -1,4 +1,4 @@
-"""An episode with its bag, without ROS: the library calls of the node graph, and the very bytes of its recorder."""
+"""Runs an episode without ROS and writes its bag, with the same bytes as the recorder node."""
 
 from collections.abc import Callable, Generator
 from contextlib import closing
@@ -38,17 +38,17 @@ from siren_ros.simulation.world.commands import AvControl, Controls
 
 @dataclass(frozen=True)
 class RecordedEpisode(Brief):
-    """How an episode ended, and its bag."""
+    """Result of an episode, with its bag."""
 
     description: EpisodeDescription
     outcome: EpisodeOutcome
     bag: BagSummary | None
-    """None where no step was finished; then there is no bag."""
+    """The bag; None if no step was finished, and there is no bag."""
     answers: AnswerTimes | None = None
-    """Of the program that drove the AV; None where none did."""
+    """Answer times of the program that drove the AV; None if none did."""
 
     def facts(self) -> dict[str, object]:
-        """The episode, its end and its place."""
+        """The episode, its end and its bag's place as plain values."""
         described, outcome, bag = self.description, self.outcome, self.bag
         return {
             **{name: getattr(described, name) for name in ("template", "level", "seed")},
@@ -64,7 +64,7 @@ class RecordedEpisode(Brief):
 
 
 Answer = Callable[[LoopStep], Controls]
-"""What drivers in seats answer to a step."""
+"""Gives the answers of external drivers to a step."""
 
 
 def record_episode(
@@ -75,7 +75,7 @@ def record_episode(
     overwrite: bool = False,
     on_step: Callable[[int], None] = lambda _: None,
 ) -> RecordedEpisode:
-    """Runs an episode to its end and writes its bag.
+    """Run an episode to its end and write its bag.
 
     The bytes are those of ``cosim`` with the same request, and with the same answers of the AV under test. An episode
     that fails leaves a partial bag, as with ``cosim``; its outcome holds the reason.
@@ -106,12 +106,12 @@ def record_episode(
     end, reason = EpisodeEnd.COMPLETE, ""
     try:
         recorder.expect(topics_of(described), bag)
-        with closing(_messages(setup, answer or _nobody)) as messages:  # however it ends, SUMO ends with it
+        with closing(_messages(setup, answer or _nobody)) as messages:  # SUMO ends with the messages, in any case
             for topic, cdr in messages:
                 recorder.take(topic, cdr)
     except EpisodeError as error:
         end, reason = EpisodeEnd.FAILED, str(error)
-    except BaseException:  # also where the user interrupts it
+    except BaseException:  # also if the user interrupts it
         recorder.discard()
         raise
     outcome, summary, _ = recorder.close(EpisodeClosing(recorder.steps_recorded, end, reason))
@@ -123,7 +123,7 @@ def _nobody(_: LoopStep) -> Controls:
 
 
 def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, bytes], None, None]:
-    """All messages of the episode, as the nodes publish them."""
+    """All messages of the episode, as the nodes would publish them."""
     described = setup.description
     yield _sent(topics.EPISODE, to_episode_description(described))
     yield _sent(topics.MAP, make_message(topics.MAP.type_name, data=setup.compiled_map.read_bytes().decode()))

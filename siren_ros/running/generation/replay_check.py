@@ -1,4 +1,4 @@
-"""Simulates a recorded episode again and finds the first place where repetition and record differ."""
+"""Simulates a recorded episode again, and finds the first difference between repetition and record."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,15 +32,15 @@ from siren_ros.simulation.world.commands import AV_SOURCE, Controls, controls_in
 from siren_ros.simulation.world.traffic_state import Event
 
 MISSING: Final = "nothing"
-"""Stands for a value that one of the two structures lacks."""
+"""Stands for a value that one of the two structures does not have."""
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """One value that is not the same."""
+    """One value that differs."""
 
     path: tuple[str | int, ...]
-    """Names of fields and keys, and positions, from the outermost structure on."""
+    """Path to the value: names of fields and keys, and positions, from the outermost structure."""
     recorded: object
     repeated: object
 
@@ -51,7 +51,7 @@ class Mismatch:
 
 
 def first_mismatch(recorded: Any, repeated: Any) -> Mismatch | None:
-    """The first value that is not the same to the last bit, in the order of fields, keys and positions."""
+    """Find the first value that differs in any bit, in the order of fields, keys and positions."""
     return next(_mismatches(recorded, repeated, ()), None)
 
 
@@ -86,7 +86,7 @@ def _array_mismatches(recorded: Any, repeated: Any, path: tuple[str | int, ...])
 
 
 def _same(recorded: Any, repeated: Any) -> bool:
-    """Plain values by their text in JSON, so that 1 and 1.0, and 0.0 and −0.0, are two values."""
+    """Compare plain values by their JSON text, so that 1 and 1.0, or 0.0 and −0.0, differ."""
     for kind in (str, bytes, np.ndarray):
         if isinstance(recorded, kind) or isinstance(repeated, kind):
             return isinstance(recorded, kind) and isinstance(repeated, kind) and bool(recorded == repeated)
@@ -95,7 +95,7 @@ def _same(recorded: Any, repeated: Any) -> bool:
 
 @dataclass(frozen=True)
 class Difference:
-    """The first place where the repetition and the record part."""
+    """The first difference between repetition and record."""
 
     topic: str
     """Topic whose messages differ, or ``commands``."""
@@ -103,9 +103,9 @@ class Difference:
     recorded: object
     repeated: object
     step: int | None = None
-    """None where the difference is of no step."""
+    """Step of the difference; None if it belongs to no step."""
     actor_id: int = 0
-    """0 where the difference is of no actor."""
+    """Actor of the difference; 0 if it belongs to no actor."""
 
     def __str__(self) -> str:
         step = "" if self.step is None else f"step {self.step}, "
@@ -124,7 +124,7 @@ def _shortened(value: object) -> str:
 
 
 def request_of(record: EpisodeRecord) -> EpisodeRequest:
-    """The request that the episode was made from.
+    """Request from which the episode was made.
 
     Raises:
         BagError: The description does not hold it.
@@ -141,7 +141,7 @@ def request_of(record: EpisodeRecord) -> EpisodeRequest:
 
 
 def repeat_episode(record: EpisodeRecord) -> Difference | None:
-    """Simulates the episode again, without its sensors, and compares all that is simulated with the record.
+    """Simulate the episode again without sensors, and compare all simulated data with the record.
 
     Map and parameter files come from the record, wherever it holds them. An AV under test drives by its controller's
     recorded answers; so does whoever else sits in a seat. Compared are the description without its versions, the map's
@@ -160,7 +160,7 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
         if difference is not None:
             return difference
         answers = _answers_in(record)
-        # The limit on the residual ends an episode; it changes no step before.
+        # The limit on the residual can only end an episode; it changes no earlier step.
         last = max((state.step for state in record.states), default=-1)
         loop = closed_loop(setup, last + 1, residual_limit_m=math.inf)
         steps = [step for step, _ in driven(loop, lambda step: answers.get(step.states.step, {}))]
@@ -168,19 +168,19 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
 
 
 def _answers_in(record: EpisodeRecord) -> dict[int, Controls]:
-    """What drivers in seats answered, by the step that they answered."""
+    """Recorded answers of external drivers, by the step that they answered."""
     answers: dict[int, Controls] = {}
     for source, commands in record.commands.items():
         for command in commands:
             if controls := controls_in(command):
-                # The AV's controller is recorded at the step it answers, the others at the step that they drive to.
+                # The AV's answers are recorded at the step that they answer, others at the step to which they drive.
                 step = command.step if source == AV_SOURCE else command.step - 1
                 answers[step] = {**answers.get(step, {}), **controls}
     return answers
 
 
 def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path) -> CompiledMap:
-    """The record's own map as a file; for a record without it the request's map."""
+    """The record's own map as a file; the request's map if the record has none."""
     described = record.description
     source = map_of(request, load_template(request.template, described.files))
     if record.map_xml:
@@ -197,7 +197,7 @@ def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path)
 
 
 def _description_difference(recorded: EpisodeDescription, repeated: EpisodeDescription) -> Difference | None:
-    """The first field that differs; versions are left out, since they describe the program and not the episode."""
+    """The first field that differs; versions are ignored, because they describe the program, not the episode."""
     sides = [_plain(replace(side, versions={})) for side in (recorded, repeated)]
     for added in (FILES_PARAMETER, MAP_SOURCE_PARAMETER):
         if added not in recorded.parameters:
@@ -206,7 +206,7 @@ def _description_difference(recorded: EpisodeDescription, repeated: EpisodeDescr
 
 
 def _plain(description: EpisodeDescription) -> EpisodeDescription:
-    """The description with the JSON types that a record gives."""
+    """The description with the JSON types of a record."""
     return replace(
         description,
         parameters=json_object(json_text(dict(description.parameters))),
@@ -215,7 +215,7 @@ def _plain(description: EpisodeDescription) -> EpisodeDescription:
 
 
 def first_difference(record: EpisodeRecord, repeated: Sequence[LoopStep]) -> Difference | None:
-    """The first step, actor and field of the simulation that are not the same to the last bit.
+    """Find the first step, actor and field of the simulation that differ in any bit.
 
     In a record that has lost steps, messages that are missing are not compared; ``record.lost_steps`` tells.
 
@@ -269,7 +269,7 @@ def _outcome_difference(record: EpisodeRecord, setup: EpisodeSetup, steps: list[
 def _difference(
     topic: str, mismatch: Mismatch | None, step: int | None = None, rows: object = None
 ) -> Difference | None:
-    """A mismatch with its actor, where the last part of its path is a row of a structure of arrays."""
+    """Convert a mismatch; if the last part of its path is a row of a structure of arrays, it gives the actor."""
     if mismatch is None:
         return None
     ids = getattr(rows, "actor_id", None)
@@ -282,7 +282,7 @@ def _difference(
 
 
 def notes_on(record: EpisodeRecord) -> Iterator[str]:
-    """What is not the same any more outside the record: versions of packages, and files that were used from it."""
+    """Changes outside the record: versions of packages, and files that were replaced by recorded ones."""
     described = record.description
     for package, version in sorted(described.versions.items()):
         here = present_versions().get(package, MISSING)

@@ -1,4 +1,4 @@
-"""Where an episode happens: the sites that have what a template needs, and the one of them that a seed draws."""
+"""Chooses where an episode happens: among sites with all that a template needs, by the seed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,17 +26,18 @@ from siren_ros.simulation.world.actors import ActorClass
 _UNREACHABLE: Final = 3
 """Rank of sites whose approach is too short."""
 _LONG_ENOUGH_M: Final = 150.0
-"""Least length of good roads: 12 s at 45 km/h, to come up with five vehicles and to pass them. The same of queues:
-eight vehicles with 8 m between them, 30 m to the EMV, and some way on which they roll up to the line."""
+"""Least length of good roads: 12 s at 45 km/h, to reach and pass five vehicles. The same holds for queues: eight
+vehicles with 8 m between them, 30 m to the EMV, and some distance to roll to the line."""
 _MOTORWAY_M: Final = 750.0
-"""The same of motorway stretches: a queue of 350 m, 250 m up to it and 150 m on which its head moves on."""
+"""Least length of motorway stretches: a queue of 350 m, 250 m before it and 150 m on which its head moves on."""
 _NO_BRIDGE_M: Final = 300.0
-"""Around motorway stretches: as far away as traffic starts (``DemandConfig.district_m``)."""
+"""No bridge may be this near to a motorway stretch; traffic starts within this distance
+(``DemandConfig.district_m``)."""
 _JUNCTION_M: Final = 10.0
-"""Of the road behind a site, what its junction takes."""
+"""Length of road behind a site that its junction may cover."""
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
-"""Where the EMV needs others to make way; on a free shoulder it would pass them."""
+"""Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,12 @@ class SitesToTry:
 
     sites: tuple[Site, ...]
     best: Site
-    """Of all sites of the kind, the one that the finder rates best; an error names it."""
+    """The best-rated site of the kind; errors name it."""
     shown_map: str
 
 
 def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, int], ...]:
-    """All sites of a template's kind with the rank of the approach (``Approach``), best first."""
+    """All sites of a template's kind with the rank of their approach (``Approach``), best first."""
     return tuple((site, approach.rank) for site, approach in _approached(network, template.site_kind, template.emv))
 
 
@@ -61,12 +62,12 @@ def _approached(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[t
 
 
 def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
-    """The sites that have all that a template needs, best first; the others are not drawn by a seed."""
+    """Sites with all that a template needs, best first. A seed draws only among these."""
     return tuple(site for site, lacking in shortcomings(network, template).items() if not lacking)
 
 
 def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[str, ...]]:
-    """What each site of a template's kind lacks, best first; nothing for good ones.
+    """What each site of a template's kind lacks, best first; empty for good ones.
 
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
     * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
@@ -91,14 +92,14 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
 
 
 def _prefer(found: dict[Site, tuple[str, ...]], text: str, preferred: Callable[[Site], bool]) -> None:
-    """Notes a shortcoming of good sites that are not preferred, where one that is preferred is good."""
+    """Add a shortcoming to good sites that are not preferred, if a preferred site is good."""
     good = [(site, preferred(site)) for site, lacking in found.items() if not lacking]
     if any(is_preferred for _, is_preferred in good):
         found.update({site: (text,) for site, is_preferred in good if not is_preferred})
 
 
 def has_shoulder(network: RoadNetwork, site: Site) -> bool:
-    """Whether a shoulder runs along a part of the site's stretch."""
+    """Whether a shoulder runs along part of the site's stretch of road."""
     lanes = (network.lanes[lane] for edge in site.stretch for lane in network.edges[edge].lanes)
     return any(lane.kind is LaneKind.SHOULDER for lane in lanes)
 
@@ -154,13 +155,13 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "crossing traffic without a stop sign": _all_stop,
     "a stop sign at its end": _ends_free,
 }
-"""What good sites have, by what they lack otherwise."""
+"""Conditions of good sites, by the text that says what is lacking."""
 _SHOULDER: Final = "a shoulder, and others have none"
 _JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"
 
 
 def _usable_m(network: RoadNetwork, site: Site) -> float:
-    """Length of the stretch; of queues, where it has no more lanes than lead on, and as far as no junction is there."""
+    """Usable length of the stretch; for queues only where its lanes lead straight on, and up to the next junction."""
     if site.kind is not SiteKind.QUEUED_APPROACH:
         return site.length_m
     plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
@@ -175,7 +176,7 @@ def _approach(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
 
 
 def sites_to_try(network: RoadNetwork, template: Template, seed: int, pinned: str, shown_map: str) -> SitesToTry:
-    """The pinned site alone, or the good sites in an order that the seed draws, then the others, best first.
+    """The pinned site alone; otherwise good sites in an order drawn by the seed, then the others, best first.
 
     The level does not enter, nor do values that differ from the template's file.
 
@@ -206,7 +207,7 @@ def plan_at_site(
     drivers: DriverPopulation,
     dimensions: Mapping[ActorClass, Dimensions],
 ) -> tuple[Site, TrafficPlan]:
-    """The first site at which the template's EMVs and groups can start, and the traffic there.
+    """Plan traffic at the first site at which the template's EMVs and groups can start.
 
     Args:
         network: The map.

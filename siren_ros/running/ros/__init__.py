@@ -1,1 +1,1 @@
-"""The only library code that knows ROS."""
+"""The only folder of the library that uses ROS."""

@@ -1,4 +1,4 @@
-"""The configuration of every node: one frozen dataclass each; defaults stand here and nowhere else."""
+"""Configuration of every node, as one frozen dataclass each; defaults are defined only here."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -21,12 +21,12 @@ DEFAULT_PARTICIPANTS: Final = (
     "recorder",
 )
 OPTIONAL_PARTICIPANTS: Final = ("kitti_exporter", "detector")
-"""Nodes that take part where the episode asks for them."""
+"""Nodes that run only if the episode needs them."""
 
 
 @dataclass(frozen=True)
 class ParticipantConfig:
-    """What every node of the lockstep has."""
+    """Parameters of every node in the lockstep."""
 
     participants: list[str] = parameter(
         list(DEFAULT_PARTICIPANTS),
@@ -36,7 +36,7 @@ class ParticipantConfig:
 
 @dataclass(frozen=True)
 class SumoBridgeConfig(EpisodeRequest, ParticipantConfig):
-    """``sumo_bridge``: map, scenario and SUMO itself."""
+    """Parameters of ``sumo_bridge``: map, scenario and SUMO."""
 
     residual_limit_m: float = parameter(
         RESIDUAL_LIMIT_M,
@@ -53,7 +53,7 @@ VehicleDynamicsConfig = ParticipantConfig
 
 @dataclass(frozen=True)
 class SensorSimConfig(ParticipantConfig):
-    """``sensor_sim``."""
+    """Parameters of ``sensor_sim``."""
 
     trails: bool = parameter(
         False, "Whether a step's sweeps and pictures may still be made while the next step begins."
@@ -62,7 +62,7 @@ class SensorSimConfig(ParticipantConfig):
 
 @dataclass(frozen=True)
 class RecorderConfig(ParticipantConfig):
-    """``recorder``."""
+    """Parameters of ``recorder``."""
 
     bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
     overwrite: bool = parameter(False, "Replace an earlier episode in that place; nothing else is ever replaced.")
@@ -70,7 +70,7 @@ class RecorderConfig(ParticipantConfig):
 
 @dataclass(frozen=True)
 class KittiExporterConfig(ParticipantConfig):
-    """``kitti_exporter``."""
+    """Parameters of ``kitti_exporter``."""
 
     out: str = parameter("", "Folder of the KITTI export; empty: bags/TEMPLATE_LEVEL_seedN_kitti.")
     layout: str = parameter("kitti", "KITTI's own layout, or exactly the paper's.", choices=KITTI_LAYOUTS)
@@ -79,7 +79,7 @@ class KittiExporterConfig(ParticipantConfig):
 
 @dataclass(frozen=True)
 class DetectorConfig(ParticipantConfig):
-    """``detector``."""
+    """Parameters of ``detector``."""
 
     weights: str = parameter(
         SHIPPED_DETECTOR, "The detector: pillars, or the path of an ONNX file of `siren train detection`."
@@ -88,7 +88,7 @@ class DetectorConfig(ParticipantConfig):
 
 @dataclass(frozen=True)
 class PlayerConfig:
-    """``player``."""
+    """Parameters of ``player``."""
 
     bag: str = parameter("", "Folder of the bag to play.")
     rate: float = parameter(1.0, "Simulated seconds per wall second.", minimum=0.01, maximum=100.0)
@@ -106,7 +106,7 @@ class PlayerConfig:
 
 @dataclass(frozen=True)
 class ViewerConfig:
-    """``viewer``."""
+    """Parameters of ``viewer``."""
 
     port: int = parameter(0, "Port on this machine for the browser; 0: a free one.", minimum=0, maximum=65535)
     browser: bool = parameter(True, "Open the page in the browser; its address is printed in any case.")
@@ -117,7 +117,7 @@ class ViewerConfig:
 
 @dataclass(frozen=True)
 class CosimConfig(EpisodeRequest):
-    """``cosim``: one episode, all nodes."""
+    """Parameters of ``cosim``: one episode with all its nodes."""
 
     bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
     overwrite: bool = parameter(

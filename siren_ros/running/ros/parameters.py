@@ -1,4 +1,4 @@
-"""ROS parameters declared from the fields of a frozen dataclass, so that a default stands once.
+"""Declares ROS parameters from the fields of a frozen dataclass, so that each default exists once.
 
 A parameter on the command line that no node declares is an error.
 """
@@ -43,7 +43,7 @@ def declare_config(node: Node, config_type: type[Config]) -> Config:
     Raises:
         InputError: A value of the wrong type or out of range.
     """
-    overrides = node._parameter_overrides  # noqa: SLF001 - rclpy has no public way to read a value before declaring it
+    overrides = node._parameter_overrides  # noqa: SLF001 - rclpy cannot read a value before its declaration
     values: dict[str, Value] = {}
     for field in dataclasses.fields(config_type):  # type: ignore[arg-type] # TypeVar of any dataclass
         default = defaults_of(config_type)[field.name]
@@ -60,7 +60,7 @@ BUILT_IN = frozenset({"use_sim_time", "start_type_description_service"})
 
 
 def check_names(given: Mapping[str, Any], declared: Iterable[str]) -> None:
-    """Refuse overrides of parameters that do not exist.
+    """Refuse overrides of unknown parameters.
 
     Raises:
         InputError: Names the first unknown parameter and the known ones.

@@ -1,1 +1,1 @@
-"""Nodes that take part in the lockstep, and the master that drives it."""
+"""Nodes of the lockstep, and the master that controls it."""

@@ -1,4 +1,4 @@
-"""Notices a callback that does not return, and says what the lockstep waits for.
+"""Detects callbacks that do not return, and tells what the lockstep waits for.
 
 The executor cannot notice it: it waits for that callback.
 """
@@ -14,21 +14,21 @@ from siren_ros.simulation.world.commands import AV_SOURCE
 
 WATCH_S: Final = 0.25
 GRACE_S: Final = 1.0
-"""Added to the lockstep's own limit, so that the lockstep itself reports a callback that is only slow."""
+"""Time added to the lockstep's own limit, so that slow callbacks are reported by the lockstep itself."""
 
 
 class Work(NamedTuple):
-    """What a participant is doing now."""
+    """The current activity of a participant."""
 
     participant: str
     phase: Phase
     step: int
     since_s: float
-    """Time of the working clock at which it began."""
+    """Time of the working clock at which the activity began."""
 
 
 def overdue(works: Iterable[Work | None], config: LockstepConfig, now_s: float) -> str:
-    """Which participant did not return in time, in the lockstep's words; empty: none."""
+    """Text about a participant that did not return in time, in the lockstep's words; empty if there is none."""
     for work in works:
         if work is None:
             continue
@@ -43,10 +43,10 @@ def overdue(works: Iterable[Work | None], config: LockstepConfig, now_s: float) 
 
 
 class HangWatch:
-    """A thread that asks every 0.25 s whether something hangs, and reports the first reason."""
+    """A thread that checks every 0.25 s whether something hangs, and reports the first reason."""
 
     def __init__(self, ask: Callable[[], str], on_hang: Callable[[str], None]) -> None:
-        """Starts watching.
+        """Start the thread.
 
         Args:
             ask: Gives the reason where something hangs, else an empty text.
@@ -64,7 +64,7 @@ class HangWatch:
                 return
 
     def stop(self) -> None:
-        """Ends the thread."""
+        """End the thread."""
         self._stopped.set()
 
 
@@ -74,7 +74,9 @@ _MOST_NAMES: Final = 3
 def awaited_by(
     state: LockstepState, config: LockstepConfig, started: Collection[str], works: Collection[Work | None] = ()
 ) -> str:
-    """Who has to act before the lockstep goes on, and how; of those that wait for one another, the first.
+    """Text about the participant that must act before the lockstep continues.
+
+    Of several that wait for one another, the first.
 
     Args:
         state: The lockstep now.

@@ -1,4 +1,4 @@
-"""The lockstep's master: publishes the clock, gathers StepDone, ends the episode.
+"""The lockstep's master: publishes the clock, collects StepDone, ends the episode.
 
 For the AV's controller, which does not know the lockstep's protocol, a proxy takes part.
 """
@@ -32,7 +32,7 @@ from siren_ros.simulation.world.commands import AV_SOURCE
 
 
 class AvProxy:
-    """Reports for the controller: ready when its publisher is there, a step done when its control command is."""
+    """Reports for the AV's controller: ready when its publisher exists, a step done when its command arrives."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class AvProxy:
         depart: Callable[[frozenset[str], str], None],
         fail: Callable[[str], None],
     ) -> None:
-        """Listen to the controller.
+        """Subscribe to the controller.
 
         Args:
             node: The master's node.
@@ -59,13 +59,13 @@ class AvProxy:
 
     @property
     def called(self) -> str:
-        """The controller with the name of its node, where that is known."""
+        """Text that names the controller, with the name of its node if known."""
         publishers = self._node.get_publishers_info_by_topic(topics.AV_CONTROL.name)
         names = sorted({publisher.node_name for publisher in publishers})
         return f"{AV_SOURCE} (node {', '.join(names)})" if names else AV_SOURCE
 
     def watch(self) -> None:
-        """Look whether the controller is there."""
+        """Check whether the controller is present."""
         there = bool(self._node.count_publishers(topics.AV_CONTROL.name))
         if there and not self._ready:
             self._report(StepReport(0, AV_SOURCE, Phase.READY))
@@ -74,7 +74,7 @@ class AvProxy:
         self._ready = there
 
     def close(self, steps: int) -> None:
-        """The controller has nothing to close."""
+        """Do nothing, because the controller has nothing to close."""
         self._report(StepReport(max(steps - 1, 0), AV_SOURCE, Phase.FINAL))
 
     def _on_control(self, cdr: bytes) -> None:
@@ -90,11 +90,11 @@ class AvProxy:
 WATCH_S = 0.1
 HEARD_S: Final = 3.0 * ANNOUNCE_S
 _TELL_THE_AV: Final = frozenset({"vehicle_dynamics", "sensor_sim"})
-"""Participants from whom the controller of the AV hears what happens at a step."""
+"""Participants through which the AV's controller receives the data of a step."""
 
 
 class LockstepMaster:
-    """Drives one episode on the publishers and subscriptions of a node."""
+    """Controls one episode through publishers and subscriptions of a node."""
 
     def __init__(self, node: Node, config: LockstepConfig, realtime_factor: float = 0.0, settle_s: float = 0.0) -> None:
         """Create the publishers and subscriptions of the lockstep.
@@ -135,37 +135,37 @@ class LockstepMaster:
         )
 
     def begin(self) -> None:
-        """Time limits run from now on: before, this process has set its participants up one after the other."""
+        """Start the time limits. Before that, this process prepares its participants one after the other."""
         if self.state.stage is Stage.GATHERING:
             self.state = self.state._replace(since_s=working_s())
 
     @property
     def closed(self) -> bool:
-        """Whether the episode is over and every participant has closed down or is no longer waited for."""
+        """Whether the episode is over and every participant has closed or is no longer waited for."""
         return self.state.stage is Stage.CLOSED
 
     def interrupt(self, reason: str) -> None:
-        """End the episode at the user's wish."""
+        """End the episode at the user's request."""
         self._advance(lockstep.on_interrupt(self.state, self.config, working_s(), reason))
 
     def fail(self, reason: str, gone: Iterable[str] = ()) -> None:
-        """End the episode for a reason that no report gives; participants that are gone get no more time."""
+        """End the episode for a reason outside all reports; ``gone`` are participants that have ended."""
         self._advance(lockstep.on_failure(self.state, self.config, working_s(), reason, frozenset(gone)))
 
     def learn_closed(self, names: Iterable[str]) -> None:
-        """Take in that participants have closed, seen from outside; in a failed episode nobody waits for their word."""
+        """Note participants that were seen to close; in a failed episode the master does not wait for their reports."""
         self.state = lockstep.on_closed(self.state, frozenset(names))
 
     @contextmanager
     def failing_on_error(self) -> Iterator[None]:
-        """A message that cannot be read ends the episode, as it does in the participants."""
+        """Context in which an unreadable message ends the episode, as in participants."""
         try:
             yield
         except SirenError as error:
             self.fail(str(error))
 
     def _on_reporter_left(self) -> None:
-        """Another program has ended without a word; the processes of our own nodes are watched elsewhere."""
+        """Handle the end of another program without a report; processes of our own nodes are watched elsewhere."""
         left = self._reporters.departed()
         outside = {name for name in self.config.outside if name != AV_SOURCE}
         gone = frozenset(outside & left or (outside if left - set(self.config.participants) else ()))
@@ -186,7 +186,7 @@ class LockstepMaster:
 
     @property
     def hears_of_compiling(self) -> bool:
-        """Whether a participant in another process compiles loops now."""
+        """Whether a participant in another process is compiling loops."""
         return time.monotonic() - self._compiling_s < HEARD_S
 
     def _take(self, report: StepReport) -> None:
@@ -204,7 +204,7 @@ class LockstepMaster:
             self._advance((state, action))
 
     def _timed(self, report: StepReport) -> StepReport:
-        """The report; that of the AV's controller with the time that it took."""
+        """The report; for the AV's controller, with its answer time."""
         now_s = time.monotonic()
         if report.participant in _TELL_THE_AV:
             self._told_s = now_s
@@ -221,7 +221,7 @@ class LockstepMaster:
         self._advance(lockstep.on_time(self.state, self.config, working_s(), self._absent))
 
     def _absent(self) -> frozenset[str]:
-        """Participants of the platform of which no publisher of reports is there."""
+        """Participants of the platform without a publisher of reports."""
         return frozenset(self.config.participants) - frozenset(self.config.outside) - self._reporters.present()
 
     def _on_pace(self) -> None:
@@ -251,7 +251,7 @@ class LockstepMaster:
                 self._av_proxy.close(action.steps)
 
     def _begin(self, action: BeginStep) -> None:
-        if action.step == 0:  # from now on nobody else may report or drive
+        if action.step == 0:  # from now on no further program may report or drive
             self._reporters.bind()
             if self._av_proxy is not None:
                 self._av_proxy.publishers.bind()

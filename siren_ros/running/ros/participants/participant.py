@@ -1,4 +1,4 @@
-"""The base of every node that takes part in the lockstep."""
+"""Base class of all nodes in the lockstep."""
 
 import time
 import traceback
@@ -36,7 +36,7 @@ HOUSEKEEPING_S = 0.02
 
 
 class Participant(Node, Generic[Config]):
-    """A node that acts on a step when all its inputs for it are there, and then reports StepDone.
+    """A node that acts on a step when all its inputs have arrived, and then reports StepDone.
 
     Subclasses give their config type and implement ``prepare`` (once, when the episode is known),
     ``on_step`` and, where there is something to close, ``close``. An exception in any of them becomes
@@ -74,22 +74,22 @@ class Participant(Node, Generic[Config]):
         self._ready_sent = False
         self._until_ready = create_wall_timer(self, HOUSEKEEPING_S, self._housekeeping)
 
-    # What subclasses do.
+    # Methods that subclasses define.
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
-        """Set up for the episode. Nodes that make the episode themselves set ``needs_episode = False``."""
+        """Prepare for the episode. Nodes that make the episode themselves set ``needs_episode = False``."""
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Act on a step; ``inputs`` holds the messages by topic name."""
 
     def close(self, closing: EpisodeClosing) -> None:
-        """Close what the episode opened."""
+        """Close what was opened for the episode."""
 
     def discard(self) -> None:
-        """Undo what the constructor did outside of this process; another node could not be set up."""
+        """Undo effects of the constructor outside this process, because another node could not be prepared."""
 
     def close_early(self, reason: str) -> None:
-        """Close without the message that the episode is over: the program that sends it is gone.
+        """Close without the end message: the program that sends it has ended.
 
         Raises:
             SirenError: As ``close``.
@@ -98,11 +98,11 @@ class Participant(Node, Generic[Config]):
             self.finished = True
             self.close(EpisodeClosing(self.steps_done, EpisodeEnd.FAILED, reason))
 
-    # What they use.
+    # Methods that subclasses use.
 
     @property
     def steps_done(self) -> int:
-        """Number of steps that this node has acted on."""
+        """Number of steps on which this node has acted."""
         return self._join.next_step
 
     def add_output(self, topic: Topic) -> None:
@@ -113,7 +113,7 @@ class Participant(Node, Generic[Config]):
             self._copies[topic.name] = Copy(self, topic)
 
     def add_input(self, topic: Topic, callback: Callable[[Any], None]) -> None:
-        """Subscribe to a topic; the callback gets the message, and its errors become this node's report."""
+        """Subscribe to a topic; the callback gets the message, and its errors go into this node's report."""
         wire.get_ready(topic)
         self.add_raw_input(topic, lambda cdr: callback(wire.decode(topic, cdr)))
 
@@ -132,7 +132,7 @@ class Participant(Node, Generic[Config]):
         create_input(self, topic, lambda cdr: self._receiving(lambda: receive(cdr)), watch)
 
     def _watch(self, topic: Topic) -> PublisherWatch | None:
-        """What notices a stranger's publisher on a topic that decides; its error becomes this node's report."""
+        """Watch for foreign publishers on a decisive topic; the error goes into this node's report."""
         if topic.name not in topics.DECISIVE_TOPICS:
             return None
 
@@ -150,7 +150,7 @@ class Participant(Node, Generic[Config]):
         self._guarded(self._join.next_step, phase, action)
 
     def join_more(self, inputs: Sequence[Input]) -> None:
-        """Join further topics into the steps, once the episode is known."""
+        """Add topics to the inputs of steps, once the episode is known."""
         added = tuple(inputs)
         self.inputs = (*self.inputs, *added)
         self._join.add(added)
@@ -158,7 +158,7 @@ class Participant(Node, Generic[Config]):
             self.add_input(item.topic, partial(self._on_input, item.topic))
 
     def send(self, topic: Topic, message: Any) -> None:
-        """Publish on a topic that was declared as output."""
+        """Publish on a declared output topic."""
         self._outputs[topic.name][1].publish(wire.encode(topic, message))
 
     def send_content(self, topic: Topic, step: int, content: Content, write: Callable[[Content], Any]) -> None:
@@ -169,11 +169,11 @@ class Participant(Node, Generic[Config]):
             self._copies[topic.name].take(step, content, cdr)
 
     def has_listeners(self, topic: Topic) -> bool:
-        """Whether anybody subscribes to an output."""
+        """Whether an output has subscribers."""
         return bool(self._outputs[topic.name][1].get_subscription_count())
 
     def is_connected(self) -> bool:
-        """Whether every publisher has the subscribers that it must reach, and every subscription a publisher."""
+        """Whether every publisher has its required subscribers, and every subscription a publisher."""
         participants = self.config.participants
         reached = all(
             publisher.get_subscription_count() >= topic.subscriber_count(participants)
@@ -183,7 +183,7 @@ class Participant(Node, Generic[Config]):
         return reached and heard and bool(self._report.get_subscription_count())
 
     def flush(self, timeout_s: float) -> None:
-        """Wait until subscribers have received what was published, at most for a time.
+        """Wait until subscribers have received all messages, up to a time limit.
 
         A subscriber that hangs or was killed acknowledges nothing.
         """
@@ -193,7 +193,7 @@ class Participant(Node, Generic[Config]):
         for copy in self._copies.values():
             copy.wait_acknowledged(max(0.0, deadline_s - time.monotonic()))
 
-    # The protocol.
+    # The protocol of the lockstep.
 
     def _on_episode(self, message: Any) -> None:
         once(topics.EPISODE, self._episode)
@@ -239,7 +239,7 @@ class Participant(Node, Generic[Config]):
         self._report.publish(wire.encode_content(topics.STEP_DONE, step, report, to_step_done))
 
     def announce_compiling(self) -> None:
-        """Say that this node is late because it compiles loops. Any thread may call it."""
+        """Report that this node is late because it compiles loops. Any thread may call it."""
         report = StepReport(self.steps_done, self._called, Phase.COMPILING)
         self._report.publish(to_step_done(report))
 
@@ -251,7 +251,7 @@ class Participant(Node, Generic[Config]):
             action()
         except (SirenError, OSError) as error:
             self._fail(phase, step, str(error))
-        except Exception as error:  # noqa: BLE001 - any failure must end the episode under this node's name
+        except Exception as error:  # noqa: BLE001 - any failure must end the episode with this node's name
             self.get_logger().error(traceback.format_exc())
             self._fail(phase, step, f"{type(error).__name__}: {error}")
         finally:
@@ -262,7 +262,7 @@ class Participant(Node, Generic[Config]):
         self.report(phase, step, error=error)
 
     def _on_end(self, cdr: bytes) -> None:
-        # Also a participant that has failed must close.
+        # A participant that has failed must close, too.
         if not self.finished:
             self._failed = False
             self._guarded(self._join.next_step, Phase.FINAL, lambda: self._end(cdr))

@@ -1,4 +1,4 @@
-"""Wall time that stands still while loops are compiled in this process.
+"""Wall time that stops while this process compiles loops.
 
 Time limits run by it: a program that compiles does not hang, and later runs have the loops from the cache.
 """
@@ -13,7 +13,7 @@ from numba.core import event
 
 
 class _Compilations(event.Listener):
-    """Those that are under way in any thread, and the time that they have taken; what comes from the cache is none."""
+    """Compilations in progress in any thread, and their total time; cached loops do not count."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -34,11 +34,11 @@ class _Compilations(event.Listener):
                 self._total_s += time.monotonic() - self._began_s
 
     def is_compiling(self) -> bool:
-        """Whether a loop is being compiled now, in any thread of this process. Later processes have it cached."""
+        """Whether any thread of this process is compiling a loop."""
         return self._under_way > 0
 
     def working_s(self) -> float:
-        """Seconds of wall time, from any origin, without those of compilations."""
+        """Seconds of wall time from an arbitrary origin, without compilations."""
         with self._lock:
             now_s = self._began_s if self._under_way else time.monotonic()
             return now_s - self._total_s
@@ -53,7 +53,7 @@ ANNOUNCE_S: Final = 1.0
 
 @contextmanager
 def announcing(announce: Callable[[], None]) -> Iterator[None]:
-    """Within it, ``announce`` is called every second while a loop is compiled, in a thread of its own.
+    """Call ``announce`` every second while a loop is compiled, in a separate thread.
 
     The lockstep runs in another process, whose clock does not stand still meanwhile.
     """

@@ -1,4 +1,4 @@
-"""What a user types behind the name of a node's program: its help, what it refuses, and texts that YAML would change.
+"""Command line of a node's program: its help, its error messages, and quoting of texts that YAML would change.
 
 None of it needs ROS, so that help and refusals come before rclpy starts.
 """
@@ -24,12 +24,12 @@ _HELP: Final = frozenset({"-h", "--help"})
 _FLAGS: Final = ("-p", "--param")
 _SETTING: Final = re.compile(r"(?:--)?([A-Za-z_][\w-]*):?=(.*)", re.DOTALL)
 _STRUCTURE: Final = re.compile(r"(?![\[{\"']).*(:(\s|$)|\s#)", re.DOTALL)
-"""A text without quotes that YAML takes for a mapping, or for a text with a comment behind it."""
+"""Matches an unquoted text that YAML reads as a mapping, or as a text with a comment."""
 _WIDTH: Final = 100
 
 
 def quoted(arguments: Sequence[str]) -> list[str]:
-    """Arguments whose parameters reach the node as they were typed: ``bag:=a: b`` is a text.
+    """Quote parameters so that they reach the node as typed: ``bag:=a: b`` is a text.
 
     >>> quoted(["cosim", "--ros-args", "-p", "bag:=a: b", "-p", "seed:=3"])
     ['cosim', '--ros-args', '-p', 'bag:="a: b"', '-p', 'seed:=3']
@@ -42,7 +42,7 @@ def quoted(arguments: Sequence[str]) -> list[str]:
 
 
 def outside_ros(arguments: Iterable[str]) -> tuple[str, ...]:
-    """The arguments that ROS leaves to the program: those that do not stand between ``--ros-args`` and ``--``.
+    """Arguments for the program itself, which are not between ``--ros-args`` and ``--``.
 
     >>> outside_ros(["seed:=1", "--ros-args", "-p", "seed:=3", "--", "--help"])
     ('seed:=1', '--help')
@@ -60,7 +60,7 @@ def outside_ros(arguments: Iterable[str]) -> tuple[str, ...]:
 
 
 def answer(words: Sequence[str], name: str, config_type: Callable[[], Any], summary: str) -> int:
-    """Print the help, or what is wrong with arguments that ROS leaves to the program; returns the exit code.
+    """Print the help, or an error about arguments that are not for ROS; returns the exit code.
 
     Args:
         words: The arguments, at least one.
@@ -71,7 +71,7 @@ def answer(words: Sequence[str], name: str, config_type: Callable[[], Any], summ
     if _HELP.intersection(words):
         try:
             print(help_text(called(name), config_type, summary), flush=True)
-        except BrokenPipeError:  # the reader has gone, as with `| head`
+        except BrokenPipeError:  # the reader has ended, as with `| head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     known = {field.name for field in fields(config_type())}
@@ -80,13 +80,13 @@ def answer(words: Sequence[str], name: str, config_type: Callable[[], Any], summ
 
 
 def called(name: str) -> str:
-    """The words that start a program: pip installs it under a name of its own."""
+    """Command that starts a program: pip installs it under its own name."""
     script = Path(sys.argv[0]).name
     return script if script.startswith("siren-") else f"ros2 run siren_ros {name}"
 
 
 def help_text(command: str, config_type: Callable[[], Any], summary: str) -> str:
-    """The help of a program: each parameter with its default, its meaning and what it accepts."""
+    """Help of a program: each parameter with its default, meaning and allowed values."""
     config = config_type()
     defaults = defaults_of(type(config))
     lines = [f"usage: {command} [--ros-args [-p NAME:=VALUE]... [--params-file FILE]]", ""]

@@ -1,4 +1,4 @@
-"""Publishes a recorded episode on its own topics, with the quality of service and the clock of the live run.
+"""Publishes a recorded episode on its own topics, with the same quality of service and clock as the live run.
 
 It has the services of rosbag2's player, with its names and types.
 """
@@ -25,12 +25,12 @@ from siren_ros.running.ros.transport.domain import check_alone, claimed_domain
 from siren_ros.running.ros.transport.endpoints import PATIENCE_S, AcknowledgedOutput, create_wall_timer
 
 PREFIX: Final = "/rosbag2_player"
-"""Name of rosbag2's node: programs that control a player call its services."""
+"""Name of rosbag2's node; programs that control a player call its services."""
 
 
 def offer_services(node: Node, player: "BagPlayer") -> None:
-    """Create the services on a node."""
-    # Of each service its type, and what makes the fields of its response from a request.
+    """Create the player's services on a node."""
+    # For each service: its type, and the function that makes the response from a request.
     services: dict[str, tuple[Any, Callable[[Any], Mapping[str, object]]]] = {
         "pause": (Pause, lambda _: player.pause(True)),
         "resume": (Resume, lambda _: player.pause(False)),
@@ -53,8 +53,8 @@ def offer_services(node: Node, player: "BagPlayer") -> None:
 
 TICK_S: Final = 0.004
 LARGE_BYTES: Final = 64_000
-"""Fast DDS sends larger messages in fragments. Such a message is sent alone: its fragments overwrite unread data in the
-sender's shared memory (0.5 MB by default), and lost data comes again only after 3 s."""
+"""Fast DDS sends larger messages in fragments, so they are sent alone: fragments overwrite unread data in the sender's
+shared memory (0.5 MB by default), and lost data is sent again only after 3 s."""
 
 
 class BagPlayer(Node):
@@ -66,7 +66,7 @@ class BagPlayer(Node):
     config_type = PlayerConfig
 
     def __init__(self, name: str, **node_options: Any) -> None:
-        """Open the bag and its publishers.
+        """Open the bag and create its publishers.
 
         Raises:
             BagError: The bag cannot be read, or a message type of it is not installed.
@@ -94,7 +94,7 @@ class BagPlayer(Node):
         create_wall_timer(self, TICK_S, self._on_tick)
 
     def _chosen_topics(self) -> tuple[str, ...]:
-        """The clock and the topics that the user names; by default all."""
+        """Topics to play: the clock and those that the user names; by default all."""
         known = tuple(self._bag.type_names)
         chosen = [name if name.startswith("/") else f"/{name}" for name in self.config.topics]
         for name in chosen:
@@ -110,11 +110,11 @@ class BagPlayer(Node):
             raise BagError(str(self._bag.path), f"types that are installed, unlike {type_name} of {name}") from error
 
     def _first_ns(self) -> int:
-        """Where the playhead begins; latched messages from before are published at once."""
+        """Time at which the playhead begins; earlier latched messages are published at once."""
         return self._start_ns if self._next is None else max(self._start_ns, self._next.time_ns)
 
     def _go_to(self, time_ns: int) -> None:
-        """Read on from a time, with the messages that are latched then."""
+        """Continue to read from a time, with the messages that are latched then."""
         self._copies.forget()
         end_ns = self._start_ns + round(self.config.playback_duration_s * NS_PER_S)
         self._messages = (
@@ -126,11 +126,11 @@ class BagPlayer(Node):
 
     @property
     def paused(self) -> bool:
-        """Whether simulated time stands still."""
+        """Whether simulated time is paused."""
         return self._playhead.paused
 
     def pause(self, paused: bool) -> Mapping[str, object]:
-        """Stop simulated time, or let it go on; the services that do so answer nothing."""
+        """Pause or resume simulated time; the response of these services is empty."""
         self._playhead = self._playhead.pause(time.monotonic(), paused)
         return {}
 
@@ -140,13 +140,13 @@ class BagPlayer(Node):
         return self._playhead.rate
 
     def set_rate(self, rate: float) -> bool:
-        """Play faster or slower from now on; False where the rate is not positive and finite."""
+        """Change the playback rate; False if it is not positive and finite."""
         if 0.0 < rate < math.inf:
             self._playhead = replace(self._playhead.advance(time.monotonic()), rate=rate)
         return 0.0 < rate < math.inf
 
     def seek(self, time_ns: int) -> bool:
-        """Go to a time of the bag; False where the bag has no such time."""
+        """Go to a time of the bag; False if the bag does not cover it."""
         first_ns, last_ns = self._bag.span_ns
         if not first_ns <= time_ns <= last_ns:
             return False
@@ -155,7 +155,7 @@ class BagPlayer(Node):
         return True
 
     def play_next(self, count: int) -> int:
-        """Publish the next messages, while paused; returns their number. A count of 0 is the rest of the bag.
+        """Publish the next messages while paused; returns their number. A count of 0 means the rest of the bag.
 
         It waits for subscribers before each message, as playing does.
         """
@@ -200,7 +200,7 @@ class BagPlayer(Node):
             self._next = next(self._messages, None)
 
     def _may_publish(self, message: BagMessage, now_s: float) -> bool:
-        """Whether every subscriber has what it needs before this message."""
+        """Whether every subscriber has received what it needs before this message."""
         alone = self._large_under_way or len(message.cdr) > LARGE_BYTES
         outputs = self._outputs.values() if alone else (self._outputs[message.topic],)
         knew = [output.deaf for output in outputs]
@@ -218,7 +218,7 @@ class BagPlayer(Node):
         return self._next is not None
 
     def flush(self, timeout_s: float) -> None:
-        """Wait until subscribers have everything; a publisher that is destroyed loses what it has not sent yet.
+        """Wait until subscribers have everything, because a destroyed publisher loses unsent messages.
 
         Raises:
             BagError: It ended early, where the bag is damaged.
@@ -231,9 +231,9 @@ class BagPlayer(Node):
             raise self._damage
 
     def close_early(self, reason: str) -> None:
-        """Nothing to save."""
+        """Do nothing, because there is nothing to save."""
 
     def destroy_node(self) -> None:
-        """Close the bag with the node."""
+        """Close the bag together with the node."""
         self._open.close()
         super().destroy_node()

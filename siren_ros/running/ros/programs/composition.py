@@ -1,4 +1,4 @@
-"""An episode from the parameters of ``cosim``: its participants, its files, and its nodes.
+"""Plans an episode from the parameters of ``cosim`` (participants, files, nodes) and starts its nodes.
 
 The nodes run in this process or in one process each.
 """
@@ -34,19 +34,22 @@ from siren_ros.simulation.world.commands import AV_SOURCE
 
 TERMINATE_S = 1.0
 FLUSH_S = 1.0
-"""Longest time for which a listener that hangs delays the end of an episode."""
+"""Longest delay of an episode's end by a subscriber that hangs."""
 Overrides = Mapping[str, Value]
 
 
 NodeType = Callable[..., Any]
-"""Makes a node, as the class of a participant does: ``make(name, parameter_overrides=...)``."""
+"""Makes a node, like the class of a participant: ``make(name, parameter_overrides=...)``."""
 
 
 class Composition:
-    """Participants that run somewhere; what cannot happen there keeps the answers that stand here."""
+    """Base of compositions: participants that run somewhere.
+
+    Defaults are answers for events that cannot occur there.
+    """
 
     def failure(self) -> str:
-        """What went wrong outside the lockstep's reports, naming the participant; empty: nothing."""
+        """Error outside the lockstep's reports, with the participant's name; empty if there is none."""
         return ""
 
     def gone(self) -> tuple[str, ...]:
@@ -54,23 +57,23 @@ class Composition:
         return ()
 
     def closed(self) -> tuple[str, ...]:
-        """Participants that have closed in order."""
+        """Participants that have closed normally."""
         raise NotImplementedError
 
     def hanging(self, config: LockstepConfig) -> str:
-        """Which participant blocks the lockstep itself, and where; empty: none."""
+        """Text about a participant that blocks the lockstep itself; empty if there is none."""
         return overdue(self.works(), config, working_s())
 
     def works(self) -> tuple[Work | None, ...]:
-        """What the participants of this process are doing now."""
+        """Current activities of the participants in this process."""
         return ()
 
     def exit_code(self) -> int:
-        """Exit code of a participant that refused its input, 0 otherwise."""
+        """Exit code of a participant that refused its input, otherwise 0."""
         return 0
 
     def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
-        """Wait for the participants to finish, and end those that do not.
+        """Wait for the participants to finish, and end the others.
 
         Args:
             timeout_s: For all of them together.
@@ -80,7 +83,7 @@ class Composition:
 
 
 class InProcess(Composition):
-    """All participants as nodes of this process, on one executor; bad input raises when they are made."""
+    """All participants as nodes of this process on one executor. Bad input raises in the constructor."""
 
     def __init__(self, executor: Any, node_types: Mapping[str, NodeType], overrides: Mapping[str, Overrides]) -> None:
         """Make the nodes.
@@ -110,11 +113,11 @@ class InProcess(Composition):
         return tuple(node.get_name() for node in self.nodes if node.finished)
 
     def works(self) -> tuple[Work | None, ...]:
-        """Of each node the callback that has not returned yet."""
+        """For each node the callback that has not returned yet."""
         return tuple(node.work for node in tuple(self.nodes))
 
     def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:  # noqa: ARG002 - of all compositions
-        """Let what was published reach outside subscribers, then destroy the nodes."""
+        """Let published messages reach outside subscribers, then destroy the nodes."""
         deadline_s = time.monotonic() + min(timeout_s, FLUSH_S)
         for node in self.nodes:
             node.flush(max(0.0, deadline_s - time.monotonic()))
@@ -145,7 +148,7 @@ class OutOfProcess(Composition):
             )
 
     def failure(self) -> str:
-        """Which process has ended before its time, and how."""
+        """Text about a process that ended too early; empty if there is none."""
         for name in self.gone():
             code = int(self._processes[name].returncode)
             how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
@@ -153,20 +156,20 @@ class OutOfProcess(Composition):
         return ""
 
     def gone(self) -> tuple[str, ...]:
-        """Participants whose processes have ended with an error."""
+        """Participants whose processes ended with an error."""
         return tuple(name for name, process in self._processes.items() if process.poll())
 
     def closed(self) -> tuple[str, ...]:
-        """Participants whose processes have ended without an error."""
+        """Participants whose processes ended without an error."""
         return tuple(name for name, process in self._processes.items() if process.poll() == 0)
 
     def exit_code(self) -> int:
-        """The first exit code other than 0 of a process that ended by itself."""
+        """First non-zero exit code of a process that ended by itself."""
         codes = (process.poll() for process in self._processes.values())
         return next((code for code in codes if code is not None and code > 0), 0)
 
     def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
-        """Wait for the processes, then terminate them, then kill them."""
+        """Wait for the processes, then terminate and finally kill the remaining ones."""
         _wait([process for name, process in self._processes.items() if name not in late], timeout_s)
         for send in (subprocess.Popen.terminate, subprocess.Popen.kill):
             running = [process for process in self._processes.values() if process.poll() is None]
@@ -183,10 +186,10 @@ def _wait(processes: "list[subprocess.Popen[bytes]]", timeout_s: float) -> None:
 
 
 TRAILING: Final = frozenset({"sensor_sim", "recorder", *OPTIONAL_PARTICIPANTS})
-"""If no other program takes part in the lockstep, these may still work on a step while the next one runs: in their own
-processes, or in one process on the threads that cast rays and draw."""
+"""Participants that may still work on a step while the next one runs, if no other program takes part: in their own
+processes, or in threads that cast rays and draw."""
 SETTLE_S: Final = 0.25
-"""For participants that other programs start; discovery on one machine takes 0.05 s."""
+"""Additional time for participants in other programs; discovery on one machine takes 0.05 s."""
 _NO_CAMERA: Final = (
     f"the suite has no {EXPORTED_CAMERA}; `-p sensors:=front` has one, `-p kitti_layout:=paper` needs none, and "
     "`-p kitti:=false` asks for no export"
@@ -196,7 +199,7 @@ _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 
 @dataclass(frozen=True)
 class EpisodePlan:
-    """One episode before its nodes exist."""
+    """Plan of one episode, before its nodes exist."""
 
     nodes: tuple[str, ...]
     """Participants that this program starts."""
@@ -204,17 +207,17 @@ class EpisodePlan:
     """Participants that other programs start; the lockstep waits for them."""
     steps: int
     own_steps: int
-    """Of the template, without ``duration_s``."""
+    """Number of steps of the template, without ``duration_s``."""
     bag: Path
     kitti: Path | None
-    """Folder of the KITTI export, None without one."""
+    """Folder of the KITTI export; None if there is none."""
     no_kitti: str
-    """What a suite with a LiDAR lacks for the KITTI export that is wanted, and the parameter that helps; else empty."""
+    """What the suite lacks for a requested KITTI export, and which parameter helps; empty if nothing."""
     overrides: Mapping[str, Overrides]
-    """Parameters of each node; the recorder comes first, because a bag that exists already ends the episode."""
+    """Parameters of each node. The recorder comes first, because an existing bag must end the episode early."""
 
     def lockstep(self, config: CosimConfig) -> LockstepConfig:
-        """Participants and time limits."""
+        """Participants and time limits of the lockstep."""
         return LockstepConfig(
             participants=(*self.nodes, *self.others),
             outside=self.others,
@@ -226,17 +229,17 @@ class EpisodePlan:
 
     @property
     def is_cut_short(self) -> bool:
-        """Whether ``duration_s`` ends the episode before the template does."""
+        """Whether ``duration_s`` ends the episode before its template does."""
         return self.steps < self.own_steps
 
     @property
     def settle_s(self) -> float:
-        """Time for discovery before the first step, where other programs take part."""
+        """Time for discovery before the first step, if other programs take part."""
         return SETTLE_S if self.others else 0.0
 
 
 def plan_episode(config: CosimConfig) -> EpisodePlan:
-    """Work out an episode from the parameters.
+    """Plan an episode from the parameters.
 
     Raises:
         InputError: A template or suite that does not exist, an external participant with a name that is not allowed, or

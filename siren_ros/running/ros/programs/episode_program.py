@@ -1,4 +1,4 @@
-"""The program ``cosim``: starts the nodes of one episode, drives the lockstep, tells the user how it goes."""
+"""The program ``cosim``: starts the nodes of one episode, controls the lockstep, and informs the user."""
 
 import sys
 import time
@@ -34,15 +34,15 @@ from siren_ros.running.ros.transport.endpoints import PublisherWatch, create_inp
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S: Final = 0.05
-"""How often the program looks beyond the messages: at signals, at processes that have ended."""
+"""Interval at which the program checks signals and ended processes."""
 STOP_S: Final = 10.0
 FIRST_EMV: Final = 1
-"""Emergency vehicles have the first actor ids."""
+"""Id of the first EMV: emergency vehicles have the first actor ids."""
 _COMPILING: Final = "it compiles loops, for this and all later episodes"
 
 
 class Cosim(Node):
-    """The master of one episode; the participants run in this process or in their own."""
+    """Master of one episode; participants run in this process or in their own."""
 
     def __init__(self) -> None:
         super().__init__("cosim")
@@ -63,7 +63,7 @@ class Cosim(Node):
         create_wall_timer(self, SPIN_S, self._end_spin)
 
     def spin_a_while(self, executor: EventsExecutor) -> None:
-        """Run callbacks for ``SPIN_S`` or to the end of the episode; the executor keeps no timeout while it is busy."""
+        """Run callbacks for ``SPIN_S`` or until the episode's end; a busy executor would not keep its timeout."""
         self._pause = Future()
         executor.spin_until_future_complete(self._pause, SPIN_S)
 
@@ -82,7 +82,7 @@ class Cosim(Node):
             self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
 
     def connect_directly(self, executor: EventsExecutor, nodes: Sequence[Node]) -> None:
-        """Let the nodes of this process hand their messages to one another, from the first step to the last."""
+        """Let the nodes of this process exchange messages directly from the first step to the last."""
 
         def begin_step(step: int) -> None:
             if step == 0:
@@ -93,7 +93,7 @@ class Cosim(Node):
         self.master.on_ending = direct.stop
 
     def awaited(self, composition: Composition) -> Awaited:
-        """What the episode waits for; nothing while a step is held back for the wall clock."""
+        """What the episode waits for; empty while a step is delayed for the wall clock."""
         state = self.master.state
         if state.stage is Stage.STEPPING and state.step > self.progress.step:
             return Awaited("", state.step)
@@ -113,7 +113,7 @@ def run_episode(
     interrupt: Interrupt,
     waiting: Waiting,
 ) -> int:
-    """Run the episode of a master to its end; returns the program's exit code.
+    """Run a master's episode to its end; returns the program's exit code.
 
     Args:
         cosim: The master.
@@ -162,7 +162,7 @@ def run_episode(
 def _composed(
     cosim: Cosim, module_of: Callable[[str], str], executor: EventsExecutor, interrupt: Interrupt, waiting: Waiting
 ) -> Composition:
-    """The participants of an episode, in this process or in their own."""
+    """Start the participants of an episode, in this process or in their own."""
     plan = cosim.plan
     if cosim.config.processes:
         ros_args = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
@@ -197,7 +197,7 @@ def _stopped_by(interrupt: Interrupt) -> str:
 
 
 def _with_export(plan: EpisodePlan, state: LockstepState, *, overwrite: bool) -> LockstepState:
-    """Give the KITTI folder of a complete episode its name; what another one left is removed."""
+    """Publish the KITTI folder of a complete episode, or remove that of an incomplete one."""
     if plan.kitti is None:
         return state
     export = LiveExport(plan.kitti, overwrite=overwrite)
@@ -212,7 +212,7 @@ def _with_export(plan: EpisodePlan, state: LockstepState, *, overwrite: bool) ->
 
 
 def run(module_of: Callable[[str], str], give_up: Callable[[str], None], interrupt: Interrupt, waiting: Waiting) -> int:
-    """Run one episode as the parameters say; the arguments are those of ``run_episode``."""
+    """Run one episode by the parameters; the arguments are those of ``run_episode``."""
     waiting.say = lambda line: tqdm.write(line, file=sys.stderr)
 
     def episode() -> int:

@@ -1,4 +1,4 @@
-"""What a viewer of a played bag needs beyond its topics: copies of its steps, and the roster. No bag holds these."""
+"""Publishes what a viewer of a played bag needs and no bag contains: copies of the steps, and the roster."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
@@ -21,14 +21,14 @@ _READ: Final[Mapping[str, Callable[[Any], Any]]] = {
     ACTORS.name: lambda _: None,
     EVENTS.name: from_events,
 }
-"""What ``Copy.take`` needs to know of each topic's messages."""
+"""Conversion of each topic's messages for ``Copy.take``."""
 
 
 class PlayedCopies:
-    """Publishes them while somebody listens."""
+    """Publishes the copies while a viewer listens."""
 
     def __init__(self, node: Node, bag: OpenBag, played: Collection[str]) -> None:
-        """Create the publishers for the topics that are played."""
+        """Create the publishers for the played topics."""
         self._bag = bag
         self._copies = {topic.name: Copy(node, topic) for topic in (TRAFFIC, ACTORS, EVENTS) if topic.name in played}
         wire.get_ready(ROSTER)
@@ -36,11 +36,11 @@ class PlayedCopies:
         self._roster: tuple[ActorDescription, ...] | None = None
 
     def forget(self) -> None:
-        """The player goes to another time."""
+        """Forget the state, because the player goes to another time."""
         self._roster = None
 
     def take(self, message: BagMessage) -> None:
-        """Take over a message that was played.
+        """Process a played message.
 
         Raises:
             BagError: It cannot be read.
@@ -57,7 +57,7 @@ class PlayedCopies:
             copy.take(step_of_time_ns(message.time_ns), content, bytes(message.cdr))
 
     def _introduce(self, time_ns: int, traffic: TrafficState) -> None:
-        """Says who is there, where that has changed or nobody was told yet."""
+        """Publish the roster if actors have changed or it was never published."""
         if self._roster is not None and not traffic.spawned:
             return
         if self._roster is None:
@@ -74,7 +74,7 @@ class PlayedCopies:
         return tuple(spawned)
 
     def flush(self, timeout_s: float) -> None:
-        """Wait until those who listen have everything, at most for a time for each topic."""
+        """Wait until subscribers have everything, up to a time limit for each topic."""
         step_copies.send_held()
         for copy in self._copies.values():
             copy.wait_acknowledged(timeout_s)

@@ -21,19 +21,19 @@ from siren_ros.errors import SirenError
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SAME_S: Final = 1.0
-"""Signals that come within this time of the first count as one: a second press, or a shell that passes Ctrl-C on."""
+"""Signals within this time of the first count as one: repeated Ctrl-C, or a shell that forwards it."""
 _OUTPUTS: Final = (1, 2)
 
 
 class PreparationInterruptedError(SirenError):
-    """A signal came while something was prepared that has no step at which it could end in order."""
+    """Raised by a signal during preparation, when there is no step at which the program could end."""
 
 
 class Interrupt:
-    """Remembers the first signal, so that a loop can end in order; true when there was one."""
+    """Remembers the first signal, so that a loop can end properly; its truth value tells whether one came."""
 
     def __init__(self, program: str) -> None:
-        """Handle the signals from now on; SIGHUP stays ignored where it was (``nohup``).
+        """Start to handle signals; an ignored SIGHUP stays ignored (``nohup``).
 
         Args:
             program: Name in the line that a forced end prints.
@@ -48,7 +48,7 @@ class Interrupt:
 
     @contextmanager
     def ending_at_once(self) -> Iterator[None]:
-        """Within it, and where it begins after one, a signal raises: a map may take minutes to compile.
+        """Context in which a signal raises at once, even one that came before: a map may take minutes to compile.
 
         Raises:
             PreparationInterruptedError: A signal came.
@@ -72,7 +72,7 @@ class Interrupt:
         elif now_s - self._since_s > SAME_S:
             line = f"{self._program}: ended at once by a second signal; `siren recover` completes a bag\n"
             os.write(_OUTPUTS[-1], line.encode())
-            signal.signal(number, signal.SIG_DFL)  # the kernel ends this process, wherever it is
+            signal.signal(number, signal.SIG_DFL)  # the kernel then ends this process at any point
             os.kill(os.getpid(), number)
 
     def _early(self) -> SirenError:
@@ -83,7 +83,7 @@ class Interrupt:
 
 
 def _leave_terminal() -> None:
-    """Discard output from now on, except to files: writing to a terminal or a program that is gone is an error."""
+    """Discard further output, except to files, because writes to a closed terminal or pipe are errors."""
     nothing = os.open(os.devnull, os.O_WRONLY)
     for output in _OUTPUTS:
         if not stat.S_ISREG(os.fstat(output).st_mode):
@@ -93,14 +93,14 @@ def _leave_terminal() -> None:
 
 PARENT_CHECK_S: Final = 0.5
 CLOSE_S: Final = 10.0
-"""A participant that runs has closed everything by then."""
+"""Time in which a running participant closes everything."""
 
 
 class Parent:
-    """Who started this process."""
+    """The process that started this one."""
 
     def __init__(self, number: int) -> None:
-        """Prepare for the parent's end, however it comes.
+        """Prepare for the parent's end, in any form.
 
         A stopped process (SIGSTOP) would not notice it, so the kernel continues it then. If a node does not return
         from a callback, a thread kills the process after ``CLOSE_S``.
@@ -116,7 +116,7 @@ class Parent:
 
     @property
     def is_gone(self) -> bool:
-        """Whether there was one, and it has ended."""
+        """Whether there was a parent and it has ended."""
         return bool(self._number) and os.getppid() != self._number
 
     def _watch(self) -> None:
@@ -128,43 +128,43 @@ class Parent:
 
 LOOK_S: Final = 0.25
 FIRST_S: Final = 3.0
-"""So long nothing is said: most waits are over by then."""
+"""Time without messages at the start, because most waits are over by then."""
 AGAIN_S: Final = 5.0
-"""The least time between two lines. It doubles with each line that says the same."""
+"""Least time between two lines. It doubles with each repeated line."""
 
 
 class Awaited(NamedTuple):
-    """What a program waits for now."""
+    """What a program is waiting for."""
 
     what: str
-    """Nothing is said where it is empty."""
+    """Text about the wait; if empty, nothing is printed."""
     progress: Hashable = None
-    """When it changes, the program goes on, and the silence begins anew."""
+    """A changed value shows that the program makes progress; the silence then starts again."""
     note: str = ""
-    """What is said besides."""
+    """Additional text."""
 
 
 class Silence(NamedTuple):
-    """How long a program has been waiting, and what was said of it."""
+    """How long a program has been waiting, and what was printed about it."""
 
     awaited: Awaited
     since_s: float
-    """When this wait began."""
+    """Time at which this wait began."""
     other_s: float
-    """Earliest time of a line that says something else than the last one."""
+    """Earliest time for a line that differs from the last one."""
     same_s: float
-    """Earliest time of the last line again."""
+    """Earliest time to repeat the last line."""
     said: str = ""
     pause_s: float = AGAIN_S
 
 
 def begin_silence(awaited: Awaited, now_s: float) -> Silence:
-    """Before anything was said."""
+    """State before anything was printed."""
     return Silence(awaited, now_s, now_s + FIRST_S, now_s + FIRST_S)
 
 
 def keep_silence(silence: Silence, awaited: Awaited, now_s: float) -> tuple[Silence, str]:
-    """The silence now, and a line that breaks it; empty: none is due.
+    """New state of the silence, and a line that is due; empty if none is.
 
     Args:
         silence: What was before.
@@ -188,10 +188,10 @@ def keep_silence(silence: Silence, awaited: Awaited, now_s: float) -> tuple[Sile
 
 
 class Waiting:
-    """A thread that looks every 0.25 s what a program waits for. It begins before anything is loaded."""
+    """A thread that checks every 0.25 s what a program waits for. It starts before modules are loaded."""
 
     def __init__(self, program: str, what: str, stream: TextIO | None = None) -> None:
-        """Begin to look.
+        """Start the thread.
 
         Args:
             program: Name that begins each line.
@@ -206,7 +206,7 @@ class Waiting:
         self._thread.start()
 
     def expect(self, what: str) -> None:
-        """From now on the program waits for this."""
+        """Set what the program waits for."""
         self.ask = lambda: Awaited(what)
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code."""
+"""Runs a node as a program: starts ROS, spins, turns errors into one line and an exit code."""
 
 import gc
 import os
@@ -31,7 +31,7 @@ LOG_VARIABLE: Final = "ROS_LOG_DIR"
 
 
 def choose_log_folder() -> None:
-    """Choose a folder for rclpy, which does not start without one, unless the user names one.
+    """Choose a log folder for rclpy, which cannot start without one, unless the user names one.
 
     rclpy knows ``ROS_LOG_DIR``, ``ROS_HOME`` and the variable ``HOME``, and no other place.
 
@@ -52,7 +52,7 @@ _UNREADABLE: Final = "Couldn't parse"
 
 @contextmanager
 def reading_arguments() -> Iterator[None]:
-    """Around ``rclpy.init``, which reads the arguments.
+    """Context around ``rclpy.init``, which reads the arguments.
 
     Raises:
         InputError: Arguments that ROS cannot read.
@@ -63,7 +63,7 @@ def reading_arguments() -> Iterator[None]:
         raise InputError("arguments", str(error.object), "text in UTF-8") from error
     except UnknownROSArgsError as error:
         raise InputError("arguments", str(error), "arguments that ROS knows, after --ros-args") from error
-    except RuntimeError as error:  # rclpy's RCLError, for whatever goes wrong
+    except RuntimeError as error:  # rclpy raises RCLError for all problems
         _, unreadable, reason = _PLACE.sub("", str(error)).partition(_UNREADABLE)
         if not unreadable:
             raise
@@ -73,16 +73,17 @@ def reading_arguments() -> Iterator[None]:
 FLUSH_S = 2.0
 SPIN_S = 0.2
 SHUTDOWN_S = 3
-"""A node was once seen to hang while DDS shut down, after another process had been killed. SIGALRM ends it then."""
+"""Time limit for the shutdown of DDS, enforced with SIGALRM: a node once hung there after another process was
+killed."""
 PARENT_VARIABLE = "SIREN_PARENT_PID"
-"""Environment variable: process id of the program that started a participant, which ends with it."""
+"""Environment variable with the process id of the program that started a participant and ends it."""
 
 _GARBAGE_AFTER = 20_000
-"""New objects between two runs of Python's garbage collector. A step makes thousands of objects and no cycles."""
+"""New objects between runs of Python's garbage collector. A step makes thousands of objects, but no cycles."""
 
 
 def start_ros(args: list[str] | None = None) -> None:
-    """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down.
+    """Initialise rclpy without its own signal handlers, because an episode must close before ROS shuts down.
 
     Also removes the shared memory of killed programs, gives Fast DDS our profile unless the user has set one, chooses
     a folder for the log where there is no home, and lets Python collect garbage less often.
@@ -102,16 +103,16 @@ def start_ros(args: list[str] | None = None) -> None:
 
 
 class NodeType(Protocol):
-    """The class of a node that is a program."""
+    """Protocol of a node class that can run as a program."""
 
     config_type: type[Any]
 
     def __call__(self, name: str) -> Any:
-        """The node."""
+        """Make the node."""
 
 
 def run_program(make_node: NodeType, name: str) -> int:
-    """Run one node as a program of its own until it is done or interrupted; returns the exit code.
+    """Run one node as a program until it is done or interrupted; returns the exit code.
 
     A node that has ``finished`` is asked to ``flush(timeout_s)``, until its subscribers have everything; one that
     is interrupted to ``close_early(reason)``, which saves what there is to save. For a node of a class in which
@@ -151,7 +152,7 @@ def run_program(make_node: NodeType, name: str) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         code = error.exit_code
     finally:
-        signal.alarm(SHUTDOWN_S)  # all that is worth keeping is kept; nothing of Python's runs while C++ waits
+        signal.alarm(SHUTDOWN_S)  # everything important is saved; Python code cannot run while C++ waits
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

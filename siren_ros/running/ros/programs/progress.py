@@ -1,4 +1,4 @@
-"""What a person sees while an episode runs, and the summary when it is over."""
+"""Progress display of an episode, and the summary at its end."""
 
 import sys
 import time
@@ -21,11 +21,11 @@ from siren_ros.simulation.world.actors import ActorStates, Mode
 
 PLAIN_EVERY_STEPS = 5 * STEPS_PER_S
 UPDATE_EVERY_STEPS = 4
-"""The states of other steps are not decoded for the display."""
+"""Only every such step is decoded for the display."""
 
 
 class ProgressDisplay:
-    """A progress bar on a terminal, a line every few simulated seconds elsewhere."""
+    """A progress bar on a terminal, otherwise a line every few simulated seconds."""
 
     def __init__(self, steps: int, stream: TextIO = sys.stderr) -> None:
         self.step = -1
@@ -49,7 +49,7 @@ class ProgressDisplay:
         return 0.0 if self._began_s is None else time.monotonic() - self._began_s
 
     def show_states(self, states: ActorStates, emv_id: int) -> None:
-        """Take in what the vehicles do."""
+        """Update the display with the states of the vehicles."""
         rows = np.flatnonzero(states.actor_id == emv_id)
         yielding = sum(Mode(int(mode)).is_yielding for mode in states.mode)
         emv = "EMV not there yet"
@@ -60,13 +60,13 @@ class ProgressDisplay:
         self._text = f"{emv}, {yielding} yielding"
 
     def begin_step(self, step: int) -> None:
-        """A step begins."""
+        """Update the display at the start of a step."""
         self.step = step
         if self._began_s is None:
             self._began_s = time.monotonic()
         factor = step * STEP_S / self.wall_s if step and self.wall_s else 0.0
         line = f"{step * STEP_S:5.1f} s simulated, real-time factor {factor:.1f}, {self._text}"
-        with suppress(OSError):  # the terminal is closed, and SIGHUP is under way
+        with suppress(OSError):  # the terminal is closed, and SIGHUP will follow
             if not self._bar.disable:
                 self._bar.set_postfix_str(line, refresh=False)
                 self._bar.update(step - self._bar.n)
@@ -74,13 +74,13 @@ class ProgressDisplay:
                 print(f"{step}/{self._steps} steps, {line}", file=self._stream, flush=True)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         with suppress(OSError):
             self._bar.close()
 
 
 def time_table(busy_s: Mapping[str, float], wall_s: float) -> list[str]:
-    """Lines that say where the wall time went, the most expensive node first."""
+    """Table of the wall time by node, most expensive first."""
     rows = sorted(busy_s.items(), key=lambda item: (-item[1], item[0]))
     rest_s = max(0.0, wall_s - sum(busy_s.values()))
     rows.append(("lockstep and transport", rest_s))
@@ -94,7 +94,7 @@ def closing_summary(
     wall_s: float,
     answer_s: Sequence[float] = (),
 ) -> list[str]:
-    """Lines about the end of the episode, its files and its wall time.
+    """Lines about the episode's end, its files and its wall time.
 
     Args:
         plan: With the final folder of the bag; an episode that did not complete has its partial bag next to it.
@@ -156,7 +156,7 @@ def _outcome_lines(outcome: EpisodeOutcome | None, cut_short: str) -> list[str]:
 def verdict(
     end: EpisodeEnd, outcome: EpisodeOutcome | None, *, strict: bool, failed: int = EXIT_FAILED
 ) -> tuple[int, str]:
-    """The exit code of an episode, and the line that says what it stands for.
+    """Exit code of an episode, and the line that explains it.
 
     Args:
         end: Whether the episode was made.

@@ -1,1 +1,1 @@
-"""Publishers, subscriptions, serialised messages, domains, shared memory of Fast DDS."""
+"""Publishers, subscriptions, serialised messages, domains, and Fast DDS's shared memory."""

@@ -1,4 +1,4 @@
-"""Copies of an episode's steps for programs that only watch: as many as show how it goes, and all that happens.
+"""Copies steps of an episode for programs that only watch: enough to show its course, and all events.
 
 Each copy costs the lockstep time. An episode that runs as fast as it can makes hundreds of steps in a second, more than
 anybody can look at. So copied steps are ``PERIOD_S`` of wall time apart, but each step is copied in which something
@@ -17,24 +17,23 @@ from siren_ros.data.interfaces.topics import EVENTS, OBSERVED, TRAFFIC, Topic
 from siren_ros.running.ros.transport.endpoints import message_class, qos_of
 
 PERIOD_S: Final = STEP_S
-"""Wall time from one copied step to the next: then an episode at real time has all its steps copied. A viewer shows
-twenty steps a second as smooth motion, and asks for no more (``live_server.BATCH_S``)."""
+"""Least wall time between copied steps. An episode at real time then has all its steps copied. A viewer shows twenty
+steps per second as smooth motion, and needs no more (``live_server.BATCH_S``)."""
 EARLY_PERIODS: Final = 3
-"""A step may come so much too early: after a halt the master begins two steps at once, and the time that a step takes
-varies."""
+"""Tolerance in periods: after a halt the master begins two steps at once, and step times vary."""
 
 
 class StepCopies:
     """Chooses the steps that a process copies: all topics of a step, or none."""
 
     def __init__(self, period_s: float = PERIOD_S, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """No step yet; ``clock_s`` gives wall time from any origin."""
+        """Start before the first step; ``clock_s`` gives wall time from an arbitrary origin."""
         self._period_s, self._clock_s = period_s, clock_s
         self._step, self._chosen, self._due_s = -1, False, -float("inf")
         self._held: list[Callable[[], None]] = []
 
     def take(self, step: int, happens: bool, publish: Callable[[], None]) -> None:
-        """Publishes the copy of a step's message, or holds it until the next step begins.
+        """Publish the copy of a step's message, or hold it until the next step begins.
 
         Args:
             step: Its step, as of the call before or a later one.
@@ -49,7 +48,7 @@ class StepCopies:
             self.send_held()
 
     def send_held(self) -> None:
-        """Copies the latest step, for example because it is the last one."""
+        """Publish the copy of the latest step, for example because it is the last one."""
         self._chosen = True
         for publish in self._held:
             publish()
@@ -64,11 +63,11 @@ class StepCopies:
 
 
 step_copies: Final = StepCopies()
-"""Of this process."""
+"""The chooser of this process."""
 
 
 def happens(topic: str, content: Any, before: Any) -> bool:
-    """Whether a message says what no later one says again.
+    """Whether a message contains an event, which no later message repeats.
 
     Args:
         topic: A topic of ``OBSERVED``.
@@ -81,7 +80,7 @@ def happens(topic: str, content: Any, before: Any) -> bool:
 
 
 class Copy:
-    """The publisher of the copies of one topic."""
+    """Publisher of the copies of one topic."""
 
     def __init__(self, node: Node, topic: Topic) -> None:
         """Create the publisher; ``topic`` is one of those in ``OBSERVED``."""
@@ -91,15 +90,15 @@ class Copy:
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody listens."""
+        """Whether the copies have a subscriber."""
         return bool(self._publisher.get_subscription_count())
 
     def take(self, step: int, content: Any, cdr: bytes) -> None:
-        """Take over a message that was published, with what it was made from (as of ``happens``)."""
+        """Process a published message, with its content (as of ``happens``)."""
         if self.wanted:
             before, self._before = self._before, content
             step_copies.take(step, happens(self._topic, content, before), lambda: self._publisher.publish(cdr))
 
     def wait_acknowledged(self, timeout_s: float) -> bool:
-        """Whether everybody who listens has everything, now or within a time."""
+        """Whether all subscribers have everything, now or within a time."""
         return bool(self._publisher.wait_for_all_acked(Duration(seconds=timeout_s)))

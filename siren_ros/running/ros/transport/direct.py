@@ -1,4 +1,4 @@
-"""Hands messages from node to node within a process, while all subscribers of a topic are in it.
+"""Passes messages directly between nodes of a process while all subscribers of a topic are in it.
 
 DDS copies a message for each of its subscribers, and wakes the executor for each copy; both cost more than what most
 nodes do with it. So a message that only nodes of this process get goes through a queue, as the bytes that it is. From
@@ -14,12 +14,12 @@ from rclpy.node import Node
 Receive = Callable[[bytes], None]
 
 AT_ONCE: Final = 32
-"""Messages that are handed over in a row, about those of one step: then the executor has its turn, with other programs'
-messages and with timers."""
+"""Number of messages passed in a row, about those of one step. Then the executor handles other programs' messages and
+timers."""
 
 
 class DirectDelivery:
-    """The queue of one process."""
+    """Message queue of one process."""
 
     def __init__(self) -> None:
         self._receivers: dict[str, list[Receive]] = {}
@@ -28,7 +28,7 @@ class DirectDelivery:
         self._under_way = False
 
     def start(self, executor: Any, nodes: Iterable[Node]) -> None:
-        """From now on nodes of an executor get messages directly; they have made all their subscriptions."""
+        """Start direct delivery to an executor's nodes, which have made all their subscriptions."""
         self._executor, self._under_way = executor, False
         self._waiting.clear()
         self.stop()
@@ -38,11 +38,11 @@ class DirectDelivery:
                     self._receivers.setdefault(subscription.topic_name, []).append(subscription.callback)
 
     def stop(self) -> None:
-        """From now on DDS brings all messages; those that wait are still handed over."""
+        """Stop direct delivery; DDS brings all further messages, and waiting ones are still delivered."""
         self._receivers.clear()
 
     def take(self, topic: str, cdr: bytes, subscribers: Callable[[], int]) -> bool:
-        """Take a message over; False where DDS has to bring it.
+        """Accept a message for direct delivery; False if DDS must bring it.
 
         Args:
             topic: Name of the topic.
@@ -75,4 +75,4 @@ class DirectDelivery:
 
 
 direct: Final = DirectDelivery()
-"""Of this process."""
+"""The queue of this process."""

@@ -1,4 +1,4 @@
-"""One episode per DDS domain: two in one domain would take each other's messages for their own."""
+"""Keeps one episode per DDS domain, because two would receive each other's messages."""
 
 import errno
 import os
@@ -16,20 +16,20 @@ from siren_ros.errors import InputError
 
 VARIABLE: Final = "ROS_DOMAIN_ID"
 LARGEST_DOMAIN: Final = 101
-"""Up to it every platform has the ports (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
+"""Largest domain for which every platform has the ports (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
 DISCOVERY_S: Final = 0.3
-"""Two processes of one machine have found each other by then (params/fastdds_localhost.xml)."""
+"""Time in which two processes of one machine discover each other (params/fastdds_localhost.xml)."""
 _POLL_S: Final = 0.01
 _CLAIM: Final = "siren_ros/domain"
-"""Begins the names of the abstract sockets that are claims."""
+"""Prefix of the abstract sockets that claim a domain."""
 
 
 class DomainTakenError(InputError):
-    """Another episode or player uses the domain."""
+    """Raised if another episode or player uses the domain."""
 
 
 def in_free_domain(run: Callable[[], int], say: Callable[[str], None]) -> int:
-    """Run an episode in the user's domain, or, where ROS_DOMAIN_ID is not set, in the first one that is free.
+    """Run an episode in the user's domain, or in the first free one if ROS_DOMAIN_ID is not set.
 
     Args:
         run: Runs the episode in the domain that ROS_DOMAIN_ID names; must raise DomainTakenError before it has done
@@ -53,7 +53,7 @@ def in_free_domain(run: Callable[[], int], say: Callable[[str], None]) -> int:
 
 @contextmanager
 def claimed_domain() -> Iterator[None]:
-    """Hold this machine's claim to the domain while an episode runs.
+    """Claim the domain on this machine while an episode runs.
 
     The claim is an abstract socket (Linux only). It is decided at once, without discovery, and the kernel releases it
     however the process ends. On other systems discovery alone decides.
@@ -75,7 +75,7 @@ def claimed_domain() -> Iterator[None]:
 
 
 def check_alone(node: Node, since_s: float) -> None:
-    """Make sure that nobody else publishes the clock in this domain, before any node of the episode exists.
+    """Check that no other program publishes the clock in this domain, before any node of the episode exists.
 
     Waits until ``DISCOVERY_S`` have passed since the node was made. The program can load modules in this time.
 

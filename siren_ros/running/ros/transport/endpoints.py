@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of the table's topics, with their quality of service, and timers by wall time.
+"""Publishers and subscriptions of the topics with their quality of service, and timers by wall time.
 
 A watch notices publishers on a topic that a run does not know. What a subscription receives does not say who sent it
 (rclpy passes no identity of the publisher on). But DDS matches a publisher with a subscription before the first message
@@ -22,14 +22,14 @@ from siren_ros.data.interfaces.topics import OBSERVED, STEERED_FROM_OUTSIDE, STE
 from siren_ros.running.ros.transport.direct import direct
 
 _NAME_PATIENCE_S: Final = 2.0
-"""Discovery learns of a publisher before it learns the name of its node: a little, or more on a busy machine."""
+"""Time to wait for a node's name, because discovery finds a publisher before the name of its node."""
 _POLL_S: Final = 0.01
 _UNNAMED: Final = "_NODE_NAME_UNKNOWN_"
-"""What the middleware says where it has not learned the name."""
+"""The middleware's name for a node whose name is unknown."""
 
 
 class PublisherWatch:
-    """Counts the publishers that a subscription has met.
+    """Counts the publishers that a subscription has matched.
 
     Publishers of other programs may come and go until ``bind``: a user may start a stack twice. From then on, and on
     the topics of the platform's own nodes from the start, one more than the run knows is a stranger, even if it has
@@ -44,7 +44,7 @@ class PublisherWatch:
         nodes: Collection[str] | None = None,
         others: int | None = None,
     ) -> None:
-        """Watches nothing yet: ``callbacks`` go to the subscription.
+        """Prepare the watch; it starts when ``callbacks`` are given to the subscription.
 
         Args:
             node: Whose view of the graph names the publishers.
@@ -68,11 +68,11 @@ class PublisherWatch:
 
     @property
     def callbacks(self) -> SubscriptionEventCallbacks:
-        """For the subscription to the topic."""
+        """Callbacks for the subscription to the topic."""
         return SubscriptionEventCallbacks(matched=self._on_matched)
 
     def bind(self) -> None:
-        """From now on nobody may come beyond those that the run knows; some of these may not have been met yet."""
+        """Refuse further publishers from now on, except expected ones that were not matched yet."""
         if not self._bound:
             self._bound = True
             self._limit = self._total + max(0, self._known - self._current)
@@ -81,7 +81,7 @@ class PublisherWatch:
             self._names |= frozenset(self._publishers_when(lambda nodes: _UNNAMED not in nodes))
 
     def present(self) -> frozenset[str]:
-        """Nodes that publish now."""
+        """Nodes that publish at present."""
         return frozenset(self._publishers())
 
     def departed(self) -> frozenset[str]:
@@ -92,7 +92,7 @@ class PublisherWatch:
         return [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic.name)]
 
     def _publishers_when(self, is_enough: Callable[[list[str]], bool]) -> list[str]:
-        """Nodes of the publishers; discovery gets a moment to learn names until they are enough."""
+        """Nodes of the publishers; waits a moment for discovery of names until they are enough."""
         until_s = time.monotonic() + _NAME_PATIENCE_S
         while not is_enough(nodes := self._publishers()) and time.monotonic() < until_s:
             time.sleep(_POLL_S)
@@ -107,7 +107,7 @@ class PublisherWatch:
             self.on_left()
 
     def stranger(self) -> str:
-        """What is wrong if more publish now than the run knows, else an empty text.
+        """Error text if more publishers exist than the run knows, otherwise empty.
 
         The executor may hand a message over before it tells of the publisher.
         """
@@ -128,7 +128,7 @@ class PublisherWatch:
         )
 
     def _strangers(self) -> str:
-        """What is known of the nodes that are too many."""
+        """What is known about the surplus publishers' nodes."""
         known = {*self._names, _UNNAMED}
         nodes = self._publishers_when(lambda nodes: len(nodes) <= self._known or not known.issuperset(nodes))
         names = {*nodes} - known or ({*nodes} - {_UNNAMED} if len(nodes) > self._known else set())
@@ -136,21 +136,21 @@ class PublisherWatch:
 
 
 STREAM_DEPTH: Final = 8
-"""The lockstep keeps at most two steps in flight, so a participant can never miss one. A passive
-subscriber that falls behind loses its own oldest messages and slows nobody."""
+"""History depth of topics. The lockstep has at most two steps in flight, so that participants miss nothing; a slow
+passive subscriber loses its own oldest messages and slows nobody."""
 REPORT_DEPTH: Final = 64
-"""Of StepDone: every participant may report at once. Also of the copies for programs that only watch."""
+"""History depth of StepDone, since all participants may report at once, and of copies for watching programs."""
 
 
 @cache
 def message_class(type_name: str) -> Any:
-    """The Python class of a type such as ``siren_msgs/msg/Event``."""
+    """Python class of a type such as ``siren_msgs/msg/Event``."""
     package, _, name = type_name.split("/")
     return getattr(import_module(f"{package}.msg"), name)
 
 
 def qos_of(topic: Topic) -> QoSProfile:
-    """Everything is reliable; what is said once is kept for late subscribers."""
+    """Quality of service of a topic: all are reliable; single messages are kept for late subscribers."""
     many = topic == STEP_DONE or topic in OBSERVED.values()
     depth = REPORT_DEPTH if many else STREAM_DEPTH
     return QoSProfile(
@@ -162,7 +162,7 @@ def qos_of(topic: Topic) -> QoSProfile:
 
 
 class Output:
-    """The publisher of a topic; it takes encoded messages."""
+    """Publisher of a topic for encoded messages."""
 
     def __init__(self, node: Node, topic: Topic) -> None:
         """Create the publisher."""
@@ -178,14 +178,14 @@ class Output:
 
 
 def create_output(node: Node, topic: Topic) -> Output:
-    """The publisher of a topic."""
+    """Create the publisher of a topic."""
     return Output(node, topic)
 
 
 def create_input(
     node: Node, topic: Topic, callback: Callable[[bytes], None], watch: PublisherWatch | None = None, depth: int = 0
 ) -> Any:
-    """A subscription to a topic; the callback gets the encoded message, and the watch learns of the publishers.
+    """Create a subscription to a topic; the callback gets the encoded message, the watch is told about publishers.
 
     A depth is the number of messages that may wait, in place of the table's.
     """
@@ -196,12 +196,12 @@ def create_input(
 
 
 PATIENCE_S: Final = 10.0
-"""A subscriber without an answer for this time hangs or is dead. Fast DDS sends lost data again after at most 3 s, and
+"""A subscriber that is silent for this time hangs or is dead. Fast DDS sends lost data again after at most 3 s, and
 after a second loss 3 s later."""
 
 
 class AcknowledgedOutput:
-    """A publisher that loses no message on the way to a subscriber, also a large one that is sent in many fragments.
+    """A publisher that loses no message to its subscribers, not even a large one in many fragments.
 
     Fast DDS keeps the last messages of a topic. A new message replaces the oldest, even one that has not arrived. Fast
     DDS asks for acknowledgements when its history is full, and otherwise every 3 s. So this publisher has a history of
@@ -210,7 +210,7 @@ class AcknowledgedOutput:
     """
 
     def __init__(self, node: Node, topic: Topic) -> None:
-        """Create the publisher; ImportError, AttributeError or ValueError where the type is not installed."""
+        """Create the publisher; ImportError, AttributeError or ValueError if the type is not installed."""
         self.topic = topic
         quality = qos_of(topic)
         quality.depth = 1
@@ -220,7 +220,7 @@ class AcknowledgedOutput:
         """Whether a subscriber has not answered in time; it is not waited for until all have answered again."""
 
     def is_ready(self, now_s: float) -> bool:
-        """Whether every subscriber has the last message, or does not answer any more; does not wait."""
+        """Whether every subscriber has the last message or no longer answers; does not wait."""
         if self.wait_acknowledged(0.0):
             self._waits_since_s, self.deaf = None, False
             return True
@@ -234,10 +234,10 @@ class AcknowledgedOutput:
         self._publisher.publish(cdr)
 
     def wait_acknowledged(self, timeout_s: float) -> bool:
-        """Whether every subscriber has everything, now or within a time."""
+        """Whether all subscribers have everything, now or within a time."""
         return bool(self._publisher.wait_for_all_acked(Duration(seconds=timeout_s)))
 
 
 def create_wall_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:
-    """A timer of a node that runs by the steady clock, whatever ``/clock`` says."""
+    """A node's timer that follows the steady clock, not ``/clock``."""
     return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -1,4 +1,4 @@
-"""Fast DDS: the profile of a program, room in the shared memory, and what a killed process leaves there.
+"""Settings of Fast DDS: the profile, free space in shared memory, and removal of segments of killed processes.
 
 The profile uses sockets on the loopback interface, or on all. A participant owns one segment, ``fastrtps_`` and 16
 hexadecimal digits in ``/dev/shm``, and locks the file of the same name with ``_el`` while it exists (Fast DDS 2,
@@ -20,18 +20,18 @@ from typing import Final
 from siren_ros.base.params.resources import params_dir
 from siren_ros.errors import InputError
 
-FOLDER: Final = Path("/dev/shm")  # noqa: S108 - where Linux has its shared memory
+FOLDER: Final = Path("/dev/shm")  # noqa: S108 - Linux's folder for shared memory
 OLD_S: Final = 60.0
-"""A lock file exists for an instant before it is locked. One that is older than this is no longer in that state."""
+"""A lock file is unlocked for a moment after its creation; older ones than this are not in that state."""
 LEAST_BYTES: Final = 16_384
-"""ROS's tracing maps two pages when it is loaded, and SIGBUS ends the process where there is none left for them."""
+"""Least shared memory: ROS's tracing maps two pages when it loads, and without them SIGBUS ends the process."""
 SEGMENT_BYTES: Final = 17_700_000
-"""Of one participant with the project's profile: its segment, two ports, their semaphores."""
+"""Shared memory of one participant with the project's profile: its segment, two ports, their semaphores."""
 _LOCK_FILE: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
 
 
 def free_bytes(folder: Path = FOLDER) -> float:
-    """Room in the shared memory; infinite where its size has no limit, and where there is no such folder."""
+    """Free shared memory; infinite if its size is not limited, or if there is no such folder."""
     try:
         state = statvfs(folder)
     except OSError:
@@ -40,7 +40,7 @@ def free_bytes(folder: Path = FOLDER) -> float:
 
 
 def check_room(folder: Path = FOLDER) -> None:
-    """Make sure that ROS's libraries can be loaded.
+    """Check that ROS's libraries can be loaded.
 
     Raises:
         InputError: Too little shared memory is free.
@@ -53,7 +53,7 @@ def check_room(folder: Path = FOLDER) -> None:
 
 
 def lack_of_room(folder: Path = FOLDER) -> str:
-    """What the user is told where a participant's messages cannot go through shared memory; else empty."""
+    """Warning if a participant's messages cannot use shared memory; otherwise empty."""
     free = free_bytes(folder)
     if free >= SEGMENT_BYTES:
         return ""
@@ -64,7 +64,7 @@ def lack_of_room(folder: Path = FOLDER) -> str:
 
 
 def abandoned_segments(older_than_s: float = OLD_S, folder: Path = FOLDER) -> list[Path]:
-    """Lock files of this user's segments whose owners are dead, sorted; empty where there is no such folder."""
+    """Lock files of this user's segments whose owners are dead, sorted; empty if there is no such folder."""
     abandoned = []
     with suppress(OSError):
         for lock_file in sorted(folder.iterdir()):
@@ -97,22 +97,22 @@ def _is_abandoned(lock_file: Path, older_than_s: float) -> bool:
 
 
 PROFILE_VARIABLES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
+"""Environment variables that name Fast DDS's profile: in Jazzy's release, and in later ones."""
 LOOPBACK: Final = "fastdds_localhost.xml"
 NETWORK: Final = "fastdds.xml"
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _OPEN_RANGES: Final = frozenset({"", "NOT_SET", "SUBNET", "SYSTEM_DEFAULT"})
-"""Values of ROS_AUTOMATIC_DISCOVERY_RANGE that let discovery leave the machine; rcl takes others as LOCALHOST."""
+"""Values of ROS_AUTOMATIC_DISCOVERY_RANGE for which discovery leaves the machine; rcl treats others as LOCALHOST."""
 
 
 def profile_name(environment: Mapping[str, str]) -> str:
-    """The profile that the variables of discovery ask for: one for this machine alone, or one for a network."""
+    """Name of the profile for the discovery variables: one for this machine only, or one for a network."""
     leaves = environment.get(_RANGE, "") in _OPEN_RANGES
     return NETWORK if leaves or environment.get("ROS_STATIC_PEERS") else LOOPBACK
 
 
 def choose_profile() -> None:
-    """Set the profile of this process, and of those it starts, unless the user has one of their own."""
+    """Set the profile of this process and its children, unless the user has set one."""
     ours = {(params_dir() / name).resolve() for name in (LOOPBACK, NETWORK)}
     given = [Path(value).resolve() for variable in PROFILE_VARIABLES if (value := os.environ.get(variable))]
     if ours.issuperset(given):
@@ -121,7 +121,7 @@ def choose_profile() -> None:
 
 @contextmanager
 def discovery_as_in_profile() -> Iterator[None]:
-    """Around ``rclpy.init``: leave the range LOCALHOST to our profile for this machine, where it is the chosen one.
+    """Context around ``rclpy.init``: our profile implements the range LOCALHOST, if it was chosen.
 
     rmw_fastrtps implements this range with a UDP transport of its own. That transport has sockets on all interfaces,
     although it only sends to this machine. The profile contains the same range without it.

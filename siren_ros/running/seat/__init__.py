@@ -1,1 +1,1 @@
-"""Drives the AV under test without another program: what its driver sees, its way, its pedals and wheel."""
+"""Drives the AV under test without another program: the driver's view, its path, its pedals and steering."""

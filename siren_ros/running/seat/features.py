@@ -1,4 +1,4 @@
-"""The observation of the kind ``vector``: what is known of the own vehicle, the road, the EMV and the neighbours.
+"""Observations of kind ``vector``: own vehicle, road, EMV and neighbours as numbers.
 
 Every value is divided by its scale and cut to [−1, 1]. Places and speeds are in the own frame: x ahead, y left.
 """
@@ -16,19 +16,19 @@ from siren_ros.simulation.world.actors import Lights
 
 NEIGHBOURS: Final = 8
 _NEAR_M: Final = 80.0
-"""Of neighbours."""
+"""Range of neighbours."""
 _BENDS_M: Final = (10.0, 20.0, 40.0)
-"""Where the way's heading is looked at."""
+"""Distances ahead at which the path's heading is measured."""
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One number of the vector."""
+    """One element of the vector."""
 
     name: str
     meaning: str
     scale: float
-    """The value that gives 1."""
+    """Value that is scaled to 1."""
     unit: str = ""
 
 
@@ -82,7 +82,7 @@ _NEIGHBOUR_SCALES: Final = np.array([feature.scale for feature in NEIGHBOUR])
 
 
 def features_of(sight: Sight) -> Floats32:
-    """The vector of a step, shape ``(SIZE,)``, each value in [−1, 1]."""
+    """Vector of a step, shape ``(SIZE,)``, with values in [−1, 1]."""
     states, row = sight.states, sight.row
     yaw = float(states.yaw_rad[row])
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -138,7 +138,7 @@ def _own(sight: Sight) -> Floats:
 
 
 def line_ahead_m(sight: Sight) -> float:
-    """From the own front to the next stop line or junction of the way; infinite without one."""
+    """Distance from the own front to the next stop line or junction on the path; infinite if there is none."""
     front = sight.s_m + 0.5 * sight.length_m
     return min((line.at_m - front for line in sight.way.lines if line.at_m > front), default=math.inf)
 
@@ -152,7 +152,7 @@ def _emv(sight: Sight, emv: int, place: tuple[float, float], yaw: float) -> Floa
 
 
 def _neighbours(sight: Sight, rows: Rows, places: tuple[Floats, Floats], direction: tuple[float, float]) -> Floats:
-    """The numbers of some vehicles and people, shape ``(N, len(NEIGHBOUR))``."""
+    """Features of some vehicles and people, shape ``(N, len(NEIGHBOUR))``."""
     states, own, (cos, sin) = sight.states, sight.row, direction
     vx, vy = states.vx_mps[rows] - states.vx_mps[own], states.vy_mps[rows] - states.vy_mps[own]
     turned = states.yaw_rad[rows] - states.yaw_rad[own]

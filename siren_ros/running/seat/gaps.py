@@ -1,21 +1,21 @@
-"""Whether there is a gap for a move to the side."""
+"""Checks whether a move to the side is free."""
 
 from typing import Final
 
 from siren_ros.running.seat.sight import Sight
 
 COMES_S: Final = 2.5
-"""How far ahead in time drivers look for others who come to where they go."""
+"""Time for which approaching vehicles are predicted."""
 _BESIDE_M: Final = 0.5
-"""Kept to others beside it."""
+"""Lateral distance kept to other vehicles."""
 _BEHIND_M: Final = 5.0
-"""Kept to others behind it…"""
+"""Distance kept to vehicles behind."""
 _AHEAD_M: Final = 1.0
-"""…and ahead of it, with the same speed."""
+"""Distance kept to vehicles ahead at the same speed."""
 
 
 def is_free(wanted_m: float, sight: Sight, comes_s: float = COMES_S) -> bool:
-    """Whether nobody is beside the own vehicle on a move to the side, or comes there.
+    """Whether no other vehicle is beside the own one on a move to the side, or will come there.
 
     Args:
         wanted_m: Where the move ends across the way, left positive.

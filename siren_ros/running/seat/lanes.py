@@ -1,4 +1,4 @@
-"""The lanes beside a way: how many there are, and where their centres are across the way."""
+"""The lanes beside a path: their number, and the offsets of their centres."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -13,18 +13,21 @@ from siren_ros.simulation.world.traffic_state import Indices
 
 @dataclass(frozen=True)
 class LanesBeside:
-    """Columns of shape ``(K,)``, one value for each row of a way; offsets are left positive."""
+    """Lanes beside a path: columns of shape ``(K,)``, one value per row of the path.
+
+    Offsets are positive to the left.
+    """
 
     width_m: Floats
-    """Of the lane that the way is in."""
+    """Width of the path's lane."""
     left: Floats
-    """Number of driving lanes of the same direction to the left; fractional in junctions, between both sides…"""
+    """Number of driving lanes of the same direction to the left; in junctions it is interpolated between both sides."""
     right: Floats
-    """…and to the right."""
+    """The same number to the right."""
 
     @classmethod
     def of(cls, network: RoadNetwork, way: Indices) -> Self:
-        """The lanes beside those of a way, one for each row, on a map where traffic keeps right."""
+        """Lanes beside the lanes of a path, one per row, on a map with right-hand traffic."""
         s_m = np.arange(float(len(way)))
         columns = np.full((3, len(s_m)), np.nan)
         for row, index in enumerate(way.tolist()):
@@ -44,27 +47,27 @@ class LanesBeside:
         return cls(*columns)
 
     def rightmost(self, row: int) -> int:
-        """Number of the rightmost lane from the way's, left positive."""
+        """Number of the rightmost lane, counted from the path's lane, positive to the left."""
         return -round(float(self.right[row]))
 
     def leftmost(self, row: int) -> int:
-        """Number of the leftmost lane, the same way."""
+        """Number of the leftmost lane, counted likewise."""
         return round(float(self.left[row]))
 
     def is_leftmost(self, row: int, lane: int) -> bool:
-        """Whether a lane is the leftmost one of several, or would be to the left of it."""
+        """Whether a lane is the leftmost of several, or would be left of it."""
         return lane >= self.leftmost(row) > self.rightmost(row)
 
     def lane_at(self, row: int, offset_m: float) -> int:
-        """Number of the lane from the way's that an offset is in, left positive; also of one that is not there."""
+        """Number of the lane at an offset, counted from the path's lane, also outside the road."""
         return round(offset_m / float(self.width_m[row]))
 
     def lane_there(self, row: int, lane: int) -> int:
-        """A lane by its number from the way's, left positive; for one that is not there at a row the last one is."""
+        """Nearest existing lane at a row, by its number from the path's lane."""
         return min(max(lane, self.rightmost(row)), self.leftmost(row))
 
     def offset_m(self, row: int, lane: int) -> float:
-        """Offset of a lane from the way at a row; its number is as for ``lane_there``.
+        """Offset of a lane from the path at a row; its number as in ``lane_there``.
 
         In junctions the lanes that are on one side only come nearer or go away on the way across.
         """

@@ -1,4 +1,4 @@
-"""What drivers in seats can ask for: pedals and wheel, or manoeuvres that the library drives."""
+"""Actions of drivers: pedals and steering, or manoeuvres that the library carries out."""
 
 import math
 from collections.abc import Mapping
@@ -27,20 +27,20 @@ from siren_ros.simulation.world.commands import AvControl
 HARDEST_DRIVE_MPS2: Final = 3.0
 HARDEST_BRAKE_MPS2: Final = 8.0
 ACROSS_MPS2: Final = 4.0
-"""Lateral acceleration at which the wheel's action is 1…"""
+"""Lateral acceleration for a steering action of 1."""
 LARGEST_STEER_RAD: Final = 0.5
-"""…but no larger angle."""
+"""Largest steering angle."""
 _INDICATES: Final = 1.0 / 3.0
 _SHOULDER_PACE_MPS: Final = 5.0
-"""Of somebody who pulls over and is not at the edge yet."""
+"""Speed of a vehicle that pulls over and has not reached the edge."""
 _HARDEST_MPS2: Final = 3.0
-"""Of braking, but for STOP."""
+"""Hardest braking, except for STOP."""
 _EDGE_M: Final = 0.15
-"""Kept to the edge of the road."""
+"""Distance kept to the edge of the road."""
 _AT_EDGE_M: Final = 0.15
-"""A vehicle that is this near to the edge stops there."""
+"""A vehicle within this distance of its position at the edge stops there."""
 _THERE_M: Final = 0.4
-"""A vehicle that is this near to the place across the way that it goes to has reached it."""
+"""A vehicle within this distance of its target offset has reached it."""
 
 
 class Manoeuvre(IntEnum):
@@ -49,29 +49,29 @@ class Manoeuvre(IntEnum):
     KEEP = 0
     """Drive in the present lane."""
     LEFT = 1
-    """Change to the next lane on the left, where there is one…"""
+    """Change to the next lane on the left, if there is one."""
     RIGHT = 2
-    """…or on the right."""
+    """Change to the next lane on the right, if there is one."""
     PULL_OVER = 3
-    """Go to the edge of the road, from the leftmost of several lanes to the left one, else to the right one, and stop
-    there outside junctions; drive on slowly along it where an EMV does not get past."""
+    """Go to the edge of the road (from the leftmost of several lanes to the left edge, otherwise to the right) and stop
+    there outside junctions; drive on slowly along the edge if an EMV cannot pass."""
     STOP = 4
-    """Stop in the present place across the road."""
+    """Stop at the present offset."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """Where a driver goes by its last manoeuvre."""
+    """Target of a driver after its last manoeuvre."""
 
     manoeuvre: Manoeuvre = Manoeuvre.KEEP
     lane: int = 0
-    """Number of its lane from the way's, left positive."""
+    """Number of its lane, counted from the path's lane, positive to the left."""
     offset_m: float = 0.0
-    """Place across the way, for STOP."""
+    """Offset at which it stops, for STOP."""
 
 
 def aim_of(aim: Aim, manoeuvre: Manoeuvre, sight: Sight) -> Aim:
-    """The aim after a manoeuvre was asked for. A lane change ends before the next one begins."""
+    """Target after a requested manoeuvre. A lane change is completed before the next one begins."""
     lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
     lane = lanes.lane_there(row, aim.lane)
     if manoeuvre is Manoeuvre.STOP:
@@ -86,7 +86,7 @@ def aim_of(aim: Aim, manoeuvre: Manoeuvre, sight: Sight) -> Aim:
 
 
 def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> AvControl:
-    """Pedals, wheel and indicators of a driver with an aim: to the limit, behind its leader, before a red line.
+    """Pedals, steering and indicators for a target; it obeys the speed limit, its leader and red lines.
 
     It moves to the side where nobody is beside it or comes there.
 
@@ -120,7 +120,7 @@ def by_manoeuvre(aim: Aim, sight: Sight, emergency_mps: float | None = None) -> 
 
 
 def by_pedals(action: Floats32, sight: Sight, vehicles: Mapping[ActorClass, VehicleParameters]) -> AvControl:
-    """The answer for an action of the kind ``continuous``: acceleration, wheel and indicator, each from −1 to 1.
+    """Control for an action of kind ``continuous``: acceleration, steering and indicator, each from −1 to 1.
 
     An acceleration of 1 asks for 3 m/s², one of −1 for 8 m/s² of braking. A wheel of 1 turns left by the angle that
     gives 4 m/s² across at the present speed, at most 0.5 rad. An indicator above 1/3 is the left one, below −1/3 the

@@ -1,4 +1,4 @@
-"""A driver in the seat of an episode's AV under test: without ROS, or for a program that has the messages."""
+"""Lets a driver control an episode's AV under test, without ROS or in a ROS program."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -37,13 +37,13 @@ _INPUTS: Final[Mapping[str, Topic]] = {
 
 
 class SeatedDriver:
-    """A driver in the seat for one run of an episode.
+    """A driver of the AV for one run of an episode.
 
     On a map with left-hand traffic the driver sees the mirror image, and its answers are mirrored again.
     """
 
     def __init__(self, driver: Driver[Any], network: RoadNetwork, way: Polyline, av_id: int) -> None:
-        """Takes the seat.
+        """Prepare the driver.
 
         Args:
             driver: Who drives.
@@ -58,7 +58,7 @@ class SeatedDriver:
         self._state, self._at_m = driver.start, 0.0
 
     def answer(self, states: ActorStates, traffic: TrafficState) -> AvControl:
-        """The answer to a step; it rolls where the AV is not there."""
+        """Control for a step; without the AV the control lets it roll."""
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
         if not np.isin(self._av_id, states.actor_id):
             return AvControl(states.step)
@@ -70,7 +70,7 @@ class SeatedDriver:
 
 
 def answers_of(setup: EpisodeSetup, driver: Driver[Any]) -> Answer:
-    """The answers of a driver in the seat, for one run of an episode without ROS.
+    """Answers of a driver of the AV, for one run of an episode without ROS.
 
     Raises:
         InputError: The request names no AV.
@@ -87,7 +87,7 @@ def answers_of(setup: EpisodeSetup, driver: Driver[Any]) -> Answer:
 
 
 class AvController:
-    """Drives the AV under test in a ROS program: messages come in, answers go out, all encoded.
+    """Drives the AV under test in a ROS program: it takes encoded messages and returns encoded answers.
 
     The program subscribes to the topics of ``INPUTS`` with ``raw=True`` and hands each message to ``take``. When the
     controller is ``ready``, the program creates the publisher of ``OUTPUT``, with which the episode begins, and then
@@ -99,13 +99,13 @@ class AvController:
     """
 
     INPUTS: Final[Mapping[str, str]] = {topic.name: topic.type_name for topic in _INPUTS.values()}
-    """Types of the topics to subscribe to, by their names."""
+    """Topics to subscribe to, with their types."""
     LATCHED: Final = frozenset(topic.name for topic in _INPUTS.values() if topic.latched)
     OUTPUT: Final = (topics.AV_CONTROL.name, topics.AV_CONTROL.type_name)
-    """Name and type of the topic of the answers."""
+    """Name and type of the topic for answers."""
 
     def __init__(self, driver: str | Driver[Any]) -> None:
-        """Takes a driver.
+        """Take a driver.
 
         Args:
             driver: One of the library by its name, such as ``lawful-california``, a file of ``siren train driver``, or
@@ -120,7 +120,7 @@ class AvController:
 
     @property
     def ready(self) -> bool:
-        """Whether the episode, the map and the route have come."""
+        """Whether episode, map and route have arrived."""
         return self._seated is not None
 
     @property
@@ -129,7 +129,7 @@ class AvController:
         return topics.EPISODE_END.name in self._last
 
     def take(self, topic: str, cdr: bytes) -> bytes | None:
-        """Takes a message.
+        """Process a message.
 
         Args:
             topic: Name of its topic, one of ``INPUTS``.

@@ -1,4 +1,4 @@
-"""What a driver in the seat sees at a step, relative to the way that it drives."""
+"""What a driver sees at a step, relative to its path."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,65 +19,65 @@ _RED: Final = frozenset("rRyY")
 
 @dataclass(frozen=True)
 class Siren:
-    """An EMV whose siren sounds."""
+    """An EMV with its siren on."""
 
     actor_id: int
     gap_m: float
-    """From its front to the own rear along the own heading; negative beside the own vehicle and ahead of it."""
+    """Gap from the EMV's front to the own rear along the own heading; negative beside and ahead."""
     left_m: float
-    """Of its centre from the own one."""
+    """Lateral distance of its centre from the own centre, positive to the left."""
     speed_mps: float
     behind: bool
     """Whether it comes from behind on this road: it has not passed, and drives in the same direction."""
     ahead_m: float
-    """From the own front to its rear; negative beside the own vehicle and behind it."""
+    """Distance from the own front to its rear; negative beside and behind."""
     along: bool
-    """Whether it drives on this road, in the same direction."""
+    """Whether it drives on this road in the same direction."""
 
 
 @dataclass(frozen=True)
 class Other:
-    """A vehicle or a person near the own place on the way, or ahead."""
+    """A vehicle or person on the path ahead or near the own position."""
 
     gap_m: float
-    """From the own front to it, along the way; negative beside the own vehicle and behind it."""
+    """Gap from the own front along the path; negative beside and behind."""
     left_m: float
-    """Of its centre from the way."""
+    """Offset of its centre from the path, positive to the left."""
     half_width_m: float
-    """Across the way."""
+    """Half width across the path."""
     speed_mps: float
-    """Along the way."""
+    """Speed along the path."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What a driver sees at a step. Offsets are across the way, left positive."""
+    """What a driver sees at a step. Offsets are lateral, positive to the left."""
 
     step: int
     way: Way
     s_m: float
-    """Arc length of the own centre on the way."""
+    """Arc length of the own centre on the path."""
     left_m: float
     turn_rad: float
-    """Own heading from the way's."""
+    """Own heading relative to the path."""
     speed_mps: float
     length_m: float
     width_m: float
     sirens: tuple[Siren, ...]
     others: tuple[Other, ...]
     red_m: float
-    """From the own front to the next line of the way that is red; infinite without one."""
+    """Distance from the own front to the next red line on the path; infinite without one."""
     in_junction: bool
     states: ActorStates
-    """All that is in the world…"""
+    """States of all actors."""
     bodies: Mapping[int, ActorDescription]
-    """…and who they are, by id."""
+    """Descriptions of the actors by id."""
     row: int
-    """Of the own vehicle in ``states``."""
+    """Row of the own vehicle in ``states``."""
 
     @property
     def body(self) -> ActorDescription:
-        """The own vehicle."""
+        """Description of the own vehicle."""
         return self.bodies[int(self.states.actor_id[self.row])]
 
 
@@ -89,7 +89,7 @@ def sight_of(
     way: Way,
     near_m: float,
 ) -> Sight:
-    """What the driver of an actor sees.
+    """Make the sight of an actor's driver.
 
     Args:
         states: The world, on a map where traffic keeps right.
@@ -141,7 +141,7 @@ def sight_of(
 
 @dataclass(frozen=True)
 class _OnWay:
-    """A centre on the way: arc length, offset, and heading from the way's."""
+    """Position on the path: arc length, offset, and heading relative to the path."""
 
     s_m: float
     left_m: float
@@ -156,7 +156,7 @@ def _on_way(way: Way, states: ActorStates, rows: list[int], near_m: float) -> li
 
 
 def _other(body: ActorDescription, speed_mps: float, place: _OnWay, ahead_m: float) -> Other:
-    """Somebody near the way, whose centre is so far along it from the own front."""
+    """Make an ``Other`` for an actor near the path, at this distance along it from the own front."""
     turned = np.cos(place.turn_rad)
     cos, sin = abs(turned), abs(np.sin(place.turn_rad))
     gap = ahead_m - 0.5 * (body.length_m * cos + body.width_m * sin)
@@ -165,7 +165,7 @@ def _other(body: ActorDescription, speed_mps: float, place: _OnWay, ahead_m: flo
 
 
 def _siren(emv: ActorDescription, speed_mps: float, reach_m: float, *seen: tuple[float, float, float]) -> Siren:
-    """An EMV, as it drives along the own way; where it does not, as it is seen from the own vehicle.
+    """Make a ``Siren`` for an EMV: relative to the own path if it drives along it, otherwise in a straight line.
 
     Args:
         emv: The EMV.
@@ -182,7 +182,7 @@ def _siren(emv: ActorDescription, speed_mps: float, reach_m: float, *seen: tuple
 
 
 def _red_line_m(way: Way, from_m: float, signals: tuple[SignalState, ...]) -> float:
-    """Arc length of the next line beyond a place that is red or yellow; infinite without one."""
+    """Arc length of the next red or yellow line beyond a place; infinite without one."""
     states = {signal.signal_id: signal.state for signal in signals}
     lines = (line for line in way.lines if line.at_m > from_m)
     red = (line for line in lines if line.connection.letter_in(states.get(line.connection.signal_id or "", "")) in _RED)

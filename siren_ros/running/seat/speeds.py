@@ -1,4 +1,4 @@
-"""What every driver keeps: speeds to the limit, bends, the vehicle ahead and a red line; the indicator on its way."""
+"""Speeds that every driver observes (limit, bends, leader, red lines), and indicators along its path."""
 
 import math
 from typing import Final
@@ -10,38 +10,38 @@ from siren_ros.running.seat.sight import Sight
 from siren_ros.simulation.world.actors import Lights, indicator_to
 
 _GENTLE_MPS2: Final = 2.0
-"""Of braking, and across in bends."""
+"""Gentle braking, and lateral acceleration in bends."""
 _HEADWAY_S: Final = 1.4
 _STANDSTILL_M: Final = 2.5
 _BESIDE_M: Final = 0.25
-"""Kept to the side of the vehicle ahead."""
+"""Lateral distance kept to the vehicle ahead."""
 _LOOK_M: Final = (0.0, 4.0, 8.0, 14.0, 20.0)
-"""Where it looks for bends."""
+"""Distances ahead at which bends are checked."""
 _END_M: Final = 3.0
-"""Kept to the end of the way."""
+"""Distance kept to the end of the path."""
 _PASSES_MPS: Final = 1.0
-"""By which a driver is slower than an EMV that passes it."""
+"""A driver is slower than a passing EMV by this."""
 _PASSED_M: Final = 5.0
-"""An EMV has passed once its rear is this far ahead…"""
+"""An EMV has passed if its rear is this far ahead."""
 _NEXT_M: Final = 4.0
-"""…or its centre this far to the side."""
+"""An EMV has also passed if its centre is this far to the side."""
 _STUCK_MPS: Final = 0.3
 _WAITS_M: Final = 15.0
 _WAITS_MPS: Final = 2.0
-"""Gap and speed of an EMV that does not get past."""
+"""Limits of speed and gap for an EMV that cannot pass."""
 _LINE_M: Final = 1.0
-"""Kept to a stop line."""
+"""Distance kept to a stop line."""
 _SEEN_ROWS: Final = 80
-"""Rows of the way that are looked at for junctions."""
+"""Rows of the path that are checked for junctions."""
 _SIGNALS_S: Final = 2.0
 _SLOW_MPS: Final = 5.0
-"""Somebody slower may come to stand."""
+"""A slower vehicle may come to a stop."""
 _LATE_MPS2: Final = 5.0
-"""A driver that would have to brake harder before a red line does not stop any more."""
+"""A driver that would need harder braking before a red line drives on."""
 
 
 def speed_to_limit(sight: Sight) -> float:
-    """The speed limit, slower before bends and before the end of the way, m/s."""
+    """Speed limit, reduced before bends and the end of the path, in m/s."""
     way, curve = sight.way, sight.way.curve
     at = [sight.s_m + ahead for ahead in _LOOK_M]
     headings = curve.heading_rad([min(s, curve.length_m) for s in at]).tolist()
@@ -55,7 +55,7 @@ def speed_to_limit(sight: Sight) -> float:
 
 
 def speed_to_leader(sight: Sight, offset_m: float) -> float:
-    """Speed behind who is ahead at an offset from the way or at the present one; infinite without anybody, m/s."""
+    """Speed behind the leader at the given or the present offset, in m/s; infinite without one."""
     least = math.inf
     for other in sight.others:
         across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
@@ -66,7 +66,7 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
 
 
 def speed_to_passing_emv(sight: Sight) -> float:
-    """Speed at which an EMV beside the own vehicle gets ahead of it; infinite where none passes, m/s.
+    """Speed that lets an EMV beside the own vehicle get ahead, in m/s; infinite if none passes.
 
     Beside one that squeezes through, or that is very close, it stands.
     """
@@ -82,19 +82,19 @@ def speed_to_passing_emv(sight: Sight) -> float:
 
 
 def emv_waits(sight: Sight) -> bool:
-    """Whether an EMV does not get past the own vehicle: it almost stands close behind, or beside it."""
+    """Whether an EMV cannot pass the own vehicle: it almost stands close behind, or beside it."""
     return any(siren.behind and siren.gap_m < _WAITS_M and siren.speed_mps < _WAITS_MPS for siren in sight.sirens)
 
 
 def speed_to_red(sight: Sight) -> float:
-    """Speed before the next red line; infinite without one, and where it is too late to stop, m/s."""
+    """Speed before the next red line, in m/s; infinite without one, or if it is too late to stop."""
     if sight.red_m == math.inf or sight.red_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
         return math.inf
     return math.sqrt(2.0 * _GENTLE_MPS2 * max(sight.red_m - _LINE_M, 0.0))
 
 
 def speed_to_junction(sight: Sight) -> float:
-    """Speed before a junction that somebody slow keeps the own vehicle from leaving; infinite without one, m/s."""
+    """Speed before a junction that a slow vehicle makes impossible to leave, in m/s; infinite without one."""
     way, row = sight.way, sight.way.row(sight.s_m)
     ahead = way.in_junction[row : row + _SEEN_ROWS]
     if not ahead.any() or ahead[0]:
@@ -115,7 +115,7 @@ def speed_to_junction(sight: Sight) -> float:
 
 
 def indicators(sight: Sight) -> int:
-    """The indicator for a lane change that the way has soon."""
+    """Indicators for a lane change that the path has soon."""
     row = sight.way.row(sight.s_m)
     reach = row + 1 + int(max(sight.speed_mps, 1.0) * _SIGNALS_S)
     soon = sight.way.changes[row:reach]

@@ -1,4 +1,4 @@
-"""Pedals and wheel from a wanted speed and a wanted place across the way."""
+"""Computes pedals and steering from a target speed and a target offset."""
 
 import math
 from typing import Final
@@ -12,9 +12,9 @@ _FULL_BRAKE_MPS2: Final = 9.0
 _LARGEST_STEER_RAD: Final = 0.6
 _LEAST_REACH_M: Final = 6.0
 _PUSHES_PER_S: Final = 1.2
-"""Acceleration for each m/s that is missing…"""
+"""Acceleration per m/s of missing speed."""
 _BRAKES_PER_S: Final = 3.0
-"""…and deceleration for each that is too much: drivers do not go beyond a line."""
+"""Deceleration per m/s of excess speed; it is higher, so that drivers do not cross a line."""
 
 
 def steered(
@@ -24,7 +24,7 @@ def steered(
     lights: int = int(Lights.NONE),
     hardest_mps2: float = 3.5,
 ) -> AvControl:
-    """The answer to a step: pedals by a proportional control, the wheel by pure pursuit of the way.
+    """Control for a step: proportional speed control, and steering by pure pursuit of the path.
 
     Args:
         sight: The step.

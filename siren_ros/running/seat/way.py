@@ -1,4 +1,4 @@
-"""The way of the vehicle with the seat, with the road beside it: edges, junctions and lines with signals."""
+"""The path of the driven vehicle with the road along it: edges, junctions, and lines with signals."""
 
 from dataclasses import dataclass
 from typing import Final, Self
@@ -18,49 +18,49 @@ from siren_ros.simulation.world.traffic_state import Indices
 SPACING_M: Final = 1.0
 _JUMP_M: Final = 1.0
 _DRIFT: Final = 0.02
-"""Metres sideways for each one along the way from which on it changes the lane."""
+"""Lateral drift per metre above which the path is changing lanes."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A stop line on the way."""
+    """A stop line on the path."""
 
     at_m: float
-    """Arc length on the way."""
+    """Arc length on the path."""
     connection: Connection
 
 
 @dataclass(frozen=True)
 class Way:
-    """A way along lane centres; columns have shape ``(K,)``, one value for each metre of it."""
+    """A path along lane centres; columns have shape ``(K,)``, one value per metre."""
 
     curve: Polyline
     lane: Indices
-    """Index of the lane, a path across a junction included; ``NO_LANE`` off the lanes."""
+    """Index of the lane or of the path across a junction; ``NO_LANE`` off the lanes."""
     right_m: Floats
-    """Offset of the road's right edge, left positive."""
+    """Offset of the road's right edge, positive to the left."""
     driving_right_m: Floats
-    """Of its edge without a shoulder."""
+    """Offset of the right edge of the driving lanes, without shoulder."""
     lane_right_m: Floats
-    """Of the lane's right edge…"""
+    """Offset of the lane's right edge."""
     lane_left_m: Floats
-    """…and of its left one."""
+    """Offset of the lane's left edge."""
     leftmost: Flags
     """Whether the lane is the leftmost of several."""
     in_junction: Flags
     limit_mps: Floats
     """Speed limit of the lane."""
     changes: Floats
-    """+1 where the way goes over into the lane on the left, −1 into the one on the right, 0 elsewhere."""
+    """+1 where the path changes to the left lane, −1 to the right lane, 0 elsewhere."""
     duty: Flags
-    """Whether slow traffic has to keep a corridor open between the lanes, before any siren (Germany's rescue lane)."""
+    """Whether slow traffic must keep a corridor open between the lanes before any siren (Germany's rescue lane)."""
     lines: tuple[Line, ...]
-    """In the order in which they come."""
+    """Stop lines in the order along the path."""
     lanes: LanesBeside
 
     @classmethod
     def of(cls, network: RoadNetwork, curve: Polyline) -> Self:
-        """The way along a curve on a map where traffic keeps right."""
+        """The path along a curve on a map with right-hand traffic."""
         s_m = np.arange(0.0, curve.length_m + SPACING_M, SPACING_M)
         points, heading = curve.at(s_m), curve.heading_rad(s_m)
         places = locate(network, points, np.asarray(heading), np.full(len(s_m), NO_LANE, np.int32))
@@ -86,7 +86,7 @@ class Way:
             lane_left[row] = 0.5 * lane.width_m - float(places.offset_m[row])
             leftmost[row] = is_leftmost_of_several(network, lane_index)
         drift = np.diff(places.offset_m, append=places.offset_m[-1:])
-        drift[~np.isfinite(drift) | (np.abs(drift) > _JUMP_M) | inside] = 0.0  # the lane is another one
+        drift[~np.isfinite(drift) | (np.abs(drift) > _JUMP_M) | inside] = 0.0  # a jump means another lane, not a drift
         changes = np.where(np.abs(drift) > _DRIFT, np.sign(drift), 0.0)
         known = np.isfinite(limit)
         limit = np.interp(s_m, s_m[known], limit[known]) if known.any() else np.full(len(s_m), 8.0)
@@ -96,12 +96,12 @@ class Way:
         return cls(curve, places.lane, *edges, leftmost, inside, limit, changes, duty, lines, lanes)
 
     def row(self, s_m: float) -> int:
-        """The row of an arc length."""
+        """Row of an arc length."""
         return int(min(max(round(s_m / SPACING_M), 0), len(self.right_m) - 1))
 
 
 def _lines(network: RoadNetwork, s_m: Floats, lanes: list[int]) -> list[Line]:
-    """Where the way leaves a lane for a path across a junction."""
+    """Stop lines where the path leaves a lane for a path across a junction."""
     found, before = [], NO_LANE
     for at_m, lane in zip(s_m.tolist(), lanes, strict=True):
         if lane in {before, NO_LANE}:

@@ -1,1 +1,1 @@
-"""Studies: many episodes from one description, run side by side, kept with one row each in one table."""
+"""Studies: many episodes from one description, made in parallel, with one table of results."""

@@ -1,4 +1,4 @@
-"""An episode whose AV a ROS program drives: ``cosim`` and the program as children, in a DDS domain of their own."""
+"""Runs an episode whose AV a ROS program drives: ``cosim`` and the program as children in their own DDS domain."""
 
 import os
 import shlex
@@ -24,12 +24,12 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 _DOMAIN: Final = "ROS_DOMAIN_ID"
 _DOMAINS: Final = 100
-"""Domains from 1 on; the default one is left to users."""
+"""Number of domains, from 1 on; the default domain is left to users."""
 _TRIES: Final = 5
 _LOOK_S: Final = 0.25
-"""Wall time between two looks at the programs."""
+"""Wall time between checks of the programs."""
 _TOLD_S: Final = 12.0
-"""Wall time within which ``cosim`` tells that a driver which answered before is gone."""
+"""Wall time in which ``cosim`` reports that its driver is gone."""
 LIMIT_S: Final = 1800.0
 """Wall time after which an episode's programs are killed."""
 _WATCH: Final = """
@@ -43,16 +43,16 @@ for number, wait_s in ((signal.SIGCONT, 0.0), (signal.SIGTERM, {ends_s}), (signa
             pass
     time.sleep(wait_s)
 """
-"""A program that ends groups of processes once its input ends, as it does when the process that holds the other end of
-the pipe is killed. The programs of users cannot be asked to look after that process themselves."""
+"""Source of a program that ends groups of processes when its input ends, which happens when the process at the other
+end of the pipe is killed. Users' programs cannot watch that process themselves."""
 _SAID: Final = 300
-"""Letters of a program's last words."""
+"""Number of letters of a program's last output in messages."""
 
 
 def episode_with_program(
     request: EpisodeRequest, bag: Path, program: str, *, real_time: bool = False, limit_s: float = LIMIT_S
 ) -> RecordedEpisode:
-    """Runs an episode with ``cosim`` and the program that drives its AV.
+    """Run an episode with ``cosim`` and the program that drives its AV.
 
     Args:
         request: The episode, with an AV.
@@ -88,7 +88,7 @@ def episode_with_program(
 def _run(
     request: EpisodeRequest, bag: Path, program: str, domain: int, *, real_time: bool, limit_s: float
 ) -> tuple[int, str, str, AnswerTimes | None]:
-    """Exit code of ``cosim``, what it says of an error, the program's last words where it ended badly, its answers."""
+    """Exit code of ``cosim``, its error, the program's last output if it failed, and its answer times."""
     named = {field.name: getattr(request, field.name) for field in fields(request)}
     asked: Mapping[str, object] = {
         **named,
@@ -129,7 +129,7 @@ def _run(
 
 
 def _wait(cosim: "subprocess.Popen[str]", driver: "subprocess.Popen[str]", limit_s: float) -> int | None:
-    """Exit code of ``cosim``; None where it is not done in time, or soon after its driver has failed."""
+    """Exit code of ``cosim``; None if it exceeds the limit, or soon after its driver has failed."""
     left_s = limit_s
     while left_s > 0.0:
         with suppress(subprocess.TimeoutExpired):
@@ -154,7 +154,7 @@ def _child(words: list[str], environment: Mapping[str, str], output: object) -> 
 
 @contextmanager
 def _watched(*programs: "subprocess.Popen[str]") -> Iterator[None]:
-    """Within it, the programs and what they have started end soon after this process, however it ends."""
+    """Context in which the programs and their children end soon after this process, however it ends."""
     groups = [str(program.pid) for program in programs]
     words = [sys.executable, "-I", "-S", "-c", _WATCH.format(ends_s=ENDS_S), *groups]
     with subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True) as watch:  # noqa: S603 - our own

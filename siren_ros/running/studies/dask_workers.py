@@ -1,4 +1,4 @@
-"""Workers of a study on a cluster: Dask schedules, each worker makes its episodes in processes of their own.
+"""Workers of a study on a cluster: Dask schedules, and each worker makes its episodes in separate processes.
 
 Needs the extra ``cluster``. Dask moves the episodes of a worker that is lost to another one.
 """
@@ -19,22 +19,22 @@ from siren_ros.running.studies.study_folder import StudyFolder
 from siren_ros.running.studies.workers import WorkerOptions, attempt_processes, make_episode
 
 PROLOGUE: Final = "export DASK_DISTRIBUTED__WORKER__DAEMON=False"
-"""What a worker's environment needs: it starts processes itself."""
+"""Shell line for a worker's environment, because workers start processes."""
 _AHEAD: Final = 3
-"""Episodes that are handed to the scheduler for each thread of a worker: a million at once would fill its memory."""
+"""Number of episodes handed to the scheduler per worker thread; all at once would fill its memory."""
 
 
 class DaskWorkers:
-    """A Dask cluster."""
+    """Workers on a Dask cluster."""
 
     def __init__(self, client: Any) -> None:
-        """Takes a ``distributed.Client``."""
+        """Take a ``distributed.Client``."""
         self._client = client
 
     def rows(
         self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
     ) -> Generator[EpisodeRow, None, None]:
-        """As ``Workers``."""
+        """Make the episodes, as ``Workers``."""
         run, waiting = uuid4().hex, iter(planned)
         episodes: dict[str, PlannedEpisode] = {}
         gathered = _distributed().as_completed(loop=self._client.loop)
@@ -57,12 +57,12 @@ class DaskWorkers:
 
 
 def _distributed() -> Any:
-    """Dask, of the extra ``cluster``."""
+    """The package Dask, from the extra ``cluster``."""
     return import_module("distributed")
 
 
 def make_on_worker(episode: PlannedEpisode, folder: StudyFolder, options: WorkerOptions, run: str) -> dict[str, Any]:
-    """Makes an episode on a worker of a cluster; returns its row as JSON types.
+    """Make an episode on a worker of a cluster; returns its row as JSON types.
 
     A note in the study's folder says who began. Where an earlier worker of this run began and did not end, it was lost,
     and the row says so.
@@ -91,7 +91,7 @@ def _row(future: Any, episode: PlannedEpisode, folder: StudyFolder) -> EpisodeRo
 
 
 def connected(scheduler: str) -> Any:
-    """A client of a running scheduler; InputError where Dask is not installed, or the scheduler does not answer."""
+    """Connect to a running scheduler; InputError if Dask is not installed or the scheduler does not answer."""
     try:
         return _distributed().Client(scheduler, timeout="20s", set_as_default=False)
     except ImportError as error:
@@ -101,7 +101,7 @@ def connected(scheduler: str) -> Any:
 
 
 def on_slurm(jobs: int) -> Any:
-    """A client of a new cluster of Slurm jobs, as Dask's configuration describes them (``jobqueue.slurm``).
+    """Start a cluster of Slurm jobs by Dask's configuration (``jobqueue.slurm``), and connect to it.
 
     Each job is one worker or several, as configured.
 

@@ -1,4 +1,4 @@
-"""One row of a study's table: what an episode was made from, its outcome and its place; and the Parquet file."""
+"""One row of a study's table: inputs of an episode, its outcome and its place; and the Parquet file of rows."""
 
 import io
 import json
@@ -20,22 +20,22 @@ from siren_ros.simulation.scenario.episode import shortcomings
 
 
 class Status(StrEnum):
-    """What became of an episode."""
+    """Result of an episode in a study."""
 
     COMPLETE = "complete"
     FAILED = "failed"
-    """It ended early, and would again: SUMO teleported a vehicle, the residual grew."""
+    """It ended early and would do so again: SUMO teleported a vehicle, or a residual grew too large."""
     REFUSED = "refused"
     """It cannot be made: the map has no site for it."""
     CRASHED = "crashed"
-    """Its process died or hung, at every attempt."""
+    """Its process died or hung at every attempt."""
 
 
 _OF_REQUEST: Final = ("template", "level", "seed", "map", "preset", "sensors", "look", "values")
 
 
 def path_of(group: str, episode: str) -> str:
-    """Where an episode's bag belongs, relative to the study's folder."""
+    """Place of an episode's bag, relative to the study's folder."""
     return f"episodes/{group}/{episode}"
 
 
@@ -43,58 +43,58 @@ def path_of(group: str, episode: str) -> str:
 class EpisodeRow(Brief):
     """One episode of a study."""
 
-    # What it was made from.
+    # Inputs.
     episode: str
     group: str
     template: str
     level: str
     seed: int
     map: str
-    """As the study names it; empty for the built-in town."""
+    """Map as the study names it; empty for the built-in town."""
     preset: str
     sensors: str
     look: str
     draw: int
     values: str
-    """The draw, as ``EpisodeRequest.values``."""
+    """Drawn values, as ``EpisodeRequest.values``."""
     inputs_sha256: str
-    # What became of it.
+    # Outcome.
     status: Status
     reason: str = ""
     attempts: int = 1
     retry_reasons: tuple[str, ...] = ()
-    """Why each attempt before the last one was in vain."""
+    """Reasons of the failed attempts before the last one."""
     steps: int = 0
     simulated_s: float = 0.0
     predicate_holds: bool | None = None
     predicate: str = ""
     measures: str = "{}"
-    """The outcome's numbers, as a JSON object."""
-    # Where it lies.
+    """Numbers of the outcome as a JSON object."""
+    # Place.
     bag: str = ""
     """Folder of the bag, relative to the study's folder."""
     bag_bytes: int = 0
     mcap_sha256: str = ""
     metadata_sha256: str = ""
     map_sha256: str = ""
-    """Of the compiled net."""
+    """Hash of the compiled net."""
     site: str = ""
-    """Where on the map it happened; the pinned site of an episode that was not made."""
-    # How long it took.
+    """Site on the map; for an episode that was not made, its pinned site."""
+    # Duration.
     setup_s: float = 0.0
     run_s: float = 0.0
     """Wall time from the first step to the closed bag."""
     process_s: float = 0.0
-    """Wall time of the last attempt, with the start of its process."""
+    """Wall time of the last attempt, including the start of its process."""
     cpu_s: float = 0.0
     begun_at: str = ""
-    """UTC, of the last attempt."""
+    """Start of the last attempt in UTC."""
     worker: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def planned(cls, episode: PlannedEpisode, status: Status, reason: str = "", **known: Any) -> Self:
-        """The row of a planned episode with what else is known of it."""
+        """Row of a planned episode with further known values."""
         known |= {name: getattr(episode.request, name) for name in _OF_REQUEST}
         known |= {name: getattr(episode, name) for name in ("group", "draw", "inputs_sha256")}
         known = {"site": episode.request.site, **known}
@@ -102,7 +102,7 @@ class EpisodeRow(Brief):
 
     @property
     def map_name(self) -> str:
-        """The map's name as in the episode's bag: without folder and suffix, ``town`` for the built-in one."""
+        """Name of the map as in the bag: without folder and suffix, ``town`` for the built-in one."""
         return name_of_map(Path(self.map) if self.map else None)
 
     @property
@@ -117,13 +117,13 @@ class EpisodeRow(Brief):
 
     @property
     def people(self) -> dict[str, int]:
-        """What the outcome says of people, by ``pedestrians.near`` and so on; empty for an episode without them."""
+        """Counts of people in the outcome, by ``pedestrians.near`` and so on; empty without people."""
         named = json.loads(self.measures).items()
         return {name.removeprefix("people."): int(value) for name, value in named if name.startswith("people.")}
 
     @property
     def path(self) -> str:
-        """Where the episode's bag belongs, relative to the study's folder."""
+        """Place of the bag, relative to the study's folder."""
         return path_of(self.group, self.episode)
 
     def to_json(self) -> dict[str, Any]:
@@ -132,7 +132,10 @@ class EpisodeRow(Brief):
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """Inverse of ``to_json``; missing columns have defaults, unknown ones are left out; InputError for no row."""
+        """Inverse of ``to_json``; missing columns get defaults, unknown ones are ignored.
+
+        InputError if it is not a row.
+        """
         values = {field.name: content[field.name] for field in fields(cls) if field.name in content}
         try:
             values["status"] = Status(values["status"])
@@ -163,7 +166,7 @@ SCHEMA: Final = pa.schema([(name, kind) for names, kind in _COLUMNS for name in 
 
 
 def manifest_bytes(rows: Iterable[EpisodeRow]) -> bytes:
-    """The table as a Parquet file, rows in the order of the episodes' names."""
+    """The table as a Parquet file, with rows sorted by episode."""
     ordered = sorted(rows, key=lambda row: row.episode)
     content = [{**row.to_json(), "versions": json.dumps(row.versions, sort_keys=True)} for row in ordered]
     sink = io.BytesIO()
@@ -172,9 +175,9 @@ def manifest_bytes(rows: Iterable[EpisodeRow]) -> bytes:
 
 
 def rows_of_manifest(content: bytes) -> tuple[EpisodeRow, ...]:
-    """Inverse of ``manifest_bytes``; InputError for other bytes than the table of a study."""
+    """Inverse of ``manifest_bytes``; InputError for other bytes."""
     try:
-        # A program that ends soon after reading with threads is sometimes aborted by pyarrow's threads.
+        # pyarrow's threads sometimes abort a program that ends soon after reading with them.
         table = pq.read_table(io.BytesIO(content), use_threads=False, pre_buffer=False)
         entries = [{**entry, "versions": plain_json.load(entry["versions"])} for entry in table.to_pylist()]
     except (pa.ArrowException, KeyError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""What a study asks for: a YAML file or options; templates × levels × seeds × maps × sites × draws; its episodes."""
+"""Description of a study, from a YAML file or options: templates × levels × seeds × maps × sites × draws."""
 
 import itertools
 import json
@@ -29,7 +29,7 @@ from siren_ros.simulation.scenario.templates import load_template
 
 
 class Method(StrEnum):
-    """How values are chosen."""
+    """Method by which values are chosen."""
 
     GRID = "grid"
     RANDOM = "random"
@@ -38,16 +38,16 @@ class Method(StrEnum):
 
 @dataclass(frozen=True)
 class DrawPlan:
-    """Which values of a template's parameters a study runs."""
+    """Values of a template's parameters that a study uses."""
 
     method: Method
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    """Of a grid: the values of each parameter."""
+    """For a grid: the values of each parameter."""
     samples: int = 0
-    """Of the other methods: number of draws."""
+    """For other methods: the number of draws."""
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Of the other methods: the parameters and between what they are drawn; empty: all of the template, over the
-    ranges in its file."""
+    """For other methods: the parameters and their ranges; if empty, all parameters of the template with the ranges in
+    its file."""
     seed: int = 0
 
 
@@ -76,7 +76,7 @@ def _sampled(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]
     ranges = _ranges(plan, template)
     rng = random_stream(plan.seed, f"study/{template.template_id}")
     if plan.method is Method.LATIN_HYPERCUBE:
-        from scipy.stats import qmc  # noqa: PLC0415 - takes as long to load as everything else of a study
+        from scipy.stats import qmc  # noqa: PLC0415 - this import takes as long as all others of a study
 
         unit = qmc.LatinHypercube(len(ranges), seed=rng).random(plan.samples)
     else:
@@ -99,7 +99,7 @@ def _ranges(plan: DrawPlan, template: Template) -> dict[str, ValueRange]:
 
 
 def _scaled(unit: npt.NDArray[np.float64], limits: ValueRange) -> npt.NDArray[np.float64]:
-    """Numbers of [0, 1) on a range; whole numbers are all equally likely."""
+    """Scale numbers of [0, 1) to a range; whole numbers are equally likely."""
     if limits.integer:
         low, high = round(limits.minimum), round(limits.maximum)
         return np.floor(low + unit * (high - low + 1)).clip(low, high)
@@ -111,28 +111,28 @@ OWN_LEVEL: Final = "own"
 TOWN: Final = "town"
 """Stands for the built-in map that a template happens on."""
 DRAWN: Final = "drawn"
-"""Stands for the site that a seed draws."""
+"""Stands for a site drawn by the seed."""
 
 
 @dataclass(frozen=True)
 class Seat:
-    """Who drives the AV under test."""
+    """Driver of the AV under test."""
 
     driver: str = ""
     """A name in ``siren_ros.running.seat.drivers.drivers.DRIVERS``; empty for none."""
     program: str = ""
     """Command line of a ROS program; empty for none."""
     real_time: bool = False
-    """Whether the program's episodes run in real time, so that it has no more time than a vehicle would have."""
+    """Whether episodes with the program run in real time, so that it has only the time that a vehicle would have."""
 
     def __bool__(self) -> bool:
-        """Whether there is anybody."""
+        """Whether there is a driver."""
         return bool(self.driver or self.program)
 
 
 @dataclass(frozen=True)
 class Study(Brief):
-    """The matrix of episodes that a study makes; every combination is one episode."""
+    """The matrix of a study's episodes; every combination is one episode."""
 
     templates: tuple[str, ...]
     levels: tuple[str, ...] = (OWN_LEVEL,)
@@ -143,15 +143,15 @@ class Study(Brief):
     sensors: str = "none"
     look: str = "clear"
     duration_s: float = 0.0
-    """Of every episode; 0: the template's own."""
+    """Duration of every episode; 0 for the template's own."""
     values: str = ""
-    """Of the templates' parameters in place of the seeds' own, as ``EpisodeRequest.values``."""
+    """Values of template parameters instead of those drawn by seeds, as ``EpisodeRequest.values``."""
     draws: DrawPlan | None = None
-    """None: each seed has the values that it draws by itself."""
+    """Draws of parameters; None if each seed draws its own values."""
     risk_videos: int = 0
-    """Front-camera videos of each template with risk labels besides the episodes, the classes in the paper's shares."""
+    """Number of risk videos per template in addition to the episodes, with the paper's shares of classes."""
     seat: Seat = Seat()
-    """Who drives the AV under test in every episode; nobody: there is none."""
+    """Driver of the AV under test in every episode; without one there is no AV."""
 
     def to_json(self) -> dict[str, Any]:
         """The study as JSON types."""
@@ -169,7 +169,7 @@ class PlannedEpisode:
     draw: int
     """Number of the draw; −1 where the study draws nothing."""
     inputs_sha256: str
-    """Of everything that the episode is made from."""
+    """Hash of all inputs of the episode."""
     seat: Seat = Seat()
 
 
@@ -193,7 +193,7 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
 
 
 def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
-    """The requests, each with the id of its template and the number of its draw."""
+    """Requests with the id of the template and the number of the draw."""
     base = EpisodeRequest(
         preset=study.preset,
         sensors=study.sensors,
@@ -224,14 +224,14 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
 
 
 def _with_draw(fixed: Mapping[str, float], drawn: Mapping[str, float]) -> str:
-    """The values of a draw and those that all episodes share, as text; InputError where a parameter is in both."""
+    """Text of a draw's values and of common values; InputError if a parameter is in both."""
     if both := sorted(fixed.keys() & drawn.keys()):
         raise InputError("values", f"{both[0]}={fixed[both[0]]:g}", "parameters that the study does not draw")
     return text_of_values({**fixed, **drawn})
 
 
 _FOREIGN: Final = re.compile(r"[^\w.#-]")
-"""What names of folders do not hold."""
+"""Characters that names of folders must not have."""
 
 
 def _named(request: EpisodeRequest, template_id: str, draw: int, seat: Seat, inputs: "_Inputs") -> PlannedEpisode:
@@ -242,7 +242,7 @@ def _named(request: EpisodeRequest, template_id: str, draw: int, seat: Seat, inp
 
 
 class _Inputs:
-    """Hashes of what requests read; each file is read once."""
+    """Hashes of the files of requests; each file is read once."""
 
     def __init__(self) -> None:
         self._files: dict[tuple[str, ...], str] = {}

@@ -1,4 +1,4 @@
-"""Loaded by the server that forks a study's processes: a short episode, so that longer ones find everything ready.
+"""Runs a short episode in the server that forks a study's processes, so that these start with everything loaded.
 
 Compiled loops, message types and parsers are loaded when they are first used. A forked process has its server's.
 """
@@ -20,10 +20,10 @@ def _make_ready() -> None:
     from siren_ros.running.studies.workers import attempt_episode  # noqa: PLC0415 - as above
     from siren_ros.simulation.scenario.episode import EpisodeRequest  # noqa: PLC0415 - its loading ends with the program, too
 
-    with suppress(SirenError, OSError), TemporaryDirectory() as folder:  # the study's own episodes tell what is wrong
+    with suppress(SirenError, OSError), TemporaryDirectory() as folder:  # the study's own episodes report what is wrong
         attempt_episode(EpisodeRequest(duration_s=_SHORT_S, sensors="none"), Path(folder) / "bag")
     gc.collect()
-    gc.freeze()  # what is loaded stays, and is shared
+    gc.freeze()  # loaded objects stay and are shared with the forked processes
 
 
 def _end(*_: object) -> None:
@@ -31,7 +31,7 @@ def _end(*_: object) -> None:
 
 
 _usual = signal.signal(signal.SIGTERM, _end)
-signal_at_end_of_parent(signal.SIGTERM)  # the server itself looks for its program's end only when it is ready
+signal_at_end_of_parent(signal.SIGTERM)  # only when it is ready does the server check whether its program still exists
 _make_ready()
 signal_at_end_of_parent(0)
 signal.signal(signal.SIGTERM, _usual)

@@ -1,4 +1,4 @@
-"""Runs a study: finished episodes are verified and kept, the others are made, the table is written."""
+"""Runs a study: verifies finished episodes, makes the others, writes the table."""
 
 import time
 from collections import Counter
@@ -16,20 +16,20 @@ from siren_ros.running.studies.study_folder import StudyFolder, is_finished, rea
 from siren_ros.running.studies.workers import WorkerOptions, Workers
 
 TABLE_EVERY_S: Final = 60.0
-"""Wall time between two writes of the table; the row next to each bag is written at once."""
+"""Wall time between writes of the table; the row next to each bag is written at once."""
 
 
 @dataclass(frozen=True)
 class StudyResult(Brief):
-    """What became of a study."""
+    """Result of a study."""
 
     rows: tuple[EpisodeRow, ...]
-    """Of this study's episodes, in their order."""
+    """Rows of this study's episodes, in their order."""
     kept: int
-    """Episodes that were finished before."""
+    """Number of episodes that were finished before."""
 
     def facts(self) -> dict[str, object]:
-        """How many episodes became what."""
+        """Number of episodes by their result."""
         ends = Counter(row.status.value for row in self.rows)
         return {"episodes": len(self.rows), "kept": self.kept, **ends}
 
@@ -44,20 +44,20 @@ class StudyResult(Brief):
 
 
 class StudyObserver:
-    """Watches how a study goes; a command shows it as a bar."""
+    """Observes the progress of a study; commands show it as a bar."""
 
     def plan(self, episodes: int) -> None:
-        """Before anything else: the number of episodes."""
+        """Called first, with the number of episodes."""
 
     def keep(self, row: EpisodeRow) -> None:
-        """An episode that was finished before."""
+        """Called for an episode that was finished before."""
 
     def make(self, row: EpisodeRow) -> None:
-        """An episode that has an answer now."""
+        """Called for an episode with a new result."""
 
 
 class StudyBar(StudyObserver):
-    """A progress bar with the rate and the time left."""
+    """A progress bar with rate and remaining time."""
 
     def __init__(self, bar: "tqdm[Any]") -> None:
         self._bar = bar
@@ -71,7 +71,7 @@ class StudyBar(StudyObserver):
     def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
         """As ``StudyObserver``."""
         if not self._bar.disable:
-            self._bar.initial += 1  # it took no time, so that it does not count for the rate
+            self._bar.initial += 1  # it took no time, so it must not count for the rate
             self._bar.update(1)
 
     def make(self, row: EpisodeRow) -> None:
@@ -94,7 +94,7 @@ def run_study(
     options: WorkerOptions | None = None,
     observer: StudyObserver | None = None,
 ) -> StudyResult:
-    """Makes all episodes of a study that are not finished yet. Episodes of earlier studies in the folder stay.
+    """Make all unfinished episodes of a study. Episodes of earlier studies in the folder stay.
 
     Raises:
         InputError: The study cannot be used, the folder cannot be written, or it holds an episode of the same name
@@ -110,7 +110,7 @@ def run_study(
         if row is not None:
             rows[episode.name] = row
             observer.keep(row)
-    write_study(folder, study.to_json())  # not of a study that was refused
+    write_study(folder, study.to_json())  # only after the study has been accepted
     folder.clear_scratch()
     kept, next_table_s = len(rows), time.monotonic() + TABLE_EVERY_S
     todo = [episode for episode in planned if episode.name not in rows]
@@ -121,7 +121,7 @@ def run_study(
                 observer.make(row)
                 if (began_s := time.monotonic()) >= next_table_s:
                     _write_rows(folder, rows)
-                    # A table of a million rows takes seconds: writing it stays a small part of the time.
+                    # Writing a table of a million rows takes seconds; the interval keeps it a small part of the time.
                     next_table_s = time.monotonic() + max(TABLE_EVERY_S, 20.0 * (time.monotonic() - began_s))
     finally:
         _write_rows(folder, rows)
@@ -130,12 +130,12 @@ def run_study(
 
 
 def _write_rows(folder: StudyFolder, rows: dict[str, EpisodeRow]) -> None:
-    """Writes the table with these rows; others, which another run may have written since this one began, stay."""
+    """Write the table with these rows; rows that another run has written meanwhile stay."""
     write_table(folder, ({row.episode: row for row in read_table(folder)} | rows).values())
 
 
 def finished_row(episode: PlannedEpisode, folder: StudyFolder, known: EpisodeRow | None) -> EpisodeRow | None:
-    """The row of an episode that was finished before; None where it has to be made.
+    """Row of a finished episode; None if the episode must be made.
 
     The bag's bytes are hashed and compared with the row.
 
@@ -143,7 +143,7 @@ def finished_row(episode: PlannedEpisode, folder: StudyFolder, known: EpisodeRow
         InputError: The folder has an episode of this name that was made from something else.
     """
     row = known if known is not None and is_finished(folder, known) else None
-    if row is None:  # a coordinator that was killed wrote no table, or an older one
+    if row is None:  # a killed coordinator wrote no table, or an old one
         row = folder.row_of(path_of(episode.group, episode.name))
         if row is None or not is_finished(folder, row):
             return None

@@ -1,4 +1,4 @@
-"""Where a study's episodes lie: a folder or a URL with bags, a row next to each bag, and the table of all rows."""
+"""Storage of a study: a folder or a URL with bags, a row next to each bag, and the table of all rows."""
 
 import hashlib
 import json
@@ -26,13 +26,13 @@ MANIFEST: Final = "manifest.parquet"
 STUDY: Final = "study.json"
 _WORK: Final = ".work"
 _OWNER: Final = ".owner"
-"""A file in each scratch folder; the process that works there holds its lock."""
+"""File in each scratch folder whose lock is held by the process that works there."""
 _held: Final[dict[Path, FileIO]] = {}
-"""The locked files of this process's scratch folders."""
+"""Locked files of this process's scratch folders."""
 
 
 class StudyFolder(ABC):
-    """Where a study is kept; several processes may use one folder, each for episodes of its own."""
+    """Storage of a study; several processes may use it for different episodes."""
 
     @property
     @abstractmethod
@@ -42,11 +42,11 @@ class StudyFolder(ABC):
     @property
     @abstractmethod
     def scratches(self) -> Path:
-        """Local folder of the scratch folders."""
+        """Local folder that contains the scratch folders."""
 
     @abstractmethod
     def take(self, bag: Path, row: EpisodeRow) -> None:
-        """Moves a finished bag to its place, then writes its row; both are whole or not there.
+        """Move a finished bag to its place, then write its row; each is written completely or not at all.
 
         Raises:
             OSError: It cannot be written.
@@ -54,18 +54,18 @@ class StudyFolder(ABC):
 
     @abstractmethod
     def hashes_of(self, path: str) -> tuple[str, str]:
-        """SHA-256 of a bag's storage file and of its metadata, from their bytes; empty where they are missing."""
+        """SHA-256 of a bag's storage file and metadata, from their bytes; empty if they are missing."""
 
     @abstractmethod
     def read(self, name: str) -> bytes | None:
-        """A file of the study; None where there is none."""
+        """Read a file of the study; None if it does not exist."""
 
     @abstractmethod
     def write(self, name: str, content: bytes) -> None:
-        """Writes a file of the study; readers see the old one or the new one."""
+        """Write a file of the study; readers see either the old or the new content."""
 
     def scratch(self) -> Path:
-        """A new local folder, for one attempt at one episode, with a lock that this process holds until it ends."""
+        """Make a local folder for one attempt at an episode; this process holds its lock until it ends."""
         while True:
             folder = self.scratches / f"{os.getpid()}-{uuid4().hex[:12]}"
             folder.mkdir(parents=True)
@@ -73,10 +73,10 @@ class StudyFolder(ABC):
             if lock(file):
                 _held[folder] = file
                 return folder
-            file.close()  # another process took the folder, which had no lock yet, for an abandoned one
+            file.close()  # another process saw the folder without a lock and treated it as abandoned
 
     def clear_scratch(self) -> None:
-        """Removes the local folders of attempts whose processes are gone; those under way stay."""
+        """Delete the local folders of attempts whose processes have ended; others stay."""
         for folder in sorted(self.scratches.iterdir()) if self.scratches.is_dir() else ():
             if folder not in _held:
                 _remove_abandoned(folder)
@@ -84,11 +84,11 @@ class StudyFolder(ABC):
             self.scratches.rmdir()
 
     def note(self, row: EpisodeRow) -> None:
-        """Writes the row of an episode."""
+        """Write the row of an episode."""
         self.write(f"{row.path}.json", json.dumps(row.to_json(), indent=1, sort_keys=True).encode())
 
     def row_of(self, path: str) -> EpisodeRow | None:
-        """The row next to a bag; None where there is none, or a damaged one: its episode is made again."""
+        """Row next to a bag; None if there is none or it is damaged, so that the episode is made again."""
         content = self.read(f"{path}.json")
         try:
             return None if content is None else EpisodeRow.from_json(dict(plain_json.load(content)))
@@ -109,14 +109,14 @@ class LocalFolder(StudyFolder):
 
     @property
     def scratches(self) -> Path:
-        """As ``StudyFolder``: on the same file system, so that finished bags are renamed and not copied."""
+        """As ``StudyFolder``; on the same file system, so that finished bags are renamed, not copied."""
         return self._root / _WORK
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """As ``StudyFolder``."""
         target = self._root / row.path
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists():  # of an attempt whose row was not written, or of a bag that was changed since
+        if target.exists():  # left by an attempt without a row, or a bag that was changed later
             shutil.rmtree(target)
         bag.rename(target)
         self.note(row)
@@ -146,7 +146,7 @@ def _remove_abandoned(folder: Path) -> None:
         with (folder / _OWNER).open("rb", buffering=0) as file:
             if lock(file):
                 shutil.rmtree(folder, ignore_errors=True)
-    except FileNotFoundError:  # of a version without locks, or of a process that makes it at this moment
+    except FileNotFoundError:  # made by a version without locks, or by a process that has not locked it yet
         owner, _, _ = folder.name.partition("-")
         if owner.isdecimal() and not Path(f"/proc/{owner}").exists():
             shutil.rmtree(folder, ignore_errors=True)
@@ -155,7 +155,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def hashes_of_bag(bag: Path) -> tuple[str, str]:
-    """SHA-256 of a bag's storage file and of its metadata; empty where they are missing."""
+    """SHA-256 of a bag's storage file and metadata; empty if they are missing."""
     files = storage_files(bag)
     metadata = bag / METADATA_FILE
     return sha256_of_file(files[0]) if len(files) == 1 else "", sha256_of_file(metadata) if metadata.is_file() else ""
@@ -168,25 +168,25 @@ def sha256_of_file(path: Path) -> str:
 
 
 def is_finished(folder: StudyFolder, row: EpisodeRow) -> bool:
-    """Whether an episode is complete and its bag has the bytes that its row names."""
+    """Whether an episode is complete and its bag has the bytes named in its row."""
     hashes = (row.mcap_sha256, row.metadata_sha256)
     return row.status is Status.COMPLETE and bool(row.mcap_sha256) and folder.hashes_of(row.path) == hashes
 
 
 def write_table(folder: StudyFolder, rows: Iterable[EpisodeRow]) -> None:
-    """Writes the table of all rows."""
+    """Write the table of all rows."""
     folder.write(MANIFEST, manifest_bytes(rows))
 
 
 def read_table(folder: StudyFolder) -> tuple[EpisodeRow, ...]:
-    """The rows of the study's table; none where it has not been written."""
+    """Read the rows of the study's table; empty if it was not written yet."""
     content = folder.read(MANIFEST)
     return () if content is None else rows_of_manifest(content)
 
 
 @contextmanager
 def attempt_folder(folder: StudyFolder) -> Iterator[Path]:
-    """A scratch folder that is gone afterwards, however the attempt ends."""
+    """Context with a scratch folder that is deleted at its end."""
     scratch = folder.scratch()
     try:
         yield scratch
@@ -197,7 +197,7 @@ def attempt_folder(folder: StudyFolder) -> Iterator[Path]:
 
 
 def write_study(folder: StudyFolder, content: dict[str, Any]) -> None:
-    """Keeps the study's description next to the episodes; InputError where the folder cannot be written."""
+    """Write the study's description next to the episodes; InputError if the folder cannot be written."""
     with writing(folder.place, "folder"):
         folder.write(STUDY, json.dumps(content, indent=1, sort_keys=True).encode())
 
@@ -206,7 +206,7 @@ _BLOCK_BYTES: Final = 1 << 22
 
 
 def folder_at(place: str) -> StudyFolder:
-    """The folder of a study: a path of this machine, or a URL.
+    """Storage of a study: a path of this machine, or a URL.
 
     Raises:
         InputError: A URL whose file system cannot be opened here.
@@ -224,7 +224,7 @@ def folder_at(place: str) -> StudyFolder:
 
 
 class RemoteFolder(StudyFolder):
-    """A study behind a URL. Bags are written on the worker's own disk and uploaded when they are whole.
+    """A study behind a URL. Bags are written to the worker's own disk and uploaded when complete.
 
     The row of an episode is uploaded after its bag: a bag without a row is one whose upload was cut off.
     """
@@ -233,12 +233,12 @@ class RemoteFolder(StudyFolder):
         self._url = url.rstrip("/")
 
     def __reduce__(self) -> tuple[type["RemoteFolder"], tuple[str]]:
-        """Another process opens the file system itself."""
+        """Pickle support: another process opens the file system itself."""
         return RemoteFolder, (self._url,)
 
     @cached_property
     def opened(self) -> tuple[Any, str]:
-        """File system and place in it; raises ImportError, OSError or ValueError where it cannot be opened."""
+        """File system and place in it; raises ImportError, OSError or ValueError if it cannot be opened."""
         file_system, root = import_module("fsspec.core").url_to_fs(self._url)  # of the extra "cluster"
         return file_system, str(root)
 
@@ -249,7 +249,7 @@ class RemoteFolder(StudyFolder):
 
     @property
     def scratches(self) -> Path:
-        """As ``StudyFolder``: on this machine."""
+        """As ``StudyFolder``; on this machine."""
         return private_folder(f"siren-episodes-{os.getuid()}")
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
@@ -263,7 +263,7 @@ class RemoteFolder(StudyFolder):
         shutil.rmtree(bag)
 
     def hashes_of(self, path: str) -> tuple[str, str]:
-        """As ``StudyFolder``: the bag is read once and not kept."""
+        """As ``StudyFolder``; the bag is read once and not stored."""
         name = path.rsplit("/", 1)[-1]
         return self._sha256(f"{path}/{name}_0.mcap"), self._sha256(f"{path}/{METADATA_FILE}")
 
@@ -287,7 +287,7 @@ class RemoteFolder(StudyFolder):
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        """As ``StudyFolder``: object stores replace a whole object at once."""
+        """As ``StudyFolder``; object stores replace an object as a whole."""
         file_system, root = self.opened
         target = f"{root}/{name}"
         file_system.makedirs(target.rsplit("/", 1)[0], exist_ok=True)

@@ -1,4 +1,4 @@
-"""Workers of a study on this machine: attempts at episodes in processes of their own, until one has an answer."""
+"""Workers of a study on this machine: attempts at episodes in separate processes, until one gives a result."""
 
 import gc
 import os
@@ -31,35 +31,35 @@ from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeRequest
 
 TIMEOUT_S: Final = 3600.0
 PROGRAMS_END_S: Final = 15.0
-"""Wall time before that limit in which the programs of an attempt are ended and their files removed."""
+"""Wall time before the limit at which an attempt's programs are ended and their files removed."""
 RETRIES: Final = 2
 _GARBAGE_AFTER: Final = 100_000
-"""New objects between two runs of Python's garbage collector: a step makes thousands of objects and no cycles."""
+"""New objects between runs of Python's garbage collector: a step makes thousands of objects, but no cycles."""
 Call = Callable[..., Any]
-"""``ProcessPool.call``, or what stands in for it."""
+"""``ProcessPool.call`` or a replacement."""
 
 
 @dataclass(frozen=True)
 class WorkerOptions:
-    """How hard an episode is tried."""
+    """Limits for making an episode."""
 
     retries: int = RETRIES
-    """Further attempts after one whose process died or hung."""
+    """Number of further attempts after a process died or hung."""
     timeout_s: float = TIMEOUT_S
     """Wall time after which an attempt is killed."""
 
 
 class Workers(Protocol):
-    """Makes episodes side by side."""
+    """Makes episodes in parallel."""
 
     def rows(
         self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
     ) -> Generator[EpisodeRow, None, None]:
-        """Makes the episodes; gives each row when it is known. Closing the iterator ends what is under way."""
+        """Make the episodes and yield each row when it is known. Closing the iterator ends running work."""
 
 
 class LocalWorkers:
-    """This machine's processors. A thread waits for each process; none of them computes."""
+    """Uses this machine's processors. A thread waits for each process; threads do not compute."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -68,7 +68,7 @@ class LocalWorkers:
         self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
     ) -> Generator[EpisodeRow, None, None]:
         """As ``Workers``."""
-        # The processes end before the threads that wait for them: no episode is left to finish.
+        # The processes end before the threads that wait for them, so that no episode has to be finished.
         with ThreadPoolExecutor(self._count, "episode") as threads, attempt_processes(self._count) as pool:
 
             def begin(episode: PlannedEpisode) -> Future[EpisodeRow]:
@@ -80,14 +80,14 @@ class LocalWorkers:
 
 
 def attempt_processes(count: int) -> ProcessPool:
-    """Processes for attempts at episodes; they have made a short one already."""
+    """Processes for attempts at episodes; each starts with everything loaded."""
     return ProcessPool(count, fresh=True, preload="siren_ros.running.studies.ready_worker")
 
 
 def make_episode(
     planned: PlannedEpisode, folder: StudyFolder, options: WorkerOptions, call: Call, earlier: tuple[str, ...] = ()
 ) -> EpisodeRow:
-    """Makes an episode, moves its bag to its place in the study's folder, and writes its row.
+    """Make an episode, move its bag to its place in the study's folder, and write its row.
 
     ``call`` calls a function in another process. ``earlier`` has the reasons of attempts of workers that are gone.
     """
@@ -105,7 +105,7 @@ def make_episode(
 def _attempt(
     planned: PlannedEpisode, folder: StudyFolder, options: WorkerOptions, call: Call, before: tuple[str, ...]
 ) -> tuple[EpisodeRow, bool]:
-    """The row of one attempt, and whether another one may help; ``before`` says why the earlier ones failed."""
+    """Row of one attempt, and whether another attempt may help; ``before`` has the reasons of earlier failures."""
     began_s = time.monotonic()
     row_with = partial(
         EpisodeRow.planned,
@@ -145,7 +145,7 @@ def attempt_episode(
     seat: Seat = Seat(),  # noqa: B008 - frozen
     programs_limit_s: float = LIMIT_S,
 ) -> dict[str, Any]:
-    """Makes an episode and its bag, in the process of an attempt.
+    """Make an episode and its bag in the process of an attempt.
 
     Args:
         request: The episode.
@@ -162,7 +162,7 @@ def attempt_episode(
     """
     gc.set_threshold(_GARBAGE_AFTER)
     began_s, cpu_s = time.perf_counter(), _processor_s()
-    setup = None if seat.program else set_up_episode(request)  # a program's ``cosim`` does that itself
+    setup = None if seat.program else set_up_episode(request)  # the program's ``cosim`` sets it up itself
     ready_s = time.perf_counter()
     if setup is None:
         recorded = episode_with_program(request, bag, seat.program, real_time=seat.real_time, limit_s=programs_limit_s)
@@ -196,5 +196,5 @@ def attempt_episode(
 
 
 def _processor_s() -> float:
-    """Processor time of this process and of its children that have ended."""
+    """Processor time of this process and of its finished children."""
     return sum(os.times()[:4])

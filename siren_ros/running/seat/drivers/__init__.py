@@ -1,1 +1,1 @@
-"""Drivers of the library: by the law of a place, with a fault, and without any regard for sirens."""
+"""Drivers of the library: lawful ones by place, faulty ones, and one that ignores sirens."""

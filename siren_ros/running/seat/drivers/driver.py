@@ -1,4 +1,4 @@
-"""What a driver in the seat is."""
+"""The protocol of a driver."""
 
 from typing import Protocol, TypeVar
 
@@ -9,11 +9,11 @@ State = TypeVar("State")
 
 
 class Driver(Protocol[State]):
-    """Somebody who drives; the decision is pure."""
+    """A driver; its decision is a pure function."""
 
     @property
     def start(self) -> State:
-        """The state before the first step."""
+        """State before the first step."""
 
     def step(self, state: State, sight: Sight) -> tuple[State, AvControl]:
-        """The answer to a step, and the state after it."""
+        """Decide a step: the new state, and the control of the vehicle."""

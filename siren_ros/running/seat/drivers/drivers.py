@@ -1,4 +1,4 @@
-"""The drivers by name."""
+"""The table of drivers by name."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -34,14 +34,14 @@ DRIVERS: Final[Mapping[str, Callable[[], Driver[Any]]]] = {
     **{f"lawful-{place}": partial(_lawful, place) for place in HABITS},
     **{f"{fault}-{place}": partial(_faulty, fault, place) for fault in FAULTS for place in HABITS},
 }
-"""What makes each driver.
+"""Constructor of each driver.
 
 ``idm``, the one that ``siren train driver`` made, and for each place a lawful one and one with each fault.
 """
 
 
 def driver_of(name: str) -> Driver[Any]:
-    """A driver by its name, or another one that has learned by the path of its file.
+    """Make a driver by its name, or a learned one from the path of its file.
 
     Raises:
         InputError: There is no such driver, or its file cannot be used.

@@ -1,4 +1,4 @@
-"""What a driver does before an emergency vehicle: the habits of the law of a place, and what each fault changes."""
+"""Habits of a driver towards emergency vehicles: those of each place's law, and how each fault changes them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -7,40 +7,40 @@ from typing import Any, Final
 
 @dataclass(frozen=True)
 class Habits:
-    """Habits of a driver that makes way; the defaults are lawful everywhere but for what a place asks besides."""
+    """Habits of a driver that makes way. The defaults are lawful everywhere, except for further demands of a place."""
 
     by_lane: bool = False
-    """Whether it stays in its lane on roads where a rescue lane is opened: at the left in the leftmost one, else at the
-    right. Elsewhere it goes to the right edge of the road."""
+    """Whether it stays in its lane on roads where a rescue lane is required: at the left of the leftmost lane,
+    otherwise at the right. On other roads it goes to the right edge."""
     splits_queues: bool = False
-    """Whether it opens a way between queues on every road: it goes to the left where it cannot get to the right, close
-    to the line, drives on slowly where an EMV does not get past it, and goes back behind one that stands in traffic."""
+    """Whether it opens a path between queues on every road: if the right is blocked it goes to the left, close to the
+    line; it drives on slowly if an EMV cannot pass; and it returns behind an EMV that stands in traffic."""
     uses_shoulder: bool = True
-    """Whether the shoulder belongs to that road."""
+    """Whether it also uses the shoulder as road."""
     hears: bool = True
     heard_m: float = 40.0
     """Gap at which it notices a siren behind it."""
     reaction_s: float = 0.8
     other_side: bool = False
-    """Whether it makes way to the side that the law does not name."""
+    """Whether it makes way to the wrong side."""
     clears_junctions: bool = True
-    """Whether it drives on where it would come to stand in a junction."""
+    """Whether it drives on instead of stopping in a junction."""
     stops: bool = True
-    """Whether it stands while an EMV comes, or goes on slowly."""
+    """Whether it stops while an EMV comes; otherwise it drives on slowly."""
     brakes_mps2: float = 3.5
-    """Of the hardest braking while it makes way."""
+    """Hardest braking while it makes way."""
     brakes_at_once: bool = False
-    """Whether it brakes to a stop where it is before it makes way."""
+    """Whether it brakes to a stop at once, before it makes way."""
     signals: bool = True
     waits_for_all: bool = True
-    """Whether it stays aside until the last EMV has passed."""
+    """Whether it stays at the side until the last EMV has passed."""
     apart_m: float = 30.0
-    """Kept to an EMV that has passed: it stays aside until then, and does not come nearer."""
+    """Distance to an EMV that has passed: it stays at the side until then, and keeps at least this distance."""
     chases: bool = False
-    """Whether it drives behind an EMV that has passed, as fast as that."""
+    """Whether it follows an EMV that has passed, at the same speed."""
     stops_at_red: bool = True
     returns: bool = True
-    """Whether it goes back into its lane when the last EMV has passed."""
+    """Whether it returns to its lane after the last EMV has passed."""
 
 
 HABITS: Final[Mapping[str, Habits]] = {
@@ -48,7 +48,7 @@ HABITS: Final[Mapping[str, Habits]] = {
     "germany": Habits(by_lane=True, splits_queues=True, uses_shoulder=False),
     "international": Habits(splits_queues=True),
 }
-"""Of lawful drivers, by the rulebook of the place."""
+"""Habits of lawful drivers by the place of the rulebook."""
 
 FAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "ignores": {"hears": False, "apart_m": 0.0},
@@ -64,7 +64,7 @@ FAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "never-returns": {"returns": False},
     "creeps": {"stops": False},
 }
-"""What each fault changes in the habits of a lawful driver, by name."""
+"""Changes of a lawful driver's habits by name of the fault."""
 
 
 def faulty(habits: Habits, fault: str) -> Habits:

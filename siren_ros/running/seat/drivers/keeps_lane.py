@@ -1,4 +1,4 @@
-"""A driver without any regard for sirens: it keeps its lane, its distance and the signals."""
+"""A driver that ignores sirens: it keeps its lane, its distance, and obeys signals."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from siren_ros.simulation.world.commands import AvControl
 
 @dataclass(frozen=True)
 class LaneKeeper:
-    """Drives behind its leader as the equilibrium of the Intelligent Driver Model (Treiber, Hennecke, Helbing 2000)."""
+    """Follows its leader with the equilibrium of the Intelligent Driver Model (Treiber, Hennecke, Helbing 2000)."""
 
     @property
     def start(self) -> None:
-        """It remembers nothing."""
+        """Return an empty state: it remembers nothing."""
         return
 
     def step(self, state: None, sight: Sight) -> tuple[None, AvControl]:
-        """The answer to a step."""
+        """Decide a step."""
         wanted = min(speed_to_limit(sight), speed_to_leader(sight, 0.0), speed_to_red(sight), speed_to_junction(sight))
         return state, steered(sight, wanted, 0.0, indicators(sight))

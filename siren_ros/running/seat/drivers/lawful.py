@@ -1,4 +1,4 @@
-"""A driver that makes way: to the side, and to a stop, until the last emergency vehicle has passed."""
+"""A driver that makes way: it goes to the side and stops until the last emergency vehicle has passed."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,52 +23,52 @@ from siren_ros.simulation.world.actors import Lights, indicator_to
 from siren_ros.simulation.world.commands import AvControl
 
 _SHIFT_MPS: Final = 1.0
-"""Speed sideways."""
+"""Lateral speed of a move to the side."""
 _EDGE_M: Final = 0.15
-"""Kept to the edge of the road or of the lane."""
+"""Distance to the edge of the road or of the lane."""
 _OVER_M: Final = 0.6
-"""How far a driver that makes way to the wrong side goes over its lane's line."""
+"""Distance over its lane's line for a driver that makes way to the wrong side."""
 _GENTLE_MPS2: Final = 2.0
 _MANOEUVRE_MPS: Final = 5.0
-"""Speed while it moves aside."""
+"""Speed while it moves to the side."""
 _CRAWL_MPS: Final = 2.5
-"""Speed of a driver that has to move and should not: behind an EMV that is too near, and on its way aside."""
+"""Speed for a slow move: behind an EMV that is too near, or on the way to the side."""
 _LINE_M: Final = 1.0
-"""Kept to a junction that it does not enter."""
+"""Distance kept to a junction that it does not enter."""
 _SIGNAL_S: Final = 1.2
-"""The indicator shows for this long before a move to the side."""
+"""Time for which the indicator shows before a move to the side."""
 _SIGNALLED_M: Final = 0.8
-"""A longer move to the side in traffic is signalled."""
+"""Longer moves to the side in traffic are signalled."""
 _AGAIN_M: Final = 80.0
-"""Gap at which a driver notices the siren of a further EMV."""
+"""Gap at which a driver notices the siren of another EMV."""
 _NEAR_M: Final = 25.0
-"""A driver does not move into the way of an EMV that is this near."""
+"""A driver does not move into the path of an EMV nearer than this."""
 _QUEUES_M: Final = 12.0
-"""Distance to an EMV that stands in traffic, behind which others queue."""
+"""Distance to an EMV that stands in traffic, behind which a queue forms."""
 _ASIDE_M: Final = 1.2
-"""An EMV farther to the side does not come from straight behind."""
+"""An EMV with a larger lateral distance does not come from straight behind."""
 _ROLLS_MPS: Final = 1.0
 _LAG_M: Final = 0.5
 _THERE_M: Final = 0.35
-"""A driver that is as near to where it means to stand is there…"""
+"""A driver within this distance of its target position has reached it."""
 _CLOSE_M: Final = 0.1
-"""…or as near as this where the EMV needs the width between two queues."""
+"""The same distance where the EMV needs the width between two queues."""
 _TRIES_S: Final = 3.0
 _TRIED_M: Final = 0.5
-"""A driver that has come no farther in this time has no way to that side."""
+"""A driver that has moved less in this time has no way to that side."""
 _SLOWER_MPS: Final = 2.0
 _SLOWS_S: Final = 3.0
-"""By which, and for how long, a driver slows as it begins to make way."""
+"""Time constant and duration of the braking when a driver begins to make way."""
 _CHASE_M: Final = 60.0
 _CHASED_M: Final = 10.0
-"""Gap up to which a driver chases an EMV, and that it keeps."""
+"""Gap up to which a driver follows an EMV, and which it keeps."""
 _FASTEST_CHASE_MPS: Final = 15.0
 _SLOW_MPS: Final = 8.0
-"""Traffic that is slower may come to walking pace: a corridor is opened before."""
+"""Slower traffic may come to walking pace, so that a corridor must be opened before."""
 
 
 class Phase(Enum):
-    """What the driver is about."""
+    """Phase of a driver's response."""
 
     DRIVES = auto()
     MAKES_WAY = auto()
@@ -77,24 +77,24 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class LawfulState:
-    """Of the driver."""
+    """State of the driver."""
 
     phase: Phase = Phase.DRIVES
     since: int = 0
     """Step at which the phase began."""
     heard: int = -1
-    """Step since which a siren has been heard without interruption; −1 for none."""
+    """Step since which a siren has been heard continuously; −1 for none."""
     offset_m: float = 0.0
-    """Where it means to be across its way, left positive."""
+    """Target offset from its path, positive to the left."""
     side: float = -1.0
-    """To which it made way."""
+    """Side to which it makes way."""
     speed_mps: float = 0.0
-    """Speed as it began to."""
+    """Speed when it began to make way."""
 
 
 @dataclass(frozen=True)
 class LawfulDriver:
-    """Signals, goes to the side and stands there until the last EMV has passed; then it goes back and drives on.
+    """Signals, moves to the side and stands there until the last EMV has passed; then returns and drives on.
 
     It does not stand in a junction and does not cross a red line, as far as its habits say so.
     """
@@ -103,24 +103,24 @@ class LawfulDriver:
 
     @property
     def start(self) -> LawfulState:
-        """Drives in its lane."""
+        """Start in its lane."""
         return LawfulState()
 
     def step(self, state: LawfulState, sight: Sight) -> tuple[LawfulState, AvControl]:
-        """The answer to a step."""
+        """Decide a step."""
         state = self._decided(state, sight)
         target, lights = self._target(state, sight)
         if state.phase is Phase.RETURNS and not self._is_free(target, sight):
             target = _middle_m(sight)
         most = _SHIFT_MPS * STEP_S
         moved = state.offset_m + min(max(target - state.offset_m, -most), most)
-        if sight.speed_mps < _ROLLS_MPS:  # the wheels do not go to the side
+        if sight.speed_mps < _ROLLS_MPS:  # a wheeled vehicle cannot move sideways without rolling
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
         state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
         wanted = min(self._speed(state, sight), speed_to_leader(sight, state.offset_m))
         if state.phase is Phase.MAKES_WAY and not sight.in_junction:
             wanted = min(wanted, speed_to_passing_emv(sight))
-        if state.phase is Phase.DRIVES:  # it does not pass others in its lane
+        if state.phase is Phase.DRIVES:  # otherwise it would pass others in its lane
             wanted = min(wanted, speed_to_leader(sight, 0.0))
         if self.habits.clears_junctions:
             wanted = min(wanted, speed_to_junction(sight))
@@ -130,7 +130,7 @@ class LawfulDriver:
         return state, steered(sight, wanted, state.offset_m, lights, hardest)
 
     def _decided(self, state: LawfulState, sight: Sight) -> LawfulState:
-        """The state with the phase that sirens ask for."""
+        """State with the phase that the sirens require."""
         habits, again = self.habits, state.phase is Phase.RETURNS
         reach_m = _AGAIN_M if again else habits.heard_m
         deaf = not habits.hears or (again and not habits.waits_for_all)
@@ -155,7 +155,7 @@ class LawfulDriver:
         return 1.0 if left is not self.habits.other_side else -1.0
 
     def _splits(self, state: LawfulState, sight: Sight) -> bool:
-        """Whether a queue has kept it from going to the right in the leftmost of several lanes."""
+        """Whether a queue has blocked its way to the right while it is in the leftmost of several lanes."""
         way, row = sight.way, sight.way.row(sight.s_m)
         tried = (sight.step - state.since) * STEP_S > _TRIES_S and abs(sight.left_m) < _TRIED_M
         in_queue = tried and sight.speed_mps < _CRAWL_MPS + _ROLLS_MPS and bool(way.leftmost[row])
@@ -171,12 +171,12 @@ class LawfulDriver:
         )
 
     def _apart_m(self, passed: Siren) -> float:
-        """How far ahead an EMV has to be before the driver goes back: nearer if it stands in traffic."""
+        """Distance that an EMV must have before the driver returns; it is smaller if the EMV stands in traffic."""
         standing = self.habits.splits_queues and passed.speed_mps < _ROLLS_MPS
         return min(self.habits.apart_m, _QUEUES_M) if standing else self.habits.apart_m
 
     def _target(self, state: LawfulState, sight: Sight) -> tuple[float, int]:
-        """Where it means to be across its way, and its indicators."""
+        """Target offset from its path, and indicators."""
         aside = state.phase is Phase.MAKES_WAY
         if (chased := self._chased(sight)) is not None and not aside and not sight.in_junction:
             return sight.left_m + chased.left_m, indicator_to(chased.left_m)
@@ -195,7 +195,7 @@ class LawfulDriver:
         return state.offset_m if waits else target, light
 
     def _aside_m(self, side: float, sight: Sight) -> float:
-        """Where it stands aside."""
+        """Offset at which it stands at the side."""
         habits, row = self.habits, sight.way.row(sight.s_m)
         half_m = 0.5 * sight.width_m
         left, right = float(sight.way.lane_left_m[row]) - half_m, float(sight.way.lane_right_m[row]) + half_m
@@ -209,12 +209,12 @@ class LawfulDriver:
         return min(float(edge[row]) + half_m + _EDGE_M, 0.0)
 
     def _place_in_traffic(self, sight: Sight) -> float:
-        """Where it drives: to the side where slow traffic keeps a corridor open."""
+        """Offset in its lane: to the side if slow traffic must keep a corridor open."""
         opens = self.habits.by_lane and self.habits.hears and bool(sight.way.duty[sight.way.row(sight.s_m)])
         return self._aside_m(self._side(sight), sight) if opens and sight.speed_mps < _SLOW_MPS else 0.0
 
     def _speed(self, state: LawfulState, sight: Sight) -> float:
-        """The speed that it means to have but for others and for signals."""
+        """Target speed without regard to other vehicles and signals."""
         cruise = speed_to_limit(sight)
         if state.phase is not Phase.MAKES_WAY:
             chased = self._chased(sight)
@@ -233,7 +233,7 @@ class LawfulDriver:
         return min(_MANOEUVRE_MPS, max(state.speed_mps - _SLOWER_MPS, least), cruise)
 
     def _speed_in_junction(self, sight: Sight, cruise_mps: float) -> float | None:
-        """Speed of a driver that makes way in a junction, or that cannot stop before one; None elsewhere."""
+        """Speed for a driver that makes way in a junction, or cannot stop before one; None elsewhere."""
         habits, way, row = self.habits, sight.way, sight.way.row(sight.s_m)
         if sight.in_junction and not habits.clears_junctions:
             return 0.0
@@ -246,12 +246,12 @@ class LawfulDriver:
         return cruise_mps if free_m > -1.0 else min(cruise_mps, _MANOEUVRE_MPS)
 
     def _chased(self, sight: Sight) -> Siren | None:
-        """The EMV that it drives behind, if that is its habit."""
+        """The EMV that it follows, if it has that habit."""
         passed = [one for one in sight.sirens if self.habits.chases and one.along and 0.0 < one.ahead_m < _CHASE_M]
         return min(passed, key=lambda one: one.ahead_m, default=None)
 
     def _is_free(self, wanted_m: float, sight: Sight) -> bool:
-        """Whether nobody is in the way of a move to the side, and no EMV comes there."""
+        """Whether a move to the side is free of other vehicles and approaching EMVs."""
         move = wanted_m - sight.left_m
         emv_comes = self.habits.waits_for_all and any(
             one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
@@ -268,11 +268,11 @@ class LawfulDriver:
 
 
 def _middle_m(sight: Sight) -> float:
-    """The middle of the driving lane that the vehicle is in, across its way."""
+    """Offset of the middle of its driving lane."""
     lanes, row = sight.way.lanes, sight.way.row(sight.s_m)
     return lanes.offset_m(row, lanes.lane_there(row, lanes.lane_at(row, sight.left_m)))
 
 
 def _speed_of_chase(emv: Siren) -> float:
-    """Speed close behind an EMV."""
+    """Speed close behind an EMV that it follows."""
     return min(max(emv.speed_mps + 0.5 * (emv.ahead_m - _CHASED_M), 0.0), _FASTEST_CHASE_MPS)

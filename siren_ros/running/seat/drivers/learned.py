@@ -1,4 +1,4 @@
-"""A driver that has learned: a network that chooses manoeuvres, as an ONNX file with its card."""
+"""A learned driver: a network that chooses manoeuvres, as an ONNX file with its card."""
 
 import threading
 from collections.abc import Mapping
@@ -19,21 +19,22 @@ from siren_ros.scoring.evaluation.network_file import NetworkFile, open_network
 from siren_ros.simulation.world.commands import AvControl
 
 INPUT: Final = "observation"
-"""The network's input, ``(N, SIZE)``…"""
+"""Name of the network's input, ``(N, SIZE)``."""
 OUTPUT: Final = "logits"
-"""…and its output, one number for each manoeuvre."""
+"""Name of the network's output, one number per manoeuvre."""
 SHIPPED: Final = Path("drivers", "learned.onnx")
-"""Place of the driver that the project ships, below the parameter files."""
+"""Place of the shipped driver below the parameter files."""
 _NEVER: Final = -(10**9)
 DECISION_LIMIT_S: Final = 10.0
-"""Wall time of a decision; a network of this size needs microseconds, and loops in a file of others need not end."""
+"""Limit on the wall time of a decision. Networks of this size need microseconds, but loops in a foreign file might not
+end."""
 _LONGEST_S: Final = 60.0
-"""Simulated time between two decisions, at most."""
+"""Largest simulated time between two decisions."""
 
 
 @dataclass(frozen=True)
 class LearnedState:
-    """Of the driver."""
+    """State of the driver."""
 
     aim: Aim = field(default_factory=Aim)
     decided: int = _NEVER
@@ -42,7 +43,7 @@ class LearnedState:
 
 @dataclass(frozen=True)
 class LearnedDriver:
-    """Chooses the manoeuvre with the greatest output, and decides as often as it did when it learned."""
+    """Chooses the manoeuvre with the largest output, at the rate at which it was trained."""
 
     network: NetworkFile
     steps_per_decision: int
@@ -50,18 +51,18 @@ class LearnedDriver:
 
     @property
     def start(self) -> LearnedState:
-        """It keeps its lane until the first decision."""
+        """Keep the lane until the first decision."""
         return LearnedState()
 
     def step(self, state: LearnedState, sight: Sight) -> tuple[LearnedState, AvControl]:
-        """The answer to a step; InputError where the network gives none."""
+        """Decide a step; InputError if the network gives no answer."""
         if sight.step - state.decided >= self.steps_per_decision:
             chosen = Manoeuvre(int(np.argmax(self.outputs_of(features_of(sight)))))
             state = LearnedState(aim_of(state.aim, chosen, sight), sight.step)
         return state, by_manoeuvre(state.aim, sight)
 
     def outputs_of(self, features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """One finite number for each manoeuvre, from the ``SIZE`` features of a sight.
+        """Compute one finite number per manoeuvre from the ``SIZE`` features of a sight.
 
         Raises:
             InputError: The network fails, does not end in time, or gives other outputs.
@@ -69,7 +70,7 @@ class LearnedDriver:
         import onnxruntime  # noqa: PLC0415 - as in network_file.py
 
         options = onnxruntime.RunOptions()
-        options.log_severity_level = 4  # what fails is in the error
+        options.log_severity_level = 4  # errors of the network are raised, not logged
         watch = threading.Timer(DECISION_LIMIT_S, setattr, (options, "terminate", True))
         watch.daemon = True
         watch.start()
@@ -87,7 +88,7 @@ class LearnedDriver:
 
 
 def open_driver(path: Path) -> LearnedDriver:
-    """Loads a driver that has learned.
+    """Load a learned driver.
 
     Raises:
         InputError: The file, its card or its observations cannot be used.
@@ -103,5 +104,5 @@ def open_driver(path: Path) -> LearnedDriver:
         allowed = f"a card with task.decision_s from {STEP_S:g} to {_LONGEST_S:g} s"
         raise InputError("driver", f"{path}: {decision_s!r:.40}", allowed)
     driver = LearnedDriver(network, round(decision_s / STEP_S), str(path))
-    driver.outputs_of(np.zeros(SIZE, np.float32))  # a network that cannot decide is refused before any episode
+    driver.outputs_of(np.zeros(SIZE, np.float32))  # a network that cannot decide is refused before an episode begins
     return driver

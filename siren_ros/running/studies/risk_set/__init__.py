@@ -1,1 +1,1 @@
-"""Makes a set of front-camera videos with risk labels: searched for a balance of classes, never scripted."""
+"""Makes a set of front-camera videos with risk labels by a search for a class balance; no scene is scripted."""

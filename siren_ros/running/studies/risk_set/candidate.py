@@ -1,4 +1,4 @@
-"""One candidate of the search: its draw of parameters, its episode without sensors, its window and its label."""
+"""One candidate of the search: drawn parameters, episode without sensors, window and label."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from siren_ros.simulation.scenario.templates import Template
 
 @dataclass(frozen=True)
 class Leaning:
-    """Where in a parameter's range values are drawn: shares of the range, from and to."""
+    """Part of each parameter's range from which values are drawn, as shares of the range."""
 
     presets: tuple[str, ...]
     shares: Mapping[str, tuple[float, float]]
@@ -45,20 +45,20 @@ _RISKY: Final[Mapping[str, tuple[float, float]]] = {
     "response.extra_delay_s": (0.5, 1.0),
     "response.compliance": (0.0, 0.5),
 }
-"""Faster, denser, later, and fewer who comply."""
+"""Parts of ranges with more risk: faster, denser, later, and with fewer drivers that comply."""
 
 LEANINGS: Final[Mapping[RiskClass, Leaning]] = {
     RiskClass.NORMAL: Leaning(("paper", "realistic"), {}),
     RiskClass.NEAR_MISS: Leaning(("realistic", "inattentive"), {**_RISKY, "emv.speed_mps": (0.3, 1.0)}),
     RiskClass.COLLISION: Leaning(("reckless",), _RISKY),
 }
-"""What a search for each class draws from. The label alone decides what an episode is."""
+"""What the search for each class draws from. Only the label decides an episode's class."""
 
 
 def candidate_request(
     template: Template, name: str, looking_for: RiskClass, seed: int, number: int, map_file: str
 ) -> EpisodeRequest:
-    """The request of a candidate: drawn from the search's seed, the template's ranges and its number alone.
+    """Request of a candidate. It depends only on the search's seed, the template's ranges and its number.
 
     ``name`` is the user's name for the template, ``looking_for`` the class that the search lacks most. An empty map is
     the town.
@@ -78,10 +78,11 @@ def candidate_request(
 
 
 FRAME_STEPS: Final = round(0.1 / STEP_S)
-"""Steps from one frame to the next: 10 Hz."""
+"""Steps between frames, at 10 Hz."""
 WINDOW_STEPS: Final = VIDEO_FRAMES * FRAME_STEPS
 _MOMENT_AT: Final = (0.4, 0.8)
-"""Shares of the video between which the decisive moment is put, so that its place tells nothing about the class."""
+"""Range, as shares of the video, in which the decisive moment is placed at random, so that its time tells nothing about
+the class."""
 
 
 @dataclass(frozen=True)
@@ -96,19 +97,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A candidate that cannot, and why."""
+    """A candidate that cannot become a video, with the reason."""
 
     request: EpisodeRequest
     reason: str
 
 
 def front_camera() -> CameraSpec:
-    """The paper's front camera, which the videos are made with."""
+    """The paper's front camera, which records the videos."""
     return next(camera for camera in load_suite("front").cameras if camera.name == EXPORTED_CAMERA)
 
 
 def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
-    """As ``simulated``, or why the episode failed; InputError where the request cannot be used."""
+    """As ``simulated``, or the reason why the episode failed; InputError if the request cannot be used."""
     try:
         return simulated(request)
     except InputError:
@@ -118,13 +119,13 @@ def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
 
 
 def simulated(request: EpisodeRequest) -> EpisodeRecord:
-    """The record of a request's episode, without sensors; EpisodeError where the episode failed."""
+    """Record of a request's episode, without sensors; EpisodeError if it failed."""
     setup = set_up_episode(request)
     return record_of(setup, list(closed_loop(setup, plan_length(request))))
 
 
 def seen_by_most_at_risk(record: EpisodeRecord, thresholds: RiskThresholds) -> EpisodeRecord:
-    """The record with that EMV as the first one whose camera saw the most severe conflict; of equal ones the earliest.
+    """The record with that EMV first whose camera saw the most severe conflict, or the earliest of equal ones.
 
     EMVs that are there for less than a video do not count, unless all are.
     """
@@ -139,7 +140,7 @@ def seen_by_most_at_risk(record: EpisodeRecord, thresholds: RiskThresholds) -> E
 
 
 def _lasts(record: EpisodeRecord) -> bool:
-    """Whether the first EMV is there for a video."""
+    """Whether the first EMV is present long enough for a video."""
     steps = record.track(record.emv_ids[0]).step
     return len(steps) > 0 and bool(steps[-1] - steps[0] + 1 >= WINDOW_STEPS)
 
@@ -150,7 +151,7 @@ def _camera() -> Camera:
 
 
 def assessed(request: EpisodeRequest, record: EpisodeRecord, thresholds: RiskThresholds) -> Candidate | Rejected:
-    """Chooses the window of a record, as its first EMV's camera sees it, and labels it."""
+    """Choose the window of a record, seen by its first EMV's camera, and label it."""
     emv_id, camera = record.emv_ids[0], _camera()
     if not _lasts(record):
         return Rejected(request, f"the EMV is there for less than {VIDEO_FRAMES} frames")
@@ -163,7 +164,7 @@ def assessed(request: EpisodeRequest, record: EpisodeRecord, thresholds: RiskThr
 
 
 def window_start(moment: int, begin: int, end: int, seed: int) -> int:
-    """First step of the window: on the grid of frames, within ``begin … end``, the moment at a drawn place in it."""
+    """First step of the window: on the frame grid, in ``begin … end``, with the moment at a drawn position."""
     share = random_stream(seed, "risk_set/window").uniform(*_MOMENT_AT)
     first = moment - round(share * WINDOW_STEPS)
     lowest = -(-begin // FRAME_STEPS) * FRAME_STEPS
@@ -172,7 +173,7 @@ def window_start(moment: int, begin: int, end: int, seed: int) -> int:
 
 
 def _closest_step(record: EpisodeRecord, emv_id: int) -> int:
-    """When the EMV, moving, came closest to another vehicle's centre; the middle of its time where nobody was."""
+    """Step at which the moving EMV was closest to another vehicle's centre; the middle of its time without others."""
     pairs = encounters_of(record, emv_id)
     moving = pairs.subject.speed_mps > 1.0
     if not moving.any():

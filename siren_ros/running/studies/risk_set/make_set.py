@@ -1,4 +1,4 @@
-"""Makes a set of risk videos: searches every template for its classes, draws what was found, writes labels and card."""
+"""Makes a set of risk videos: searches each template for the classes, records videos, writes labels and card."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -55,7 +55,7 @@ from siren_ros.simulation.scenario.templates import load_template
 
 
 def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_file: str) -> dict[str, Any]:
-    """The set's card as JSON types; counts are Normal, Near-Miss, Collision."""
+    """The card of the set as JSON types; counts are Normal, Near-Miss, Collision."""
     counts = {name: [0, 0, 0] for name in searches}
     map_name = name_of_map(Path(map_file) if map_file else None)
     for video in videos.videos.values():
@@ -111,45 +111,45 @@ def _readme(content: Mapping[str, Any]) -> str:
 
 
 _FIRST_PATIENCE: Final = 10
-"""Candidates without a find after which a template first hands its share of a class on to the others."""
+"""Number of candidates without success after which a template first passes its share of a class to others."""
 
 
 @dataclass(frozen=True)
 class RiskSetRequest:
-    """What set is to be made."""
+    """Description of a set."""
 
     templates: tuple[str, ...]
     balance: Balance
     seed: int = 0
     map_file: str = ""
     budget: int = 90
-    """Most candidates of each template."""
+    """Largest number of candidates per template."""
     retries: int = 2
-    """Further attempts at a candidate or a video whose process died."""
+    """Number of further attempts if the process of a candidate or video died."""
     thresholds: RiskThresholds = field(default_factory=RiskThresholds)
 
     @property
     def patience(self) -> int:
-        """Candidates without a find after which a template gives a class up: 25, or a quarter of a large budget."""
+        """Candidates without success before a template gives up a class: 25, or a quarter of a large budget."""
         return max(PATIENCE, self.budget // 4)
 
 
 class SetObserver:
-    """Watches how the making of a set goes; a command shows it as bars."""
+    """Observes the making of a set; commands show it as bars."""
 
     def tried(self, template: str, search: Search) -> None:
-        """A template's search after one more candidate."""
+        """Called after each candidate with its template's search."""
 
     def drawn(self, video_id: str, videos: int) -> None:
-        """A video is there, one of so many."""
+        """Called after each finished video, with their total number."""
 
 
 MadeSet = tuple[VideoSet, Mapping[str, Search]]
-"""A finished set, and the search of each template."""
+"""A finished set, with the search of each template."""
 
 
 def make_set(request: RiskSetRequest, out: Path, workers: int, observer: SetObserver | None = None) -> MadeSet:
-    """Makes the set in a folder that is new or of the same request, where it goes on with an interrupted set.
+    """Make the set in a new folder, or continue an interrupted set of the same request.
 
     The set depends on the request alone: not on the number of workers and not on interruptions.
 
@@ -164,13 +164,13 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, observer: SetObse
 
 
 def video_id(template: str, number: int) -> str:
-    """Of the candidate of a number: S4_012. It stays the same whatever else is found."""
+    """Id of the video of a candidate: S4_012. It does not depend on other finds."""
     return f"{template}_{number:03d}"
 
 
 @dataclass(frozen=True)
 class _SetMaker:
-    """The work on one set: templates are searched and videos are drawn in processes, many at the same time."""
+    """Work on one set: many searches and videos in parallel processes."""
 
     request: RiskSetRequest
     out: Path
@@ -218,7 +218,7 @@ class _SetMaker:
         return side_by_side(tasks, self.workers, self.pool.stop)
 
     def _all_searched(self) -> tuple[Mapping[str, Search], Mapping[str, Counts]]:
-        """Searches with little patience, so that templates that find a class take over early; then with all of it.
+        """Search with little patience first, so that successful templates take over early, then with full patience.
 
         It returns the searches, and how many videos of each class each template contributes.
         """
@@ -231,7 +231,7 @@ class _SetMaker:
         return searches, counts
 
     def _searched_in_rounds(self, patience: int) -> tuple[dict[str, Search], Mapping[str, Counts]]:
-        """Searches in rounds, until nothing is lacking or no template can find it, with the last quotas."""
+        """Search in rounds until nothing is missing or no template can find it; with the final quotas."""
         balance, shares, tried = self.request.balance, self.quotas, [self.quotas]
         last_pass = patience == self.request.patience
         while True:
@@ -242,7 +242,7 @@ class _SetMaker:
                 name: (search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up)
                 for name, search in searches.items()
             }
-            if balance.within and not last_pass:  # templates stay equal while they may find all themselves
+            if balance.within and not last_pass:  # templates stay equal while each may find its share itself
                 return searches, shares
             changed = (enlarged if balance.within else shifted)(shares, findings, balance)
             if changed in tried:
@@ -254,7 +254,7 @@ class _SetMaker:
         return Journal(self.out / "search" / f"{template}.jsonl")
 
     def _search(self, name: str, counts: Counts, patience: int) -> Search:
-        """Goes on with a template's search until it is finished."""
+        """Continue a template's search until it is finished."""
         asked, template, journal = self.request, load_template(name), self._journal(name)
 
         def run(search: Search, request: EpisodeRequest) -> Outcome:
@@ -296,7 +296,7 @@ class _SetMaker:
 
 
 def _claim(request: RiskSetRequest, out: Path) -> None:
-    """Notes in the folder whose it is; InputError where it is another request's."""
+    """Mark the folder with the request; InputError if it belongs to another one."""
     path = out / "search" / "request.json"
     text = json.dumps(asdict(replace(request, retries=0)), indent=1) + "\n"
     with writing(out, "folder"):

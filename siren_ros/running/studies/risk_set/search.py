@@ -1,4 +1,4 @@
-"""The search of each template: the number of videos of each class, candidates one after another, its journal."""
+"""Search of each template: quotas of classes, one candidate after another, and a journal."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -24,22 +24,22 @@ from siren_ros.scoring.evaluation.risk.labels import (
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 Counts = tuple[int, int, int]
-"""Normal, Near-Miss, Collision."""
+"""Number of videos: Normal, Near-Miss, Collision."""
 
 
 PAPER_PER_TEMPLATE: Final = 15
 PAPER_COUNTS: Final[Counts] = (74, 25, 6)
-"""Of the paper's 105 videos, implied by the scores in its table of risk understanding."""
+"""Counts of the paper's 105 videos, which follow from its table of risk scores."""
 
 
 @dataclass(frozen=True)
 class Balance:
-    """The classes that a set is to have."""
+    """Class balance of a set."""
 
     total: Counts
     per_template: int
     within: bool = False
-    """Whether each template has the classes in the same proportions, as equal as whole numbers allow."""
+    """Whether each template has the same class proportions, as far as whole numbers allow."""
 
     @property
     def videos(self) -> int:
@@ -48,14 +48,14 @@ class Balance:
 
 
 def papers_balance(templates: int, per_template: int = PAPER_PER_TEMPLATE, *, within: bool = False) -> Balance:
-    """The paper's shares of the classes, in whole numbers, for some templates with some videos of each."""
+    """The paper's class shares in whole numbers, for some templates with equally many videos."""
     videos, all_counts = templates * per_template, sum(PAPER_COUNTS)
     near_miss, collision = (round(PAPER_COUNTS[risk] * videos / all_counts) for risk in (1, 2))
     return Balance((videos - near_miss - collision, near_miss, collision), per_template, within)
 
 
 def quotas(balance: Balance, templates: Sequence[str]) -> Mapping[str, Counts]:
-    """The share of each template: as equal as whole numbers allow, each template with ``per_template`` videos.
+    """Quota of each template: equal as far as whole numbers allow, ``per_template`` videos each.
 
     The rare classes are dealt first; what an equal share leaves over goes to the first templates for collisions and
     to the next ones for near-misses, so that no template gets all of it.
@@ -79,11 +79,11 @@ def quotas(balance: Balance, templates: Sequence[str]) -> Mapping[str, Counts]:
 
 
 Finding = tuple[Counts, frozenset[RiskClass]]
-"""What a template has found, and the classes that it looked for long enough without a find."""
+"""Finds of a template, and the classes that it has given up after a long search."""
 
 
 def shifted(shares: Mapping[str, Counts], findings: Mapping[str, Finding], balance: Balance) -> Mapping[str, Counts]:
-    """New quotas after a round of searches: what one template cannot find, those that can are to find in its place.
+    """New quotas after a round of searches: templates that find a class take over from those that do not.
 
     A template that gave a rare class up keeps what it has found of it. What is lacking then is dealt in turn to the
     templates that have found the class and have not given it up. Quotas that stay as they are mean that nothing more
@@ -107,7 +107,7 @@ def shifted(shares: Mapping[str, Counts], findings: Mapping[str, Finding], balan
 
 
 def settled(shares: Mapping[str, Counts], found: Mapping[str, Counts], per_template: int) -> Mapping[str, Counts]:
-    """The classes that each template contributes when some could not find what they were to have.
+    """Contribution of each template if some could not reach their quotas.
 
     What one template lacks of a rare class another gives that found more than its share, in the order of the
     templates; normal videos fill up. A template that has not found enough normal videos exchanges with one that has
@@ -128,7 +128,7 @@ def settled(shares: Mapping[str, Counts], found: Mapping[str, Counts], per_templ
 
 
 def balanced(shares: Mapping[str, Counts], found: Mapping[str, Counts]) -> Mapping[str, Counts]:
-    """What each template contributes so that every one has the classes in the proportions of its quota.
+    """Contribution of each template so that all keep the class proportions of their quotas.
 
     A template that has found too few of a class has fewer of the others, too: the class with the smallest share of its
     quota decides. One that has found none of a class has no videos.
@@ -143,7 +143,7 @@ def balanced(shares: Mapping[str, Counts], found: Mapping[str, Counts]) -> Mappi
 
 
 def enlarged(shares: Mapping[str, Counts], findings: Mapping[str, Finding], balance: Balance) -> Mapping[str, Counts]:
-    """New quotas after a round of searches of templates that are to have the same proportions (``balanced``).
+    """New quotas after a round of searches if all templates must keep the same proportions (``balanced``).
 
     A template that has not found all keeps what its findings allow. The templates that have found all, and have not
     given a class up, are to find in its place what is lacking in the set. Quotas that stay as they are mean that
@@ -160,7 +160,7 @@ def enlarged(shares: Mapping[str, Counts], findings: Mapping[str, Finding], bala
 
 
 def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_template: int) -> None:
-    """Templates that lack normal videos show a rare one more, and others a normal one in its place."""
+    """Exchange videos: templates short of normal videos give one more rare video, others a normal one instead."""
     for risk in (RiskClass.NEAR_MISS, RiskClass.COLLISION):
         for key, counts in given.items():
             while counts[risk] < found[key][risk] and sum(counts[1:]) + found[key][0] < per_template:
@@ -177,41 +177,41 @@ def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_temp
 
 Outcome = Candidate | Rejected
 PATIENCE: Final = 25
-"""Candidates without a find after which a class is given up."""
+"""Number of candidates without success after which a class is given up."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One candidate: the class that the search looked for when it drew it, and what it came to."""
+    """One candidate: the class that it was drawn for, and its result."""
 
     looking_for: RiskClass
     outcome: Outcome
 
     @property
     def found(self) -> RiskClass | None:
-        """The class that it brought."""
+        """The class that was found."""
         return self.outcome.label.risk if isinstance(self.outcome, Candidate) else None
 
 
 @dataclass(frozen=True)
 class Search:
-    """What a template's search has found so far, in the order of the candidates."""
+    """Progress of a template's search, in the order of candidates."""
 
     quota: Counts
     budget: int
-    """Most candidates."""
+    """Largest number of candidates."""
     patience: int = PATIENCE
     trials: tuple[Trial, ...] = field(default_factory=tuple)
 
     @property
     def found(self) -> Counts:
-        """Videos of each class."""
+        """Number of videos per class."""
         risks = [trial.found for trial in self.trials]
         return (risks.count(RiskClass.NORMAL), risks.count(RiskClass.NEAR_MISS), risks.count(RiskClass.COLLISION))
 
     @property
     def given_up(self) -> frozenset[RiskClass]:
-        """Classes that the last candidates that looked for them, as many as patience allows, have not brought."""
+        """Classes that the last candidates for them, as many as ``patience`` allows, did not find."""
         in_vain = dict.fromkeys(RiskClass, 0)
         for trial in self.trials:
             in_vain[trial.looking_for] += 1
@@ -221,7 +221,7 @@ class Search:
 
     @property
     def lacking(self) -> dict[RiskClass, float]:
-        """The share of its videos that each class still lacks; classes that were given up lack none."""
+        """Missing share of each class; 0 for classes that were given up."""
         given_up = self.given_up
         return {
             risk: max(0, want - have) / want if want and risk not in given_up else 0.0
@@ -230,17 +230,17 @@ class Search:
 
     @property
     def short_of(self) -> frozenset[RiskClass]:
-        """Classes of which there are fewer videos than the quota: the next find becomes one."""
+        """Classes with fewer videos than their quota: the next find will become a video."""
         return frozenset(risk for risk in RiskClass if self.found[risk] < self.quota[risk])
 
     @property
     def finished(self) -> bool:
-        """Whether nothing is lacking, or nothing more may be tried."""
+        """Whether nothing is missing, or no further candidate is allowed."""
         return len(self.trials) >= self.budget or not any(self.lacking.values())
 
     @property
     def looking_for(self) -> RiskClass:
-        """The class of which the largest share is still lacking; of equal ones the most severe."""
+        """The class with the largest missing share; of equal ones the most severe."""
         lacking = self.lacking
         return max(RiskClass, key=lambda risk: (lacking[risk], risk))
 
@@ -249,7 +249,7 @@ class Search:
         return replace(self, trials=(*self.trials, trial))
 
     def chosen(self, counts: Counts) -> dict[int, Candidate]:
-        """The first candidates of each class, by their number."""
+        """The first candidates of each class by number."""
         left, videos = list(counts), {}
         for number, outcome in enumerate(trial.outcome for trial in self.trials):
             if isinstance(outcome, Candidate) and left[outcome.label.risk] > 0:
@@ -264,7 +264,7 @@ def continue_search(
     run: Callable[[Search, EpisodeRequest], Outcome],
     keep: Callable[[Search], None],
 ) -> Search:
-    """Tries candidates until the search is finished.
+    """Try candidates until the search is finished.
 
     ``request`` gives the candidate of a number that looks for a class. ``run`` simulates and labels it, knowing the
     search so far. ``keep`` is called with the search after each candidate, to keep its outcome.
@@ -278,19 +278,19 @@ def continue_search(
 
 
 class Journal:
-    """One template's candidates in one file."""
+    """File of one template's candidates."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def read(self) -> list[Trial]:
-        """The candidates in their order, without an unfinished last line; InputError where the file is no journal."""
+        """Read the candidates in order, without an incomplete last line; InputError if the file is not a journal."""
         if not self._path.is_file():
             return []
         lines = self._path.read_text(encoding="utf-8").split("\n")
         trials: dict[int, Trial] = {}
         try:
-            for line in lines[:-1]:  # what follows the last line end was not finished
+            for line in lines[:-1]:  # text after the last line end is incomplete
                 entry = plain_json.load(line)
                 trials[entry["number"]] = Trial(risk_class(entry["looking_for"]), outcome_of_json(entry))
         except (ValueError, KeyError, TypeError) as error:
@@ -300,7 +300,7 @@ class Journal:
         return [trials[number] for number in range(len(trials))]
 
     def note(self, number: int, trial: Trial) -> None:
-        """Adds the candidate of a number; a second one of the same number takes the place of the first."""
+        """Add a candidate; a second one with the same number replaces the first."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         whole = self._path.read_bytes() if self._path.is_file() else b""
         with self._path.open("ab") as file:

@@ -1,4 +1,4 @@
-"""One video of the set: drawn from its candidate with masks of its key frames, and recognised where it exists."""
+"""One video of the set: recorded from its candidate with masks of key frames, and reused if it exists."""
 
 import json
 from collections.abc import Collection, Iterator
@@ -33,7 +33,7 @@ from siren_ros.sensing.suite import SensorSuite
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 SEEN_PIXELS: Final = 60
-"""From this many pixels on a vehicle is seen: about 10 by 6."""
+"""A vehicle with at least this many pixels (about 10 by 6) is visible."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Rendered:
 
     frames: int
     most_pixels: int
-    """Of the vehicle that decided the label, in any frame up to the moment; 0 where there is none."""
+    """Largest number of pixels of the vehicle that decided the label, in any frame until the moment; 0 without one."""
 
 
 def render_candidate(candidate: Candidate, record: EpisodeRecord, video: Path, masks: Path) -> Rendered:
-    """Draws the window of a candidate from its episode's record into an MP4 file.
+    """Record the window of a candidate's episode as an MP4 file.
 
     The compressed numpy file ``masks`` gets for each key frame the actor of each pixel, 0 off vehicles, in an array
     ``frame_000`` of shape ``(height, width)``.
@@ -91,7 +91,7 @@ UNSEEN: Final = "the camera does not see the vehicle that decides the label"
 
 @dataclass(frozen=True)
 class VideoPlace:
-    """Where the files of one video lie."""
+    """Paths of the files of one video."""
 
     folder: Path
     video_id: str
@@ -103,17 +103,17 @@ class VideoPlace:
 
     @property
     def masks(self) -> Path:
-        """The instance masks of its key frames."""
+        """The file of instance masks of key frames."""
         return self.folder / "masks" / f"{self.video_id}.npz"
 
     @property
     def note(self) -> Path:
-        """What was made, and from what."""
+        """The file that tells what was made from which candidate."""
         return self.folder / "search" / "videos" / f"{self.video_id}.json"
 
 
 def made_before(place: VideoPlace, candidate: Candidate) -> Rendered | None:
-    """What the video shows if its files are there, whole, and of this candidate."""
+    """Content of an existing video, if its files are complete and belong to this candidate."""
     try:
         note = plain_json.read(place.note)
         if note["candidate"] != outcome_as_json(candidate) or note["sha256"] != _sha256(place):
@@ -131,7 +131,7 @@ def is_seen(candidate: Candidate, rendered: Rendered) -> bool:
 def try_candidate(
     request: EpisodeRequest, thresholds: RiskThresholds, place: VideoPlace, drawn: frozenset[RiskClass]
 ) -> Candidate | Rejected:
-    """Simulates a candidate, labels it, and draws it at once where its class still lacks videos (``drawn``).
+    """Simulate and label a candidate, and record it at once if its class still needs videos (``drawn``).
 
     Raises:
         InputError: The request cannot be used.
@@ -148,7 +148,7 @@ def try_candidate(
 
 
 def make_video(place: VideoPlace, candidate: Candidate, thresholds: RiskThresholds) -> Rendered:
-    """Simulates the candidate again, draws it, and notes what was made.
+    """Simulate the candidate again, record it, and note what was made.
 
     Raises:
         EpisodeError: The episode is not the one that was labelled: something differs between the two runs.
@@ -166,7 +166,7 @@ def make_video(place: VideoPlace, candidate: Candidate, thresholds: RiskThreshol
 
 
 def remove_others(folder: Path, kept: Collection[str]) -> None:
-    """Removes the files of videos that are not of the set, and what processes that were killed have left half written.
+    """Delete files of videos that do not belong to the set, and incomplete files of killed processes.
 
     They were drawn before another template took over their share. Nothing may be drawn at the same time.
     """

@@ -12,6 +12,7 @@ from siren_ros.base.numerics.arithmetic import pin_before_numpy
 from siren_ros.base.short_names import allow_short_names
 
 if TYPE_CHECKING:
+    from siren_ros.api import examine as examine
     from siren_ros.api import export as export
     from siren_ros.api import generate_study as generate_study
     from siren_ros.api import iterate_frames as iterate_frames
@@ -35,7 +36,7 @@ __version__ = "0.1.0"
 
 _MODULES: Final = {
     "siren_ros.api": (
-        *("make_episode", "read_record", "judge", "verify", "score_predictions", "export"),
+        *("make_episode", "read_record", "judge", "verify", "score_predictions", "examine", "export"),
         *("generate_study", "iterate_samples", "iterate_frames"),
     ),
     "siren_ros.errors": ("SirenError", "InputError", "BagError", "EpisodeError"),

@@ -1,4 +1,4 @@
-"""The public functions of the library: make, read, judge, score and export episodes, and generate studies, without ROS.
+"""The public functions of the library, without ROS: make, read, judge, score, grade and export episodes and studies.
 
 ``import siren_ros`` offers all of them. Everything else in the package is private: it can change in any release. All
 quantities are in SI units, angles in radians, poses in the frame ``map``. Input that cannot be used raises
@@ -10,6 +10,7 @@ it is called, so that ``import siren_ros`` stays fast.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,7 +21,10 @@ if TYPE_CHECKING:
     from siren_ros.data.datasets.export_job import ExportResult
     from siren_ros.data.record.episode_source import LidarFrame
     from siren_ros.data.recording.episode_record import EpisodeRecord
+    from siren_ros.reports.exam.certificate import Certificate
+    from siren_ros.reports.exam.grading import Sitting
     from siren_ros.running.generation.recorded_episode import RecordedEpisode
+    from siren_ros.running.studies.episode_row import EpisodeRow
     from siren_ros.running.studies.matrix import Study
     from siren_ros.running.studies.run_study import StudyResult
     from siren_ros.scoring.evaluation.prediction.predictors import Predictor
@@ -194,6 +198,62 @@ def generate_study(study: Study, out: Folder, workers: int = 1, progress: tqdm[A
     return run_study(study, LocalFolder(Path(out)), LocalWorkers(workers), observer=observer)
 
 
+def examine(
+    bags: Folders,
+    driver: str = "",
+    *,
+    study: Study | None = None,
+    paired: bool = True,
+    actor_id: int | None = None,
+    rulebook: str = "international",
+    workers: int = 1,
+    progress: tqdm[Any] | None = None,
+) -> Certificate:
+    """Grade how a driver makes way, clause by clause of a rulebook: in recorded episodes, or in a study made for it.
+
+    Args:
+        bags: Folder or folders of recorded episodes, or folders that hold such folders; with ``study`` its folder.
+        driver: With ``study`` the AV's driver: ``siren`` (the paper's), ``idm``, ``learned``, ``lawful-PLACE``,
+            ``FAULT-PLACE`` or an ONNX file. Without it the name that the certificate gives to the driver.
+        study: Episodes to make first, as ``generate_study`` makes them; None grades the bags as they are.
+        paired: Whether the study is made again with the paper's driver, in the folder ``paper`` of ``bags``, so that
+            the certificate tells what the driver does to others in comparison.
+        actor_id: The driver in recorded episodes; None for the AV under test.
+        rulebook: ``california``, ``germany``, ``international``, or a YAML file.
+        workers: Number of processes.
+        progress: As in ``make_episode``, in episodes.
+
+    Returns:
+        The grade of each clause in each episode, and whether the driver passes. It names episodes of the study that
+        failed.
+
+    Raises:
+        InputError: The rulebook, the driver, the study or the folder cannot be used, or an episode has no AV under
+            test while ``actor_id`` is None. The exam of a ROS program needs ``siren exam --av``.
+        BagError: A bag cannot be read.
+    """
+    from siren_ros.base.processes.process_pool import ProcessPool
+    from siren_ros.reports.exam.rulebook import load_rulebook
+    from siren_ros.reports.exam.sitting import certificate_of, make_exam, sit_in_bag, sit_in_made_episode
+
+    def make(one: Study, out: Path) -> Sequence[EpisodeRow]:
+        return generate_study(one, out, workers, progress).rows
+
+    book = load_rulebook(rulebook)
+    sit: Callable[..., Sitting]
+    calls: list[tuple[Any, ...]]
+    lacks: Sequence[Sitting]
+    if study is None:
+        sit, calls, lacks = sit_in_bag, [(bag, actor_id, book) for bag in _bags_of(bags)], ()
+    else:
+        episodes, lacks = make_exam(_with_driver(study, driver), _folder(bags), make, paired=paired)
+        sit, calls = sit_in_made_episode, [(episode, book) for episode in episodes]
+    on_bag = _moved(progress, len(calls))
+    with ProcessPool(min(workers, len(calls))) as pool:
+        sittings = pool.map(sit, calls, on_bag)
+    return certificate_of(driver, actor_id, book, [*sittings, *lacks])
+
+
 def iterate_samples(bags: Folders, window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:
     """Yield the prediction samples of recorded episodes, those of one episode at a time, as arrays.
 
@@ -243,6 +303,23 @@ def _moved(bar: tqdm[Any] | None, whole: float) -> Callable[..., None]:
         bar.update(width)
 
     return move
+
+
+def _with_driver(study: Study, driver: str) -> Study:
+    from siren_ros.errors import InputError
+    from siren_ros.running.studies.matrix import Seat
+
+    if not driver:
+        raise InputError("driver", driver, "with a study: the name of a driver, or its ONNX file")
+    return replace(study, seat=Seat(driver))
+
+
+def _folder(folders: Folders) -> Path:
+    from siren_ros.errors import InputError
+
+    if not isinstance(folders, str | PathLike):
+        raise InputError("bags", folders, "with a study: one folder")
+    return Path(folders)
 
 
 def _bags_of(folders: Folders) -> tuple[Path, ...]:

@@ -1,4 +1,4 @@
-"""What ``import siren_ros`` offers: a dozen functions that make, read, judge, score and export, without ROS."""
+"""What ``import siren_ros`` offers: a dozen functions that make, read, judge, score, grade and export, without ROS."""
 
 import ast
 import inspect
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded_episode import quick_template
 from repository import REPOSITORY
 from tqdm import tqdm
 
@@ -34,6 +35,12 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def civilian(bag: Path) -> int:
+    """A driver of that episode, which has no AV under test."""
+    return next(key for key, actor in siren_ros.read_record(bag).actors.items() if not actor.is_emv)
+
+
 def test_the_import_loads_neither_numpy_nor_the_rest_of_the_library() -> None:
     program = "import sys, siren_ros; print(*sorted(name for name in sys.modules if name.startswith(('siren', 'num'))))"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
@@ -49,13 +56,13 @@ def test_the_import_loads_neither_numpy_nor_the_rest_of_the_library() -> None:
 
 
 def test_about_a_dozen_names_are_public_and_all_are_there() -> None:
-    assert len(FUNCTIONS) == 9
-    assert 12 <= len(siren_ros.__all__) <= 18
+    assert len(FUNCTIONS) == 10
+    assert 12 <= len(siren_ros.__all__) <= 19
     assert set(siren_ros.__all__) <= set(dir(siren_ros))
     assert all(getattr(siren_ros, name).__doc__ for name in siren_ros.__all__)
 
 
-def test_functions_that_take_long_move_a_bar_to_its_end(bag: Path, tmp_path: Path) -> None:
+def test_functions_that_take_long_move_a_bar_to_its_end(bag: Path, civilian: int, tmp_path: Path) -> None:
     study = siren_ros.Study(templates=("S2",), seeds=(0, 1), duration_s=1.0)
     request = siren_ros.EpisodeRequest(template="S2", sensors="none", duration_s=1.0)
     ends = []
@@ -65,11 +72,12 @@ def test_functions_that_take_long_move_a_bar_to_its_end(bag: Path, tmp_path: Pat
         lambda bar: siren_ros.export("csv", bag, tmp_path / "csv", progress=bar),
         lambda bar: siren_ros.generate_study(study, tmp_path / "study", progress=bar),
         lambda bar: siren_ros.generate_study(study, tmp_path / "study", progress=bar),
+        lambda bar: siren_ros.examine([bag, bag, bag], actor_id=civilian, progress=bar),
     ):
         with tqdm(file=io.StringIO()) as bar:
             run(bar)
         ends.append((bar.n, bar.total))
-    assert ends == [(20, 20), (2, 2), (pytest.approx(12.0, abs=1.0), 12.0), (2, 2), (2, 2)]
+    assert ends == [(20, 20), (2, 2), (pytest.approx(12.0, abs=1.0), 12.0), (2, 2), (2, 2), (3, 3)]
 
 
 def test_no_public_name_hides_a_folder_or_a_module() -> None:
@@ -193,7 +201,7 @@ def seen_in(returned: object) -> Iterator[object]:
 
 
 @pytest.fixture(scope="module")
-def returned(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def returned(bag: Path, civilian: int, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What each public function returns."""
     place, record = tmp_path_factory.mktemp("returned"), siren_ros.read_record(bag)
     request = siren_ros.EpisodeRequest(template="S2", sensors="lidar", duration_s=0.5)
@@ -208,6 +216,7 @@ def returned(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, A
         "iterate_frames": next(siren_ros.iterate_frames(place / "sensed", pose=True)),
         "generate_study": siren_ros.generate_study(study, place / "study"),
         "export": siren_ros.export("csv", bag, place / "csv"),
+        "examine": siren_ros.examine(bag, actor_id=civilian, rulebook="california"),
     }
 
 
@@ -230,6 +239,7 @@ def test_objects_tell_what_they_are(returned: dict[str, Any]) -> None:
     assert "complete=1" in repr(returned["generate_study"])
     assert "templates='S2'" in repr(returned["score_predictions"])
     assert "cv" in returned["score_predictions"]._repr_html_()
+    assert "rulebook='california', passed=" in repr(returned["examine"])
 
 
 def test_tables_become_frames_of_pandas(returned: dict[str, Any]) -> None:
@@ -243,11 +253,18 @@ def test_tables_become_frames_of_pandas(returned: dict[str, Any]) -> None:
     assert scores.value.isna().any()
     assert record.rows.to_pandas().x_m.tolist() == record.rows.x_m.tolist()
     assert returned["generate_study"].to_pandas().steps.tolist() == [20]
+    (sitting,) = returned["examine"].sittings
+    graded = returned["examine"].to_pandas()
+    assert [*graded.columns] == ["episode", "bag", "actor_id", "clause", "grade", "value", "unit", "time_s"]
+    assert graded.grade.tolist() == [mark.grade for mark in sitting.marks]
+    assert (graded.value.isna() == (graded.grade == "not applicable")).all()
+    assert graded.grade.nunique() > 1
 
 
 def test_frames_without_pandas_are_refused_by_name(returned: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    for table in (returned["score_predictions"], returned["read_record"].rows, returned["generate_study"]):
+    names = ("score_predictions", "generate_study", "examine")
+    for table in (returned["read_record"].rows, *(returned[name] for name in names)):
         with pytest.raises(siren_ros.InputError, match="pip install pandas"):
             table.to_pandas()
 
@@ -282,6 +299,37 @@ def test_a_record_refuses_what_it_does_not_have(returned: dict[str, Any]) -> Non
         returned["score_predictions"].of_kind("templates")
     assert record.events_of("siren_on") == record.events_of(EventKind.SIREN_ON) != ()
     assert [group.name for group in returned["score_predictions"].of_kind("template")] == ["S2"]
+
+
+def test_a_driver_is_examined_in_a_study_and_compared_with_the_papers(tmp_path: Path) -> None:
+    study = siren_ros.Study(templates=(quick_template("S2"),), levels=("L3",), seeds=(0,), duration_s=2.0)
+    first = siren_ros.examine(str(tmp_path), "lawful-california", study=study, rulebook="california")
+    (sitting,) = first.sittings
+    assert first.driver == "lawful-california"
+    assert {*sitting.others} == {"emv_delay_s", "braked_hard"}
+    again = siren_ros.examine([sitting.bag], rulebook="california")  # the AV under test of a recorded episode
+    assert again.driver == "the AV under test"
+    assert again.sittings[0].marks == sitting.marks
+    (alone,) = siren_ros.examine(
+        tmp_path, "lawful-california", study=study, rulebook="california", paired=False
+    ).sittings
+    assert alone.others == {}
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({}, "bag: .* an episode with an AV under test"),
+        ({"actor_id": 99999}, "a civilian vehicle"),
+        ({"rulebook": "atlantis"}, "one of california, germany, international"),
+        ({"study": siren_ros.Study(templates=("S2",))}, "driver: '' .*the name of a driver"),
+        ({"study": siren_ros.Study(templates=("S2",)), "driver": "nobody"}, "driver: 'nobody' .*idm"),
+        ({"study": siren_ros.Study(templates=("S2",)), "driver": "idm", "bags": ["a", "b"]}, "bags: .*one folder"),
+    ],
+)
+def test_an_exam_that_cannot_be_made_is_refused(bag: Path, asked: dict[str, Any], message: str) -> None:
+    with pytest.raises(siren_ros.InputError, match=message):
+        siren_ros.examine(**{"bags": bag, **asked})
 
 
 def test_an_episode_is_exported(bag: Path, tmp_path: Path) -> None:

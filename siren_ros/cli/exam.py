@@ -1,14 +1,12 @@
 """``siren exam``: grades how drivers make way, by a rulebook, in recorded episodes or in a study made for it."""
 
 import argparse
-import json
-import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from tqdm import tqdm
 
@@ -17,26 +15,21 @@ from siren_ros.base.tables.table import text_of
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
-from siren_ros.data.recording.bag_reader import bags_among, read_episode
+from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text, write_text, writing
 from siren_ros.reports.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
-from siren_ros.reports.exam.grading import Sitting, examine
-from siren_ros.reports.exam.others import PAPER, actor_in_seat, compared_with_paper
+from siren_ros.reports.exam.grading import Sitting
 from siren_ros.reports.exam.rulebook import FOLDER, Rulebook, load_rulebook
+from siren_ros.reports.exam.sitting import certificate_of, make_exam, sit_in_bag, sit_in_made_episode
 from siren_ros.reports.study_report.episode_pages import EpisodePages
 from siren_ros.reports.study_report.page import html_of
-from siren_ros.running.generation.answer_times import AnswerTimes
-from siren_ros.running.seat.drivers.drivers import driver_of
-from siren_ros.running.studies.episode_row import EpisodeRow, Status
+from siren_ros.running.studies.episode_row import EpisodeRow
 from siren_ros.running.studies.matrix import Seat, Study
 from siren_ros.running.studies.run_study import StudyBar, run_study
 from siren_ros.running.studies.study_folder import LocalFolder
 from siren_ros.running.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
 from siren_ros.simulation.scenario.paper import TEMPLATES
-from siren_ros.simulation.world.actors import NO_ACTOR
 
-PAPER_FOLDER: Final = "paper"
-"""Folder of the episodes with the paper's driver, in that of an exam."""
 _DEFAULT: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
 _LONGEST: Final = 100_000
 """Characters of the command on a certificate, which names each bag."""
@@ -86,11 +79,6 @@ def add_arguments(verb: Command) -> None:
     verb.set_defaults(run=run)
 
 
-def _by_number(sitting: Sitting) -> list[tuple[str, int]]:
-    """Seed 2 comes before seed 10."""
-    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", sitting.bag)]
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Grades every bag, after it has made them where a seat is asked for; one without a result keeps no other back."""
     rulebook = load_rulebook(arguments.rulebook)
@@ -100,9 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.bags and arguments.av:
         raise InputError("av", arguments.av, "no bags with it")
     sittings, worst = _of_study(arguments, rulebook) if seated else _of_bags(arguments, rulebook)
-    name = arguments.driver or arguments.av
-    name = name or ("the AV under test" if arguments.actor is None else f"actor {arguments.actor}")
-    certificate = Certificate(shown_text(name), rulebook, tuple(sorted(sittings, key=_by_number)))
+    certificate = certificate_of(arguments.driver or arguments.av, arguments.actor, rulebook, sittings)
     print("\n".join(text_of(certificate.tables())))
     for sitting, mark, line in violations_of(certificate.sittings):
         print(f"{line}\n    {shown_again(sitting, mark)}")
@@ -118,41 +104,17 @@ def _of_bags(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Si
     return of_each_bag(sit, bags_among(arguments.bags), processes_of(arguments), "exam")
 
 
-def sit_in_bag(bag: Path, actor_id: int | None, rulebook: Rulebook) -> Sitting:
-    """The marks of a bag's AV under test, or of another driver.
-
-    Raises:
-        InputError: The bag has no AV and no driver is named, or it has no such driver.
-    """
-    record = read_episode(bag)
-    chosen = record.description.av_id if actor_id is None else actor_id
-    if chosen == NO_ACTOR:
-        raise InputError("bag", str(bag), "an episode with an AV under test, or --actor")
-    return examine(record, chosen, rulebook, str(bag))
-
-
 def _of_study(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Sitting], int]:
-    """Makes the study with the driver in the seat, and that with the paper's driver; grades the first one."""
     if arguments.out is None:
         raise InputError("out", "", "a folder for the episodes and the certificate")
     if arguments.av and arguments.driver:
         raise InputError("av", arguments.av, "no --driver with it")
-    paper = arguments.driver == PAPER
-    if arguments.driver and not paper:
-        driver_of(arguments.driver)
-    study = replace(_DEFAULT, **asked_of(arguments))
-    seat = Seat() if paper else Seat(arguments.driver, arguments.av, arguments.real_time)
-    rows = _made(replace(study, seat=seat), arguments.out, arguments)
-    pairs = () if paper or arguments.alone else _made(study, arguments.out / PAPER_FOLDER, arguments)
-    beside = {_cell(row): arguments.out / PAPER_FOLDER / row.bag for row in pairs if row.bag}
-    paths = {arguments.out / row.bag: beside.get(_cell(row)) for row in rows if row.bag}
-    sit = partial(sit_in_study, others=paths, rulebook=rulebook)
-    sittings, worst = of_each_bag(sit, [*paths], processes_of(arguments), "exam")
-    if arguments.real_time:
-        times = {str(arguments.out / row.bag): _answers(row) for row in rows if row.bag}
-        sittings = [replace(sitting, answers=times[sitting.bag]) for sitting in sittings]
-    lacking = [row for row in rows if row.status is not Status.COMPLETE]
-    lacks = [Sitting(str(arguments.out / row.path), _name(row), NO_ACTOR, (), row.reason) for row in lacking]
+    seat = Seat(arguments.driver, arguments.av, arguments.real_time)
+    study = replace(_DEFAULT, **asked_of(arguments), seat=seat)
+    make = partial(_made, arguments=arguments)
+    episodes, lacks = make_exam(study, arguments.out, make, paired=not arguments.alone)
+    sit = partial(sit_in_made_episode, rulebook=rulebook)
+    sittings, worst = of_each_bag(sit, episodes, processes_of(arguments), "exam")
     return [*sittings, *lacks], worst
 
 
@@ -160,45 +122,6 @@ def _made(study: Study, out: Path, arguments: argparse.Namespace) -> Sequence[Ep
     with tqdm(unit="episode", desc="exam", disable=None) as bar:
         options = WorkerOptions(RETRIES, arguments.timeout_s)
         return run_study(study, LocalFolder(out), LocalWorkers(processes_of(arguments)), options, StudyBar(bar)).rows
-
-
-def _cell(row: EpisodeRow) -> tuple[Any, ...]:
-    return row.template, row.level, row.seed, row.map, row.site, row.values
-
-
-def _answers(row: EpisodeRow) -> AnswerTimes | None:
-    measures = json.loads(row.measures)
-    names = {field.name: f"answers.{field.name}" for field in fields(AnswerTimes)}
-    if not measures.keys() >= set(names.values()):
-        return None
-    return AnswerTimes(**{name: float(measures[key]) for name, key in names.items()})
-
-
-def _name(row: EpisodeRow) -> str:
-    return f"{row.template}_{row.level}_seed{row.seed}_{row.map_name}"
-
-
-def sit_in_study(bag: Path, others: dict[Path, Path | None], rulebook: Rulebook) -> Sitting:
-    """The marks of the driver in the seat of a study's episode, with what it does to others.
-
-    Args:
-        bag: The episode.
-        others: The same episode with the paper's driver, by the bag; None for none.
-        rulebook: What is asked.
-
-    Raises:
-        InputError: A bag cannot be read.
-    """
-    record = read_episode(bag)
-    seated = record.description.av_id
-    actor_id = actor_in_seat(record) if seated == NO_ACTOR else seated
-    sitting = examine(record, actor_id, rulebook, str(bag))
-    if (paper := others[bag]) is None:
-        return sitting
-    model = read_episode(paper)
-    name = record.actors[actor_id].name
-    model_id = next(one for one, actor in model.actors.items() if actor.name == name)
-    return replace(sitting, others=compared_with_paper(record, actor_id, model, model_id))
 
 
 def _write(arguments: argparse.Namespace, certificate: Certificate) -> None:

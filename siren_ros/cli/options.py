@@ -12,15 +12,17 @@ from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.cli.command import complain
 from siren_ros.errors import EXIT_OK, InputError, SirenError, shown_text
 
+Item = TypeVar("Item")
 Measured = TypeVar("Measured")
 
 
 def of_each_bag(
-    measure: Callable[[Path], Measured], bags: Sequence[Path], jobs: int, verb: str = "evaluate"
+    measure: Callable[[Item], Measured], bags: Sequence[Item], jobs: int, verb: str = "evaluate"
 ) -> tuple[list[Measured], int]:
     """The results of the bags that can be read, and the worst exit code; standard error says what is wrong.
 
-    ``measure`` is a function of a module, because other processes call it; ``verb`` is the command that speaks.
+    ``measure`` is a function of a module, because other processes call it; it takes a bag, or what stands for one.
+    ``verb`` is the command that speaks.
     """
     with (
         ProcessPool(min(jobs, len(bags))) as pool,
@@ -34,7 +36,7 @@ def of_each_bag(
     return [result for result in measured if not isinstance(result, SirenError)], worst
 
 
-def _tried(measure: Callable[[Path], Measured], bag: Path) -> Measured | SirenError:
+def _tried(measure: Callable[[Item], Measured], bag: Item) -> Measured | SirenError:
     try:
         return measure(bag)
     except SirenError as error:

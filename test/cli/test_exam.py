@@ -5,14 +5,12 @@ import json
 import os
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from defusedxml import ElementTree
 from recorded_episode import quick_template, tracked_recording
 
 from siren_ros.base.params.resources import params_dir
-from siren_ros.cli.exam import _by_number
 from siren_ros.data.recording.bag_reader import read_episode
 
 
@@ -52,11 +50,6 @@ def test_names_of_others_reach_neither_a_terminal_nor_a_file_as_they_are(siren, 
         assert text.replace("\n", "").isprintable()
     (episode,) = json.loads(files[0])["episodes"]
     assert episode["bag"] == f"{tmp_path}/S2\\x1b[31m_\\udce9"
-
-
-def test_episodes_are_in_the_order_of_their_seeds():
-    bags = ["exam/S1_L2_seed2", "exam/S1_L2_seed10", "exam/S1_L3_seed1", "exam/S2_L2_seed0"]
-    assert [one.bag for one in sorted((SimpleNamespace(bag=bag) for bag in bags[::-1]), key=_by_number)] == bags
 
 
 def test_the_command_on_a_certificate_is_quoted_for_a_shell(siren, bag, driver, tmp_path):

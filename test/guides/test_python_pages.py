@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from repository import REPOSITORY
 
-LIBRARY = ("Make an episode", "Read a record", "Score predictions", "In a notebook")
+LIBRARY = ("Make an episode", "Read a record", "Score predictions", "Grade a driver", "In a notebook")
 """Sections that follow each other in one program; the study of the next one is as long as its episodes."""
 _BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -48,4 +48,5 @@ def test_the_library(tmp_path: Path) -> None:
     printed = output_of(program_of("library.md", *LIBRARY), tmp_path)
     assert "residual_m" in printed
     assert "ade_m" in printed
+    assert "Certificate(driver=" in printed
     assert (tmp_path / "bags" / "from_python").is_dir()

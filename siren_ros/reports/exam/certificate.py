@@ -12,6 +12,7 @@ import numpy as np
 
 from siren_ros import __version__
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.tables.brief import Brief, data_frame
 from siren_ros.base.tables.interval import Interval, share_interval
 from siren_ros.base.tables.table import Row, Table
 from siren_ros.errors import shown_text
@@ -30,12 +31,50 @@ _BEFORE_S: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Certificate:
+class Certificate(Brief):
     """An exam: a rulebook, and a driver's sittings in order."""
 
     driver: str
     rulebook: Rulebook
     sittings: tuple[Sitting, ...]
+
+    def facts(self) -> dict[str, object]:
+        """Whether the driver passes, and how many episodes have which grade."""
+        counts = Counter(sitting.grade for sitting in self.graded)
+        return {
+            "driver": self.driver,
+            "rulebook": self.rulebook.name,
+            "passed": self.passed,
+            "episodes": len(self.sittings),
+            **{grade.value: counts[grade] for grade in _SHOWN if counts[grade]},
+            **({"no result": len(self.without_result)} if self.without_result else {}),
+        }
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each episode and clause; a value that is not known is NaN.
+
+        The columns are ``episode``, ``bag``, ``actor_id``, ``clause``, ``grade``, ``value`` with its ``unit``, and
+        ``time_s``, the moment that decided. Episodes without a result have no rows.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        pairs = [(sitting, mark) for sitting in self.graded for mark in sitting.marks]
+        told = [_mark_as_json(mark) for _, mark in pairs]
+        numbers = {
+            name: np.array([one[name] for one in told], dtype=np.float64)  # None becomes NaN
+            for name in ("value", "time_s")
+        }
+        return data_frame(
+            {
+                **{name: [getattr(one, name) for one, _ in pairs] for name in ("episode", "bag", "actor_id")},
+                "clause": [one["clause"] for one in told],
+                "grade": [mark.grade.value for _, mark in pairs],
+                "value": numbers["value"],
+                "unit": [one["unit"] for one in told],
+                "time_s": numbers["time_s"],
+            }
+        )
 
     @property
     def grade(self) -> Grade:

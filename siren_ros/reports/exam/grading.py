@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
+from siren_ros.base.tables.brief import Brief
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.reports.exam.examinee import Examinee
 from siren_ros.reports.exam.monitors import MONITORS, Finding
@@ -27,7 +28,7 @@ VIOLATED: Final = frozenset({Grade.MINOR, Grade.MAJOR})
 
 
 @dataclass(frozen=True)
-class Mark:
+class Mark(Brief):
     """A clause with its grade and what decided it."""
 
     clause: Clause
@@ -36,7 +37,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Sitting:
+class Sitting(Brief):
     """One episode of an exam: the driver's marks, in the order of the rulebook."""
 
     bag: str

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from siren_ros.base.params.resources import named_params_file
 from siren_ros.base.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.base.tables.brief import Brief
 from siren_ros.errors import InputError, shown_text
 from siren_ros.reports.exam.monitors import MONITORS, Numbers
 
@@ -13,7 +14,7 @@ _LARGEST = 1e6
 
 
 @dataclass(frozen=True)
-class Clause:
+class Clause(Brief):
     """One duty."""
 
     clause_id: str
@@ -33,7 +34,7 @@ class Clause:
 
 
 @dataclass(frozen=True)
-class Rulebook:
+class Rulebook(Brief):
     """The clauses of a place."""
 
     name: str

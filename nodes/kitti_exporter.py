@@ -8,21 +8,21 @@ from typing import Any, Final
 from siren_ros.data.datasets.files import FileWriter
 from siren_ros.data.datasets.kitti.exporter import KittiFrame, KittiFrames
 from siren_ros.data.datasets.kitti.labels import KittiCamera, camera_from_lidar
-from siren_ros.data.datasets.kitti.live_export import Layout, LiveExport
+from siren_ros.data.datasets.kitti.live_export import LiveExport
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import from_ground_truth
 from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.data.lockstep import Input
 from siren_ros.data.record.episode_source import FRONT_CAMERA
+from siren_ros.data.recording.bag_folder import default_bag_path_of, default_kitti_path
 from siren_ros.data.sensor_messages.sensor_topics import optical_frame, static_transforms
 from siren_ros.errors import InputError
-from siren_ros.running.generation.episode_setup import default_bag_path_of, default_kitti_path
 from siren_ros.running.ros.node_configs import KittiExporterConfig
 from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program
 from siren_ros.sensing.suite import load_suite
-from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd
+from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, KittiLayout
 
 _THREADS: Final = 2
 """They encode and write files beside the simulation; few files wait for them, so that memory stays bounded."""
@@ -49,8 +49,8 @@ class KittiExporter(Participant[KittiExporterConfig]):
         camera = next((spec for spec in suite.cameras if spec.name == FRONT_CAMERA), None)
         if camera is not None:
             self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, camera.period_steps)
-        layout = Layout(self.config.layout)
-        if camera is None and layout is Layout.KITTI:
+        layout = KittiLayout(self.config.layout)
+        if camera is None and layout is KittiLayout.KITTI:
             raise InputError("sensors", episode.sensor_suite, f"a suite with {FRONT_CAMERA}, for KITTI's own layout")
         calibrated = None
         if camera is not None:

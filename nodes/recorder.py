@@ -10,10 +10,10 @@ from siren_ros.data.interfaces import topics, wire
 from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.data.interfaces.messages import typestore
 from siren_ros.data.interfaces.topics import Topic
+from siren_ros.data.recording.bag_folder import default_bag_path_of
 from siren_ros.data.recording.bag_writer import BagOptions
 from siren_ros.data.recording.recorder import EpisodeRecorder
 from siren_ros.data.sensor_messages.sensor_topics import topics_of
-from siren_ros.running.generation.episode_setup import default_bag_path_of
 from siren_ros.running.ros.node_configs import RecorderConfig
 from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program

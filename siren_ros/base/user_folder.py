@@ -35,6 +35,29 @@ def user_folder(below_home: str) -> Path:
     return folder / below_home
 
 
+def default_cache_dir() -> Path:
+    """The folder for what was compiled once, such as maps and scenes: the one that the environment asks for."""
+    if siren := os.environ.get("SIREN_CACHE_DIR"):
+        return Path(siren)
+    shared = os.environ.get("XDG_CACHE_HOME")
+    return Path(shared) / "siren" if shared else user_folder(".cache/siren")
+
+
+def store_in_cache(file: Path, content: bytes) -> None:
+    """Write a file under a temporary name and rename it, so that other programs see a whole file or none.
+
+    Raises:
+        InputError: Its folder cannot be written.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, prefix=f".{file.name}.", delete=False) as partial:
+            partial.write(content)
+        Path(partial.name).replace(file)
+    except OSError as error:
+        raise InputError("SIREN_CACHE_DIR", str(file.parent), f"a folder that can be written ({error})") from error
+
+
 _instead: Final[dict[str, Path]] = {}
 """Folders of this process that replace names taken by other users."""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.base.user_folder import private_folder, user_folder
+from siren_ros.base.user_folder import default_cache_dir, private_folder, user_folder
 from siren_ros.errors import InputError
 
 
@@ -81,3 +81,14 @@ def test_a_private_folder_is_never_one_that_others_can_reach(planted: str, tmp_p
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert private_folder(name) == folder, "one process has one"
     assert list(theirs.iterdir()) == []
+
+
+def test_the_environment_says_where_the_cache_is(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIREN_CACHE_DIR", str(tmp_path / "own"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert default_cache_dir() == tmp_path / "own"
+    monkeypatch.delenv("SIREN_CACHE_DIR")
+    assert default_cache_dir() == tmp_path / "xdg" / "siren"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert default_cache_dir() == tmp_path / ".cache" / "siren"

@@ -1,4 +1,4 @@
-"""The folder of a bag: its ``metadata.yaml``, and the locked working folder in which it grows until it is moved.
+"""The folder of a bag: its place, its ``metadata.yaml``, and the locked working folder in which it grows at first.
 
 Layout of ``metadata.yaml``: https://github.com/ros2/rosbag2 (``rosbag2_storage``, ``yaml.hpp``), release Jazzy.
 """
@@ -21,6 +21,9 @@ from mcap.records import Channel
 from siren_ros.base.params import plain_yaml
 from siren_ros.data.interfaces.topics import EPISODE
 from siren_ros.errors import BagError
+from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.world.actors import NO_ACTOR
 
 METADATA_FILE: Final = "metadata.yaml"
 VERSION: Final = 9
@@ -50,6 +53,27 @@ class BagTopic:
         """A topic with the data of its MCAP channel."""
         type_hash = channel.metadata.get("topic_type_hash", "")
         return cls(channel.topic, type_name, type_hash, is_latched(channel), message_count)
+
+
+def bag_path(template_id: str, level: EmergencyLevel, seed: int, map_file: str, *, has_av: bool) -> Path:
+    """Default folder of a bag: ``bags/S2_L2_seed0``, with the map's name if a map is given."""
+    parts = [template_id, level.name, f"seed{seed}"]
+    if map_file:
+        parts.append(Path(map_file).name.split(".")[0])
+    if has_av:
+        parts.append("av")
+    return Path("bags") / "_".join(parts)
+
+
+def default_bag_path_of(episode: EpisodeDescription) -> Path:
+    """``bag_path`` for the request that an episode was made from."""
+    map_file = str(episode.asked.get("map", ""))
+    return bag_path(episode.template, episode.level, episode.seed, map_file, has_av=episode.av_id != NO_ACTOR)
+
+
+def default_kitti_path(bag: Path) -> Path:
+    """Folder of an episode's KITTI export: next to its bag, with the suffix ``_kitti``."""
+    return bag.with_name(f"{bag.name}_kitti")
 
 
 def is_latched(channel: Channel) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.data.recording.bag_folder import default_bag_path_of
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.lab.learning.moment import Moment, SeatView
 from siren_ros.lab.learning.raster import RasterView
@@ -18,7 +19,6 @@ from siren_ros.lab.learning.task import Action, Observation, Task
 from siren_ros.reports.exam.grading import examine
 from siren_ros.reports.exam.rulebook import load_rulebook
 from siren_ros.running.generation.closed_loop import record_of
-from siren_ros.running.generation.episode_setup import default_bag_path_of
 from siren_ros.running.generation.recorded_episode import RecordedEpisode
 from siren_ros.running.seat.features import features_of
 from siren_ros.running.seat.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre, by_pedals

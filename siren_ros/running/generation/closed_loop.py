@@ -16,10 +16,9 @@ from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
-from siren_ros.simulation.traffic.config import RESIDUAL_LIMIT_M
 from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
 from siren_ros.simulation.traffic.simulation import SumoSimulation
-from siren_ros.simulation.world.actors import ActorDescription, ActorStates
+from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, ActorDescription, ActorStates
 from siren_ros.simulation.world.commands import AV_SOURCE, AvControl, Controls, VehicleCommands, av_commands, with_seats
 from siren_ros.simulation.world.traffic_state import Event, TrafficState, hash_state
 

@@ -11,6 +11,7 @@ from siren_ros import __version__
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.base.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
+from siren_ros.data.recording.bag_folder import bag_path
 from siren_ros.running.generation.site_choice import plan_at_site, sites_to_try
 from siren_ros.sensing.look import load_look
 from siren_ros.sensing.suite import load_suite
@@ -41,7 +42,6 @@ from siren_ros.simulation.scenario.templates import load_template, realised
 from siren_ros.simulation.traffic.demand.demand import choose_av
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers, with_emv_drivers, with_responses
 from siren_ros.simulation.traffic.demand.sizes import largest, with_sizes
-from siren_ros.simulation.world.actors import NO_ACTOR
 
 
 def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK) -> tuple[InputFile, ...]:
@@ -103,29 +103,9 @@ def plan_length(request: EpisodeRequest) -> int:
 def default_bag_path(request: EpisodeRequest) -> Path:
     """Default folder of a bag: ``bags/S2_L2_seed0``, with the map's name if the request gives one."""
     template = load_template(request.template)
-    return _bag_path(
+    return bag_path(
         template.template_id, level_of(request, template), request.seed, request.map, has_av=bool(request.av)
     )
-
-
-def default_bag_path_of(episode: EpisodeDescription) -> Path:
-    """``default_bag_path`` for the request that an episode was made from."""
-    map_file = str(episode.asked.get("map", ""))
-    return _bag_path(episode.template, episode.level, episode.seed, map_file, has_av=episode.av_id != NO_ACTOR)
-
-
-def _bag_path(template_id: str, level: EmergencyLevel, seed: int, map_file: str, *, has_av: bool) -> Path:
-    parts = [template_id, level.name, f"seed{seed}"]
-    if map_file:
-        parts.append(Path(map_file).name.split(".")[0])
-    if has_av:
-        parts.append("av")
-    return Path("bags") / "_".join(parts)
-
-
-def default_kitti_path(bag: Path) -> Path:
-    """Folder of an episode's KITTI export: next to its bag, with the suffix ``_kitti``."""
-    return bag.with_name(f"{bag.name}_kitti")
 
 
 def set_up_episode(

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from siren_ros.base.params.parameter_field import parameter
-from siren_ros.data.datasets.kitti.live_export import Layout
 from siren_ros.data.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
-from siren_ros.scoring.evaluation.detection.detectors.pillars import SHIPPED_DETECTOR
-from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.traffic.config import RESIDUAL_LIMIT_M
+from siren_ros.simulation.scenario.episode import SHIPPED_DETECTOR, EpisodeRequest, KittiLayout
+from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M
 
-KITTI_LAYOUTS: Final = tuple(layout.value for layout in Layout)
+KITTI_LAYOUTS: Final = tuple(layout.value for layout in KittiLayout)
 
 DEFAULT_PARTICIPANTS: Final = (
     "sumo_bridge",

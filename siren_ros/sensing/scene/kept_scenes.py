@@ -15,11 +15,11 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
+from siren_ros.base.user_folder import default_cache_dir, store_in_cache
 from siren_ros.errors import InputError
 from siren_ros.sensing.meshes.mesh import LampColour, Mesh, SignalLamp, StaticScene
 from siren_ros.sensing.scene.static_scene import static_scene
 from siren_ros.sensing.scene.surfaces import SceneConfig
-from siren_ros.simulation.roads.maps.map_compiler import default_cache_dir, store_net
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
 _KEPT: Final = 24
@@ -60,7 +60,7 @@ def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = Non
     logging.getLogger("siren_ros").info("building the static scene; later calls have it from the cache")
     scene = static_scene(network, seed, config)
     with suppress(OSError, InputError):
-        store_net(file, _written(scene, key))
+        store_in_cache(file, _written(scene, key))
         used_last = sorted(file.parent.glob("scene-*.npz"), key=lambda one: one.stat().st_mtime_ns, reverse=True)
         for old in used_last[_KEPT:]:
             old.unlink(missing_ok=True)

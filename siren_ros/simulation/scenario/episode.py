@@ -19,6 +19,8 @@ DEFAULT_LOOK: Final = "clear"
 _LEVELS: Final = ("", *EmergencyLevel.__members__)
 _AV_KINDS: Final = ("", "civilian")
 MAX_SEED: Final = 2**31 - 1
+SHIPPED_DETECTOR: Final = "pillars"
+"""Name of the shipped detector, in a request and in the parameters of the node ``detector``."""
 _LEFT_OUT: Final = frozenset({"site", "values", "predictor", "detector"})
 """Fields that records do not have where they are empty, so that records of episodes without them stay the same."""
 
@@ -105,6 +107,14 @@ CROSSING_PARAMETER: Final = "crossing"
 """Key of the EMVs that cross the way of the others, and of the junction where they do, where there are some."""
 MAP_SOURCE_PARAMETER: Final = "map_source_sha256"
 """Key of the hash of the map file before it was compiled, unpacked where it was packed."""
+
+
+class KittiLayout(StrEnum):
+    """The layouts of the KITTI export that nodes write while the episode runs."""
+
+    KITTI = "kitti"
+    """The layout of the object benchmark."""
+    PAPER = "paper"
 
 
 class EpisodeEnd(StrEnum):

@@ -1,15 +1,11 @@
 """Constants of the traffic demand and of the traffic simulation."""
 
 from dataclasses import dataclass, field
-from typing import Final
 
 from siren_ros.errors import InputError
 from siren_ros.simulation.conflicts.yielding import YieldingConfig
 from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS
-
-RESIDUAL_LIMIT_M: Final = 20.0
-"""A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
 
 
 @dataclass(frozen=True)

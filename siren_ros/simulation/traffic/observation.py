@@ -16,10 +16,10 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.simulation.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
+from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan
 from siren_ros.simulation.traffic.sumo.readings import Readings, ahead_on_route, intent_flags
-from siren_ros.simulation.world.actors import ActorStates, Owner
+from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, ActorStates, Owner
 from siren_ros.simulation.world.traffic_state import Event, EventKind, Indices, TrafficFlags, TrafficState
 
 _BY_SUMO: Final = int(Owner.SUMO)

@@ -168,6 +168,8 @@ class ActorStates(Brief):
         return type(self)(step=self.step, **arrays)
 
 
+RESIDUAL_LIMIT_M: Final = 20.0
+"""A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
 ACTOR_STATE_DTYPES: Final = dtypes_of(ActorStates)
 """Array fields of ActorStates and their element types, in declaration order."""
 

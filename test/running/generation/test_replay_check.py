@@ -15,13 +15,12 @@ from siren_ros.data.interfaces.episode_conversions import (
     from_episode_description,
     to_episode_description,
 )
+from siren_ros.data.recording.bag_folder import default_bag_path_of, default_kitti_path
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import BagError, InputError, MapError
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.running.generation.episode_setup import (
     default_bag_path,
-    default_bag_path_of,
-    default_kitti_path,
     plan_length,
     set_up_episode,
 )

@@ -17,7 +17,7 @@ from siren_ros.errors import EpisodeError
 from siren_ros.simulation.roads.road_network import Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic import observation as reactions_module
-from siren_ros.simulation.traffic.config import RESIDUAL_LIMIT_M, TrafficConfig
+from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.observation import (
     CrossingWatch,
     Mover,
@@ -27,7 +27,7 @@ from siren_ros.simulation.traffic.observation import (
     find_teleports,
 )
 from siren_ros.simulation.traffic.sumo.readings import joined_rows
-from siren_ros.simulation.world.actors import Owner
+from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, Owner
 from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficFlags
 
 RECORD = hand_made(crossing(), {EMV: Driven(NORTHBOUND, np.zeros(2)), 2: Driven(NORTHBOUND, np.full(2, 30.0))})

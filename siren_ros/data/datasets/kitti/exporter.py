@@ -24,9 +24,10 @@ from siren_ros.data.datasets.files import FileWriter, link, write_image_sets
 from siren_ros.data.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.data.datasets.kitti import labels as kitti_labels
 from siren_ros.data.datasets.kitti.labels import KittiCamera
-from siren_ros.data.datasets.kitti.live_export import FRAMES_FILE, FRAMES_HEAD, Layout
+from siren_ros.data.datasets.kitti.live_export import FRAMES_FILE, FRAMES_HEAD
 from siren_ros.data.record.episode_source import FRONT_CAMERA, EpisodeSource, lidar_frames, lidar_of
 from siren_ros.errors import InputError
+from siren_ros.simulation.scenario.episode import KittiLayout
 from siren_ros.simulation.world.carrier import GroundTruth
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
@@ -82,12 +83,12 @@ class KittiFrame:
 class KittiFrames:
     """Writes frames one after the other."""
 
-    def __init__(self, files: FileWriter, layout: Layout, camera: KittiCamera | None) -> None:
+    def __init__(self, files: FileWriter, layout: KittiLayout, camera: KittiCamera | None) -> None:
         """Write the files that all frames share.
 
         Raises InputError: the standard layout without a camera, or a place that cannot be written.
         """
-        if layout is Layout.KITTI and camera is None:
+        if layout is KittiLayout.KITTI and camera is None:
             raise InputError("layout", layout.value, "paper, or a suite with a front camera")
         self._files = files
         self._layout = layout
@@ -97,7 +98,7 @@ class KittiFrames:
         self.classes: Counter[str] = Counter()
         """Number of labels by class."""
         files.append(FRAMES_FILE, FRAMES_HEAD)
-        if layout is Layout.PAPER:
+        if layout is KittiLayout.PAPER:
             files.write("README.md", kitti_labels.PAPER_README.encode())
         else:
             files.append(OBJECTS_FILE, _OBJECTS_HEAD)
@@ -110,7 +111,7 @@ class KittiFrames:
         Raises InputError: the sweep lacks a field, or a file cannot be written.
         """
         number = f"{self.frames:06d}"
-        if self._layout is Layout.PAPER:
+        if self._layout is KittiLayout.PAPER:
             self._write_paper(number, frame)
         elif not self._write_standard(number, frame):
             return
@@ -161,7 +162,7 @@ class KittiExporter:
     """Writes a frame for every step with a sweep and ground truth; the standard layout also needs a picture."""
 
     def __init__(self, layout: str) -> None:
-        self._layout = Layout(layout)
+        self._layout = KittiLayout(layout)
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
         """Write the frames, numbered from 0."""
@@ -191,7 +192,7 @@ class KittiExporter:
             count = part.report.counts["frames"]
             sets[part.subset] += range(first, first + count)
             first += count
-        if self._layout is Layout.PAPER:
+        if self._layout is KittiLayout.PAPER:
             (folder / "README.md").write_bytes((parts[0].folder / "README.md").read_bytes())
             return
         sets["trainval"] = sorted(sets["train"] + sets["val"])

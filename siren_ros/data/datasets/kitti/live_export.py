@@ -3,7 +3,6 @@
 import re
 import shutil
 from contextlib import ExitStack, suppress
-from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
@@ -34,14 +33,6 @@ def is_kitti_export(folder: Path) -> bool:
     paths = [(path, path.relative_to(folder).as_posix()) for path in folder.rglob("*")]
     known = all(path.is_dir() or _FILES.fullmatch(place) for path, place in paths)
     return begins and known and not any(path.is_symlink() for path in (folder, *(path for path, _ in paths)))
-
-
-class Layout(StrEnum):
-    """The layouts of a KITTI export."""
-
-    KITTI = "kitti"
-    """The layout of the object benchmark."""
-    PAPER = "paper"
 
 
 class LiveExport:

@@ -19,17 +19,17 @@ from typing import Any, Final
 from rclpy.parameter import Parameter
 
 from siren_ros.base.params.parameter_field import Value
-from siren_ros.data.datasets.kitti.live_export import Layout, LiveExport
+from siren_ros.data.datasets.kitti.live_export import LiveExport
 from siren_ros.data.lockstep import LockstepConfig
-from siren_ros.data.recording.bag_folder import check_new_bag
+from siren_ros.data.recording.bag_folder import check_new_bag, default_kitti_path
 from siren_ros.errors import InputError, SirenError
-from siren_ros.running.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
+from siren_ros.running.generation.episode_setup import default_bag_path, plan_length
 from siren_ros.running.ros.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
 from siren_ros.running.ros.participants.hang_watch import Work, overdue
 from siren_ros.running.ros.participants.working_clock import working_s
 from siren_ros.running.ros.programs.program import PARENT_VARIABLE
 from siren_ros.sensing.suite import EXPORTED_CAMERA, load_suite
-from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.episode import EpisodeRequest, KittiLayout
 from siren_ros.simulation.world.commands import AV_SOURCE
 
 TERMINATE_S = 1.0
@@ -250,7 +250,8 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     bag = Path(config.bag) if config.bag else default_bag_path(request)
     check_new_bag(bag, overwrite=config.overwrite)
     has_camera = (
-        any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or Layout(config.kitti_layout) is Layout.PAPER
+        any(camera.name == EXPORTED_CAMERA for camera in suite.cameras)
+        or KittiLayout(config.kitti_layout) is KittiLayout.PAPER
     )
     kitti = default_kitti_path(bag) if config.kitti and suite.lidars and has_camera else None
     if kitti:

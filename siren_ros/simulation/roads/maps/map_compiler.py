@@ -5,7 +5,6 @@ The speed limits of a compiled map can be lowered, so that a scenario has the sa
 
 import hashlib
 import logging
-import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +15,8 @@ from xml.etree.ElementTree import Element
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.base.params.resources import params_dir
-from siren_ros.base.user_folder import user_folder
-from siren_ros.errors import InputError, MapError
+from siren_ros.base.user_folder import default_cache_dir, store_in_cache
+from siren_ros.errors import MapError
 from siren_ros.simulation.roads.maps.cycle_lanes import with_cycle_lanes
 from siren_ros.simulation.roads.maps.lane_shapes import mended_lanes
 from siren_ros.simulation.roads.maps.map_checks import refuse_unusable_map
@@ -180,7 +179,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_peopl
             net = mended_lanes(net)
         except (ValueError, LookupError, OverflowError) as error:
             raise MapError(shown, f"{NET_ALLOWED}; this one is damaged ({shown_words(error)})") from error
-        store_net(net_path, net)
+        store_in_cache(net_path, net)
     source_sha256 = hashlib.sha256(loaded.content).hexdigest()
     return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
 
@@ -202,14 +201,6 @@ def source_sha256_of(source: Path | None) -> str:
 def name_of_map(source: Path | None) -> str:
     """``CompiledMap.name`` of a map, without reading it."""
     return TOWN_NAME if source is None else map_stem(source)
-
-
-def default_cache_dir() -> Path:
-    """The folder for compiled maps that the environment asks for."""
-    if siren := os.environ.get("SIREN_CACHE_DIR"):
-        return Path(siren)
-    shared = os.environ.get("XDG_CACHE_HOME")
-    return Path(shared) / "siren" if shared else user_folder(".cache/siren")
 
 
 def _source_of(source: Path | None) -> MapSource:
@@ -297,17 +288,6 @@ def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str
     return {"--node-files": document("nodes", nodes), "--edge-files": document("edges", edges)}
 
 
-def store_net(net_path: Path, net: bytes) -> None:
-    """Writes under a temporary name and renames, so that concurrent compilations see a whole file or none."""
-    try:
-        net_path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=net_path.parent, prefix=f".{net_path.name}.", delete=False) as partial:
-            partial.write(net)
-        Path(partial.name).replace(net_path)
-    except OSError as error:
-        raise InputError("SIREN_CACHE_DIR", str(net_path.parent), f"a folder that can be written ({error})") from error
-
-
 def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
     """The map with no lane's speed limit above a limit; the map itself where none is.
 
@@ -341,7 +321,7 @@ def _changed(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes
         net = path.read_bytes()
     except OSError:
         net = change(compiled.read_bytes())
-        store_net(path, net)
+        store_in_cache(path, net)
     digest = hashlib.sha256(net).hexdigest()
     return compiled if digest == compiled.sha256 else replace(compiled, net_path=path, sha256=digest)
 

@@ -11,9 +11,9 @@ from synthetic_episode import Scene, SyntheticEpisode
 from siren_ros.data.datasets.files import FileWriter
 from siren_ros.data.datasets.kitti.exporter import KittiFrame, KittiFrames, png_bytes, png_of_jpeg, velodyne_bytes
 from siren_ros.data.datasets.kitti.labels import KittiCamera, camera_from_lidar, label_text
-from siren_ros.data.datasets.kitti.live_export import Layout
 from siren_ros.data.interfaces.transforms import Transform, quaternion_of_matrix
 from siren_ros.errors import InputError
+from siren_ros.simulation.scenario.episode import KittiLayout
 from siren_ros.simulation.world.measurements import CameraIntrinsics
 
 CAMERA = CameraIntrinsics(800, 600, 335.64, 335.64, 400.0, 300.0)
@@ -108,7 +108,7 @@ def test_frames_with_different_parents_are_refused():
         camera_from_lidar((MOUNTS[0], replace(MOUNTS[1], parent="map")), "lidar", MOUNTS[1].child)
 
 
-def _live(folder: Path, layout: Layout, jpeg: bytes | None, camera: KittiCamera | None) -> KittiFrames:
+def _live(folder: Path, layout: KittiLayout, jpeg: bytes | None, camera: KittiCamera | None) -> KittiFrames:
     episode = SyntheticEpisode(Scene(duration_s=1.0, lidar=True))
     folder.mkdir()
     with FileWriter(folder) as files:
@@ -124,7 +124,7 @@ def _names(folder: Path) -> list[str]:
 
 def test_the_papers_layout_says_what_it_is(tmp_path):
     camera = KittiCamera(CAMERA, camera_from_lidar(MOUNTS, "lidar", MOUNTS[1].child))
-    assert _live(tmp_path / "out", Layout.PAPER, b"a picture", camera).frames == 10
+    assert _live(tmp_path / "out", KittiLayout.PAPER, b"a picture", camera).frames == 10
     out = tmp_path / "out"
     assert _names(out) == ["README.md", "calib", "frames.csv", "image_2", "label_2", "velodyne"]
     assert (out / "image_2" / "000003.jpg").read_bytes() == b"a picture"
@@ -135,13 +135,13 @@ def test_the_papers_layout_says_what_it_is(tmp_path):
 
 
 def test_the_papers_layout_needs_no_camera(tmp_path):
-    _live(tmp_path / "out", Layout.PAPER, None, None)
+    _live(tmp_path / "out", KittiLayout.PAPER, None, None)
     assert _names(tmp_path / "out") == ["README.md", "frames.csv", "label_2", "velodyne"]
 
 
 def test_kittis_own_layout_needs_a_camera(tmp_path):
     with pytest.raises(InputError, match="front camera"):
-        _live(tmp_path / "out", Layout.KITTI, None, None)
+        _live(tmp_path / "out", KittiLayout.KITTI, None, None)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -152,7 +152,7 @@ def test_threads_write_the_same_files(tmp_path, threads):
     pictures = np.random.default_rng(0).integers(0, 256, (10, 60, 80, 3), dtype=np.uint8)
     jpegs = [simplejpeg.encode_jpeg(picture) for picture in pictures]
     with FileWriter(out, threads) as files:
-        frames = KittiFrames(files, Layout.KITTI, camera)
+        frames = KittiFrames(files, KittiLayout.KITTI, camera)
         for number, step in enumerate(range(0, 20, 2)):
             frames.write(KittiFrame(step, episode.sweep(step), episode.ground_truth(step), jpegs[number]))
     assert [line.split(",")[0] for line in (out / "frames.csv").read_text().splitlines()[1:]] == [
@@ -171,7 +171,7 @@ def test_a_picture_that_cannot_be_written_ends_the_export(tmp_path):
 
     def export() -> None:
         with FileWriter(tmp_path, 2) as files:
-            KittiFrames(files, Layout.KITTI, camera).write(
+            KittiFrames(files, KittiLayout.KITTI, camera).write(
                 KittiFrame(0, episode.sweep(0), episode.ground_truth(0), jpeg)
             )
 

@@ -6,13 +6,13 @@ import pytest
 from siren_ros.data.interfaces.topics import DETECTIONS
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes
 from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import detector_file, load_detector
-from siren_ros.scoring.evaluation.detection.detectors.pillars import SHIPPED_DETECTOR
 from siren_ros.scoring.evaluation.detection.detectors.table import run_detector
 from siren_ros.scoring.evaluation.detection.devkit_score import devkit_score
 from siren_ros.scoring.evaluation.detection.frames import Frames
 from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.scoring.evaluation.detection.inputs.topic_results import read_topic
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
+from siren_ros.simulation.scenario.episode import SHIPPED_DETECTOR
 
 
 @pytest.fixture(scope="module", name="found")

@@ -19,7 +19,6 @@ from siren_ros.simulation.roads.maps import map_compiler
 from siren_ros.simulation.roads.maps.map_compiler import (
     BUILT_IN_MAPS,
     compile_map,
-    default_cache_dir,
     lowered_limits,
     name_of_map,
     source_sha256_of,
@@ -205,17 +204,6 @@ def test_an_unwritable_cache_is_named(tmp_path):
     blocked.write_text("")
     with pytest.raises(InputError, match="SIREN_CACHE_DIR"):
         compile_map(None, blocked / "cache")
-
-
-def test_the_environment_says_where_the_cache_is(monkeypatch, tmp_path):
-    monkeypatch.setenv("SIREN_CACHE_DIR", str(tmp_path / "own"))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert default_cache_dir() == tmp_path / "own"
-    monkeypatch.delenv("SIREN_CACHE_DIR")
-    assert default_cache_dir() == tmp_path / "xdg" / "siren"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert default_cache_dir() == tmp_path / ".cache" / "siren"
 
 
 def test_another_process_gets_the_same_bytes(town, tmp_path):

@@ -17,7 +17,6 @@ from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, attributes_
 from siren_ros.scoring.evaluation.detection.detectors.pillars import (
     FEATURES,
     SENSOR_HEIGHT_M,
-    SHIPPED_DETECTOR,
     PillarGrid,
     Pillars,
     pillars_of,
@@ -25,6 +24,7 @@ from siren_ros.scoring.evaluation.detection.detectors.pillars import (
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames
 from siren_ros.scoring.evaluation.detection.tracker import Tracker
 from siren_ros.scoring.evaluation.network_file import open_network
+from siren_ros.simulation.scenario.episode import SHIPPED_DETECTOR
 from siren_ros.simulation.scenario.splits import SeenEpisodes
 
 FORM_VERSION: Final = 1

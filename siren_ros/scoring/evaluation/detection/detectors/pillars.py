@@ -16,8 +16,6 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.simulation.world.actors import ActorClass
 
-SHIPPED_DETECTOR: Final = "pillars"
-"""Name of the shipped detector."""
 SENSOR_HEIGHT_M: Final = 1.93
 """Height above the ground at which networks expect the LiDAR; sweeps from other heights are shifted to it."""
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from siren_ros.base.params.network_file import NetworkFile
 from siren_ros.cli import train
 from siren_ros.data.record.episode_source import open_source
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
@@ -11,7 +12,6 @@ from siren_ros.lab.training.data_files import MadeFiles
 from siren_ros.lab.training.prediction import plan
 from siren_ros.lab.training.risk.samples import PlannedFilm
 from siren_ros.lab.training.settings import FilmFitConfig
-from siren_ros.scoring.evaluation.network_file import NetworkFile
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import load_network
 from siren_ros.scoring.evaluation.risk.sequence_model import SequenceModel
 from siren_ros.simulation.scenario.splits import EpisodeIdentity, Split

@@ -1,9 +1,9 @@
-"""A value with its confidence interval, and intervals of shares and of means of independent values."""
+"""A value that may be missing; an estimate with its confidence interval, and intervals of shares and of means."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from scipy.special import ndtri
 
@@ -12,6 +12,31 @@ NONE: Final = "–"
 CONFIDENCE: Final = 0.95
 BLOCKS_MIN: Final = 5
 """Smallest number of blocks for an interval. With fewer it is too wide, and too often wrong for skewed values."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measured value of an episode. If nothing could be measured, ``value`` is 0 and ``lack`` gives the reason."""
+
+    value: float
+    lack: str = ""
+    at_least: bool = False
+    """Whether the value is only a lower bound, because the episode ended first."""
+
+    @property
+    def valid(self) -> bool:
+        """Whether there is a value."""
+        return not self.lack
+
+    @property
+    def text(self) -> str:
+        """Text for a table: the value, with ``at least`` before a lower bound, or the reason why there is none."""
+        return f"{'at least ' * self.at_least}{self.value:.2f}" if self.valid else f"{NONE} ({self.lack})"
+
+    @classmethod
+    def lacking(cls, reason: str) -> Self:
+        """A measure without a value."""
+        return cls(0.0, reason)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from siren_ros.base.tables.interval import Measure
 from siren_ros.cli.evaluation import yielding
 from siren_ros.cli.main import main
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode, YieldScores
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 
 
 def test_a_folder_of_bags_is_scored(write_bag, tmp_path, siren) -> None:

@@ -3,11 +3,11 @@
 import pytest
 
 from siren_ros.base.params.resources import names_in_params
+from siren_ros.base.tables.interval import Measure
 from siren_ros.errors import InputError
 from siren_ros.reports.exam.grading import Grade, grade_of, worst_of
 from siren_ros.reports.exam.monitors import MONITORS, Finding
 from siren_ros.reports.exam.rulebook import FOLDER, Clause, load_rulebook
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 
 
 def test_every_rulebook_can_be_read_and_together_they_use_every_monitor():

@@ -6,7 +6,7 @@ from evaluation.diversity.made_profiles import profile
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from siren_ros.base.tables.interval import Interval
+from siren_ros.base.tables.interval import Interval, Measure
 from siren_ros.reports.study_report.charts import (
     LEVEL_COLOURS,
     draw_coverage,
@@ -22,7 +22,6 @@ from siren_ros.scoring.evaluation.statistics import PairedDifference
 from siren_ros.scoring.evaluation.yielding.counterfactual import ALL, Effect
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 from siren_ros.scoring.pictures.palette import TEXT
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 

@@ -11,6 +11,7 @@ import pytest
 from evaluation.diversity.made_profiles import profile
 from evaluation.made_scores import reported_scores
 
+from siren_ros.base.tables.interval import Measure
 from siren_ros.base.tables.table import Table
 from siren_ros.cli.generate import _study_of
 from siren_ros.cli.main import parser
@@ -30,7 +31,6 @@ from siren_ros.scoring.evaluation.prediction.reports.report import prediction_ta
 from siren_ros.scoring.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS, PEOPLE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 
 STUDY = StudyRows(Path("a study"), {}, (), "")
 

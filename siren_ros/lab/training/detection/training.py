@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from siren_ros.base.params.network_file import write_network
 from siren_ros.data.record.bag_survey import BagSurvey, Need, survey_bag
 from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.lab.training.detection.batches import FrameDraws
@@ -23,7 +24,6 @@ from siren_ros.scoring.evaluation.detection.devkit_score import average_precisio
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
 from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
-from siren_ros.scoring.evaluation.network_file import write_network
 from siren_ros.simulation.scenario.splits import Split
 
 MEAN: Final = "mean"

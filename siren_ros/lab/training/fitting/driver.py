@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from siren_ros.base.params.network_file import write_network
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.errors import InputError
 from siren_ros.lab.learning.practice import TEACHERS, Layers, Practice, Pupil, best_of, practised
@@ -24,7 +25,6 @@ from siren_ros.lab.training.settings import DriverFit
 from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT
 from siren_ros.running.seat.features import SIZE
 from siren_ros.running.seat.manoeuvres import Manoeuvre
-from siren_ros.scoring.evaluation.network_file import write_network
 
 Drive = tuple[Task, int, str, Layers, float]
 """A drive: the episode's task and seed, the teacher (or empty), the driver's network and its temperature."""

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from siren_ros.base.params.network_file import write_network
 from siren_ros.errors import InputError
 from siren_ros.lab.training.data_files import MadeFiles
 from siren_ros.lab.training.risk.batches import LabelledFilm, labelled, validation_clips
 from siren_ros.lab.training.risk.samples import FIRST_SEED, PlannedFilm, read_film
 from siren_ros.lab.training.settings import FilmFitConfig, FittedNetwork
-from siren_ros.scoring.evaluation.network_file import write_network
 from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.scoring.evaluation.risk.scoring import accuracy, confusion, macro_f1
 from siren_ros.scoring.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.params.network_file import NetworkFile, open_network
 from siren_ros.errors import InputError
 from siren_ros.running.seat.features import SIZE, features_of
 from siren_ros.running.seat.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre
 from siren_ros.running.seat.sight import Sight
-from siren_ros.scoring.evaluation.network_file import NetworkFile, open_network
 from siren_ros.simulation.world.commands import AvControl
 
 INPUT: Final = "observation"
@@ -67,7 +67,7 @@ class LearnedDriver:
         Raises:
             InputError: The network fails, does not end in time, or gives other outputs.
         """
-        import onnxruntime  # noqa: PLC0415 - as in network_file.py
+        import onnxruntime  # noqa: PLC0415 - as in base/params/network_file.py
 
         options = onnxruntime.RunOptions()
         options.log_severity_level = 4  # errors of the network are raised, not logged

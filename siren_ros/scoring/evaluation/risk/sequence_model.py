@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.base.params.network_file import NetworkFile, open_network
 from siren_ros.base.params.resources import params_dir
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.network_file import NetworkFile, open_network
 from siren_ros.scoring.evaluation.risk.labels import RiskClass
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, film_frames
 from siren_ros.simulation.scenario.episode import EpisodeRequest

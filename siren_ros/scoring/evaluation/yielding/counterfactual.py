@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.tables.interval import Measure
 from siren_ros.base.tables.table import Row, Table
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.statistics import PairedDifference, block_sums, holm, paired_difference
 from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 
 OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s", "min_ttc_s", "collisions")
 """Measures that are compared between levels."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.tables.interval import Measure
 from siren_ros.data.record.vehicle_location import places_of, sumo_lanes
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.yielding.corridor import (
@@ -18,7 +19,7 @@ from siren_ros.scoring.evaluation.yielding.corridor import (
     corridor_width_m,
 )
 from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.scoring.judging.people import NAMES
 from siren_ros.scoring.judging.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind

@@ -1,9 +1,7 @@
-"""Thresholds of the yield metrics with their reasons, and the type of a measured value, which may be missing."""
+"""Thresholds of the yield metrics with their reasons."""
 
 from dataclasses import dataclass
-from typing import Self
 
-from siren_ros.base.tables.interval import NONE
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS
 
 
@@ -41,28 +39,3 @@ class YieldThresholds:
     """Length of the measured corridor: the distance of 2 s at 50 km/h."""
     corridor_margin_m: float = 0.2
     """Free space that the EMV needs on each side: the smallest margin of its own gap search."""
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A measured value of an episode. If nothing could be measured, ``value`` is 0 and ``lack`` gives the reason."""
-
-    value: float
-    lack: str = ""
-    at_least: bool = False
-    """Whether the value is only a lower bound, because the episode ended first."""
-
-    @property
-    def valid(self) -> bool:
-        """Whether there is a value."""
-        return not self.lack
-
-    @property
-    def text(self) -> str:
-        """Text for a table: the value, with ``at least`` before a lower bound, or the reason why there is none."""
-        return f"{'at least ' * self.at_least}{self.value:.2f}" if self.valid else f"{NONE} ({self.lack})"
-
-    @classmethod
-    def lacking(cls, reason: str) -> Self:
-        """A measure without a value."""
-        return cls(0.0, reason)

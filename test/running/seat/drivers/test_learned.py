@@ -10,6 +10,7 @@ onnx = pytest.importorskip("onnx", reason="the extra models is not installed")
 import numpy as np
 from seen_on_crossing import sight_at
 
+from siren_ros.base.params.network_file import write_network
 from siren_ros.errors import InputError
 from siren_ros.running.seat.drivers import learned
 from siren_ros.running.seat.drivers.drivers import driver_of
@@ -17,7 +18,6 @@ from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT, LearnedState
 from siren_ros.running.seat.features import EMV, OWN, SIZE
 from siren_ros.running.seat.manoeuvres import Manoeuvre
 from siren_ros.running.seat.sight import Sight
-from siren_ros.scoring.evaluation.network_file import write_network
 
 BEHIND = len(OWN) + [feature.name for feature in EMV].index("emv_behind")
 TASK = {"observation": "vector", "action": "manoeuvre", "decision_s": 0.5}

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from siren_ros.base.params.network_file import NetworkFile, card_path
 from siren_ros.base.params.resources import params_dir
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.network_file import NetworkFile, card_path
 from siren_ros.scoring.evaluation.risk.labels import RiskClass
 from siren_ros.scoring.evaluation.risk.scoring import REFERENCES, score_answers
 from siren_ros.scoring.evaluation.risk.sequence_model import (

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from made_encounters import arc, passing, record_of
 
+from siren_ros.base.tables.interval import Measure
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.yielding.counterfactual import ALL, Effect, effects, pairs_of
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode, YieldScores, score_yielding, situation_sha256
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure
 from siren_ros.simulation.roads.road_network import NO_LANE
 
 NOTHING = {metric.name: Measure.lacking("not measured") for metric in EPISODE_METRICS}

@@ -11,6 +11,7 @@ from evaluation.made_records import moving, record_with
 from hand_made_record import EMV, Driven, crossing
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, passing, record_of
 
+from siren_ros.base.tables.interval import Measure
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.yielding import metrics as marks
 from siren_ros.scoring.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
@@ -30,7 +31,7 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
     situation_sha256,
     yield_tables,
 )
-from siren_ros.scoring.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 

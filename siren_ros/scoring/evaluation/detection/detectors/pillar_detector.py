@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Floats32, Matrix
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.params.network_file import open_network
 from siren_ros.base.params.resources import params_dir
 from siren_ros.data.record.episode_source import lidar_frames, lidar_of, open_source
 from siren_ros.errors import InputError
@@ -23,7 +24,6 @@ from siren_ros.scoring.evaluation.detection.detectors.pillars import (
 )
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames
 from siren_ros.scoring.evaluation.detection.tracker import Tracker
-from siren_ros.scoring.evaluation.network_file import open_network
 from siren_ros.simulation.scenario.episode import SHIPPED_DETECTOR
 from siren_ros.simulation.scenario.splits import SeenEpisodes
 

@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Floats32, Rows
+from siren_ros.base.params.network_file import NetworkFile, open_network
 from siren_ros.base.params.resources import params_dir
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.network_file import NetworkFile, open_network
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 from siren_ros.scoring.evaluation.prediction.siren_model.columns import (

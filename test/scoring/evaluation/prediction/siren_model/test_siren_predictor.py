@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from made_records import moving
 from scenes import batch_of, lit, moved, showing, with_signal
 
+from siren_ros.base.params.network_file import card_path
 from siren_ros.base.params.resources import params_dir
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.network_file import card_path
 from siren_ros.scoring.evaluation.prediction.predictors import checked
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import (
     SHIPPED,

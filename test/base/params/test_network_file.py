@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from siren_ros.base.params.network_file import card_path, open_network, write_network
 from siren_ros.base.params.resources import params_dir
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.network_file import card_path, open_network, write_network
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import SHIPPED
 
 

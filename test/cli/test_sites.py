@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
+from map_networks import network_of_map
 from repository import REPOSITORY
 
 from siren_ros.running.generation.site_choice import good_sites, ranked_sites
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.templates import load_template
 
 TEMPLATE = load_template("S5")
@@ -17,7 +16,7 @@ def rows(printed: str) -> list[list[str]]:
 
 
 def test_the_good_sites_of_a_template_are_listed_and_all_where_asked(siren) -> None:
-    town = parse_road_network(compile_map(None).read_bytes())
+    town = network_of_map()
     good = [site.name for site in good_sites(town, TEMPLATE)]
     listed = rows(siren(["sites", "--templates", "S5"]).out)
     assert [row[:3] for row in listed] == [["S5", name, "yes"] for name in good]
@@ -43,7 +42,7 @@ def test_the_map_is_drawn_where_asked(siren, tmp_path: Path) -> None:
 def test_where_no_site_is_good_all_are_listed(siren) -> None:
     """On this map every road ends at the map's end."""
     file = str(REPOSITORY / "test" / "maps" / "bends.xodr")
-    network = parse_road_network(compile_map(Path(file)).read_bytes())
+    network = network_of_map(Path(file))
     assert not good_sites(network, load_template("S2"))
     listed = rows(siren(["sites", file, "--templates", "S2"]).out)
     assert [row[:3] for row in listed] == [["S2", "-1..-2", "no"], ["S2", "2..1", "no"]]

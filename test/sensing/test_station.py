@@ -5,6 +5,7 @@ import pytest
 import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from map_networks import network_of_map
 
 from siren_ros.data.sensor_messages.sensor_topics import static_transforms
 from siren_ros.errors import InputError
@@ -12,8 +13,6 @@ from siren_ros.sensing.rig import SensorRig
 from siren_ros.sensing.specification import LidarSpec, Mount
 from siren_ros.sensing.station import _crossings_above, check_outdoors, station_mount
 from siren_ros.sensing.suite import SensorSuite, Station, load_suite
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription
 
@@ -23,7 +22,7 @@ NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
 
 @pytest.fixture(name="town", scope="module")
 def _town():
-    return parse_road_network(compile_map(None).read_bytes())
+    return network_of_map()
 
 
 def assert_off_the_lanes(mount, town):

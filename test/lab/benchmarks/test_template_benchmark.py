@@ -1,9 +1,31 @@
+"""Benchmarks over many episodes: templates, rescue lanes, left-hand traffic, surrogate safety."""
+
 import argparse
-from dataclasses import replace
+from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_made_record import EMV, Driven, hand_made
+from made_jam import AT_SIDE_M, LENGTH_M, WIDTH_M, at, jam
 
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.data.recording.episode_record import StateRows
+from siren_ros.lab.benchmarks.left_hand import compare as compare_mirrored
+from siren_ros.lab.benchmarks.rescue_lane import AFTER_S, RescueFigures, bluelight_steps, figures_of, means_of
+from siren_ros.lab.benchmarks.rescue_lane import row_of as rescue_row_of
+from siren_ros.lab.benchmarks.surrogate_safety import (
+    LENGTH_M as CAR_LENGTH_M,
+)
+from siren_ros.lab.benchmarks.surrogate_safety import (
+    Conflict,
+    DeviceRun,
+    agreement_of,
+    compare,
+    lines_of,
+    run_device,
+    tracks_of,
+)
 from siren_ros.lab.benchmarks.templates import (
     EpisodeFigures,
     compared_row,
@@ -18,8 +40,15 @@ from siren_ros.lab.benchmarks.templates import (
     spread_of,
     travel_times_s,
 )
+from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.judging.outcome import Realisation
-from siren_ros.simulation.scenario.templates import available_templates
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.templates import available_templates, load_template
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, Owner
+from siren_ros.simulation.world.mirror_image import mirror_image
+from siren_ros.simulation.world.traffic_state import Event, EventKind
 
 
 def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tuple[str, ...] = ()) -> EpisodeFigures:
@@ -101,3 +130,158 @@ def test_the_json_row_has_the_numbers_of_the_printed_one() -> None:
     row = json_row("S1", [figures(0, [1.0], holds=True), figures(1, [1.0]), EpisodeFigures("S1", 2, error="died")])
     assert (row["holds"], row["episodes"], row["failed"], row["arrival_s"]) == ("1/3", 3, 1, None)
     assert json_row("S1", [EpisodeFigures("S1", 0, error="no site")])["holds"] == "–"
+
+
+PREDICATE = {"name": "rescue_lane", "thresholds": dict(load_template("S8").predicate.thresholds)}
+
+
+def judged(record):
+    return replace(record, description=replace(record.description, parameters={"predicate": PREDICATE}))
+
+
+def names(record):
+    return frozenset(actor.name for actor in record.actors.values() if not actor.is_emv)
+
+
+def test_an_open_lane_is_driven_through_in_the_time_that_its_length_takes():
+    record = judged(jam(drive_m=800.0))
+    figures = figures_of(record, names(record))
+    assert (figures.open_before, figures.open_after) == (1.0, 1.0)
+    way_m = 19 * 8.0 + 4.0 + 6.0  # from the rear of the last car to the front of the first one, and the EMV's length
+    assert figures.through_s == pytest.approx(way_m / 8.0, abs=0.6)
+    assert figures.jam_m == pytest.approx(way_m, abs=4.0)
+    assert (figures.overlaps, figures.emv_overlaps, figures.overtaking) == (0, 0, 0)
+    assert np.isnan(figures.off_middle), "nobody of the jam flows"
+    assert rescue_row_of("0 SIREN", asdict(figures)).split()[:4] == ["0", "SIREN", "1.00", "1.00"]
+
+
+def test_an_emv_that_stays_in_the_jam_has_no_time():
+    record = judged(jam())
+    short = replace(record, states=record.states[: int(35.0 / STEP_S)])
+    figures = figures_of(short, names(record))
+    assert np.isnan(figures.through_s)
+    assert 20.0 < figures.jam_m < 60.0
+    assert np.isnan(figures.open_after), f"nobody looked {AFTER_S:.0f} s later"
+
+
+def test_bodies_that_overlap_and_civilians_that_overtake_are_counted():
+    record = judged(jam(more=[(303.0, AT_SIDE_M), (320.0, -0.5 * WIDTH_M)]))
+    figures = figures_of(record, names(record))
+    assert figures.overlaps == 2, "two cars, and the EMV with one in the corridor"
+    assert figures.emv_overlaps == 1
+
+
+def test_a_civilian_that_comes_from_behind_overtakes():
+    line = np.array([at(0.0, -0.5 * WIDTH_M), at(LENGTH_M, -0.5 * WIDTH_M)])
+    right = np.array([at(0.0, -WIDTH_M), at(LENGTH_M, -WIDTH_M)])
+    time_s = STEP_S * np.arange(600)
+    vehicles = {EMV: Driven(line, 100.0 + 8.0 * time_s), 2: Driven(right, 60.0 + 20.0 * time_s)}
+    made = hand_made(jam().network, vehicles)
+    site = {"stretch": ["road"], "route": ["road"]}
+    record = judged(replace(made, description=replace(made.description, site=site)))
+    figures = figures_of(record, names(record))
+    assert figures.overtaking == 1
+    assert figures.off_middle == 0.0
+    aside = np.array([at(0.0, -WIDTH_M - 0.5), at(LENGTH_M, -WIDTH_M - 0.5)])
+    moved = hand_made(made.network, {**vehicles, 2: Driven(aside, 60.0 + 20.0 * time_s)})
+    record = judged(replace(moved, description=replace(moved.description, site=site)))
+    assert figures_of(record, names(record)).off_middle == 1.0
+
+
+def test_sumo_drives_everybody_alone():
+    setup = set_up_episode(EpisodeRequest("S8", sensors="none"))
+    steps = list(bluelight_steps(setup, 100))
+    emv = [step.states.actor_id.tolist().index(1) for step in steps]
+    assert all((step.traffic.owner == Owner.SUMO).all() for step in steps)
+    ways_m = [
+        float(np.hypot(after.states.x_m[b] - before.states.x_m[a], after.states.y_m[b] - before.states.y_m[a]))
+        for before, after, a, b in zip(steps[:-1], steps[1:], emv[:-1], emv[1:], strict=True)
+    ]
+    speeds_mps = [float(step.states.speed_mps[row]) for step, row in zip(steps[1:], emv[1:], strict=True)]
+    assert np.array(ways_m) / STEP_S == pytest.approx(speeds_mps, abs=0.5)
+    assert min(speeds_mps) > 20.0
+
+
+def test_means_leave_out_what_a_drive_does_not_have():
+    one = RescueFigures(1.0, 0.5, 40.0, 300.0, 2, 1, 0, 0.1)
+    other = RescueFigures(0.5, np.nan, np.nan, 100.0, 5, 0, 3, 0.3)
+    means = means_of([one, other])
+    assert (means["open_before"], means["open_after"], means["through_s"]) == (0.75, 0.5, 40.0)
+    assert (means["overlaps"], means["overtaking"], means["off_middle"]) == (3.5, 1.5, pytest.approx(0.2))
+    assert np.isnan(means_of([other])["open_after"])
+
+
+EVENT = Event(0, EventKind.YIELD_HELD, 5, 1, 2.0, 7.0, {"side": -1})
+
+
+def step(x_m, y_m, ids=(1, 5), events=(EVENT,)):
+    columns = {name: np.zeros(2, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
+    columns |= {"actor_id": np.array(ids, np.uint32), "x_m": np.array(x_m), "y_m": np.array(y_m)}
+    return SimpleNamespace(states=ActorStates(step=0, **columns), events=events)
+
+
+def image_of(one):
+    return SimpleNamespace(states=mirror_image(one.states), events=tuple(map(mirror_image, one.events)))
+
+
+OWN = step((1.0, 4.0), (3.0, -2.0))
+
+
+def test_a_mirror_image_is_not_apart():
+    found = compare_mirrored([OWN, OWN], [image_of(OWN), image_of(OWN)])
+    assert (found.apart_m, found.events_differ) == (0.0, False)
+
+
+def test_the_largest_distance_of_all_steps_counts():
+    moved = image_of(step((1.0, 4.3), (3.0, -1.6)))
+    assert compare_mirrored([OWN, OWN], [moved, image_of(OWN)]).apart_m == pytest.approx(0.5)
+    assert compare_mirrored([OWN], [OWN]).apart_m == pytest.approx(6.0), "not mirrored"
+
+
+def test_other_events_and_other_actors():
+    other = image_of(step((1.0, 4.0), (3.0, -2.0), events=(replace(EVENT, actor_id=6),)))
+    assert compare_mirrored([OWN], [other]).events_differ
+    assert compare_mirrored([OWN], [image_of(step((1.0, 4.0), (3.0, -2.0), ids=(1, 6)))]).apart_m == float("inf")
+
+
+STEPS = np.arange(20)
+
+
+def track(front_m: float, speed_mps: float, y_m: float = 0.0) -> StateRows:
+    """Eastwards; SUMO's angle is clockwise from north."""
+    x = front_m + speed_mps * STEP_S * STEPS
+    angle, speed = np.full(len(STEPS), 90.0), np.full(len(STEPS), speed_mps)
+    return tracks_of(np.stack((STEPS, x, np.full(len(STEPS), y_m), angle, speed), axis=1))
+
+
+def run_of(leader: StateRows) -> DeviceRun:
+    gap = 15.0 - CAR_LENGTH_M - 5.0 * STEP_S * STEPS
+    conflict = Conflict("f", "l", STEPS * STEP_S, gap / 5.0, 5.0**2 / (2.0 * gap))
+    return DeviceRun({"f": track(0.0, 15.0), "l": leader}, (conflict,))
+
+
+def test_a_follower_agrees_with_the_formula() -> None:
+    agreement = agreement_of(compare(run_of(track(15.0, 10.0))))
+    assert (agreement.pairs, agreement.moments, agreement.missed) == (1, 20, 0)
+    assert agreement.ttc_s.max() < 1e-9
+    assert agreement.drac_mps2.max() < 1e-9
+    assert agreement.least_ttc_s.tolist() == pytest.approx([0.0], abs=1e-9)
+    assert lines_of(agreement)[0].startswith("1 pairs that follow each other, 20 moments")
+
+
+def test_a_leader_at_the_side_is_missed_by_the_footprints() -> None:
+    agreement = agreement_of(compare(run_of(track(15.0, 10.0, y_m=2.0))))
+    assert (agreement.moments, agreement.missed, len(agreement.ttc_s), len(agreement.least_ttc_s)) == (20, 20, 0, 0)
+    assert len(lines_of(agreement)) == 1
+
+
+def test_a_run_of_sumo_agrees_with_its_own_device() -> None:
+    compiled = compile_map(None)
+    network = parse_road_network(compiled.net_path.read_bytes())
+    agreement = agreement_of(compare(run_device(compiled.net_path, network, 25, 30.0, 3)))
+    assert agreement.moments > 50
+    assert agreement.missed < 0.1 * agreement.moments
+    # On straight lanes both are the same formula; in bends SUMO measures along the lane, and the footprints turn.
+    assert np.median(agreement.ttc_s) < 1e-5
+    assert np.median(agreement.drac_mps2) < 1e-5
+    assert np.percentile(agreement.ttc_s, 95) < 0.05

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from map_networks import network_of_map
 from repository import shared_file
 
 from siren_ros.base.numerics.geometry import Polyline
@@ -19,8 +20,6 @@ from siren_ros.running.generation.site_choice import (
     sites_to_try,
 )
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Edge, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import find_sites
@@ -38,7 +37,7 @@ DIMENSIONS = {
 
 @pytest.fixture(scope="module")
 def town() -> RoadNetwork:
-    return parse_road_network(compile_map(None).read_bytes())
+    return network_of_map()
 
 
 def with_group(template: Template, **values: float) -> Template:
@@ -209,7 +208,7 @@ def test_the_green_that_counts_is_that_of_the_traffic_straight_on(town: RoadNetw
 
 
 def test_the_motorway_has_good_sites_of_two_three_and_four_lanes() -> None:
-    motorway = parse_road_network(compile_map(Path("motorway")).read_bytes())
+    motorway = network_of_map(Path("motorway"))
     template = load_template("S8")
     good = good_sites(motorway, template)
     assert {len(driving_lanes(motorway, site.site_edge)) for site in good} == {2, 3, 4}
@@ -250,7 +249,7 @@ def with_bridge(network: RoadNetwork, over: int) -> RoadNetwork:
 
 def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
     """A bridge in the middle of a stretch crosses the other direction, too; all others are more than 300 m away."""
-    motorway, template = parse_road_network(compile_map(Path("motorway")).read_bytes()), load_template("S8")
+    motorway, template = network_of_map(Path("motorway")), load_template("S8")
     good = {site.name: site for site in good_sites(motorway, template)}
     bridged = with_bridge(motorway, good["e_d"].site_edge)
     lacking = {site.name: texts for site, texts in shortcomings(bridged, template).items()}
@@ -260,7 +259,7 @@ def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
 
 
 def test_the_bridge_of_carlas_motorway_is_found() -> None:
-    carla = parse_road_network(compile_map(shared_file("maps", "Town04.xodr")).read_bytes())
+    carla = network_of_map(shared_file("maps", "Town04.xodr"))
     lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
     assert {name for name, texts in lacking.items() if texts} == {"46..41"}
     assert "bridge" in lacking["46..41"][0]

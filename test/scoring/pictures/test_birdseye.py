@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
+from map_networks import network_of_map
 from matplotlib.figure import Figure
 from PIL import Image
 from repository import REPOSITORY
@@ -23,8 +24,6 @@ from siren_ros.scoring.pictures.birdseye import (
 )
 from siren_ros.scoring.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
 from siren_ros.scoring.pictures.site_map import Survey, draw_site_map, save_site_map
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.roads.site_finder import places_without_site
 from siren_ros.simulation.scenario.templates import available_templates, load_template
@@ -167,7 +166,7 @@ TEMPLATES = [load_template(name) for name in available_templates()]
 @pytest.fixture(scope="module", params=["town", "signs.osm"])
 def network(request) -> RoadNetwork:
     file = None if request.param == "town" else REPOSITORY / "test" / "maps" / request.param
-    return parse_road_network(compile_map(file).read_bytes())
+    return network_of_map(file)
 
 
 def surveys(network: RoadNetwork, count: int = len(TEMPLATES)) -> list[Survey]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from map_networks import network_of_map
 
 from siren_ros.sensing.meshes.mesh import Mesh
 from siren_ros.sensing.scene import kept_scenes
 from siren_ros.sensing.scene.kept_scenes import kept_scene
 from siren_ros.sensing.scene.surfaces import SceneConfig
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.mirror_image import right_hand_image
 from siren_ros.simulation.roads.net_parser import parse_road_network
 
@@ -74,7 +74,7 @@ def test_the_second_call_reads_what_the_first_one_built(network, built, caplog):
 
 
 def test_the_town_comes_back_with_its_signals(built):
-    network = parse_road_network(compile_map(None).read_bytes())
+    network = network_of_map()
     first, second = kept_scene(network, 0), kept_scene(network, 0)
     assert built == [0]
     assert is_same(first, second)

@@ -22,11 +22,11 @@ from made_streets import (
     N,
     streets,
 )
+from map_networks import network_of_map
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads import site_finder
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, route_path
@@ -497,7 +497,7 @@ def test_two_directions_of_a_street_are_a_reversal():
 
 
 def test_motorway_stretches_are_as_long_as_nobody_joins_or_leaves():
-    motorway = parse_road_network(compile_map(Path("motorway")).read_bytes())
+    motorway = network_of_map(Path("motorway"))
     lanes = {}
     for site in site_finder.find_sites(motorway, SiteKind.MOTORWAY_STRETCH):
         graph = EdgeGraph.of(motorway)

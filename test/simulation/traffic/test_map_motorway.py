@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from map_networks import network_of_map
 
-from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.simulation.roads.site_finder import wide_stretch_back
@@ -14,7 +13,7 @@ from siren_ros.simulation.roads.site_finder import wide_stretch_back
 
 @pytest.fixture(scope="module")
 def motorway() -> RoadNetwork:
-    return parse_road_network(compile_map(Path("motorway")).read_bytes())
+    return network_of_map(Path("motorway"))
 
 
 def test_lanes_and_limits(motorway):

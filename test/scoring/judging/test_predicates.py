@@ -1,16 +1,51 @@
-"""Predicates, and what their verdicts say."""
+"""Predicates, and what their verdicts say; the junction that an EMV crosses, the rescue lane."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
+from hand_made_record import (
+    BESIDE,
+    CAR_LENGTH_M,
+    EAST,
+    EASTBOUND,
+    EMV,
+    EMV_LENGTH_M,
+    LEFT_X_M,
+    NORTHBOUND,
+    ON_SHOULDER,
+    PARALLEL,
+    RIGHT_X_M,
+    SHOULDER_RIGHT,
+    SOUTH,
+    SOUTHBOUND,
+    STRAIGHT,
+    STRAIGHT_LEFT,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
+from made_jam import AT_SIDE_M, CAR_WIDTH_M, EMV_WIDTH_M, LENGTH_M, TURN_RAD, WIDTH_M, at, jam, motorway
 
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.closed_loop import record_of as record_of_loop
 from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.scoring.judging.junction_traversal import Traversal, find_traversals
 from siren_ros.scoring.judging.predicates import PREDICATES, evaluate_predicate, predicate_of, verdicts_of_others
+from siren_ros.scoring.judging.rescue_lane import (
+    BODY_M,
+    ON_SHOULDER_M,
+    Bodies,
+    RoadView,
+    bodies_at,
+    free_width_m,
+    rescue_lane,
+)
 from siren_ros.scoring.judging.verdict import (
     Moment,
     at_least,
@@ -174,3 +209,240 @@ def test_a_threshold_is_reached_at_the_first_step_with_its_value():
     steps = np.array([4, 5, 6, 7])
     assert first_reaching(steps, 3, [0.0, 1.0, 0.5, 2.0], 1.0) == (Moment(5, 3),)
     assert first_reaching(steps, 3, [0.0, 1.0, 0.5, 2.0], 2.1) == ()
+
+
+NETWORK = crossing()
+SPEED_MPS, START_M = 10.0, 70.0
+
+
+def _step_at(arc_m: float, start_m: float = START_M, speed_mps: float = SPEED_MPS) -> int:
+    """First step at or beyond an arc length."""
+    return int(np.ceil(round((arc_m - start_m) / (speed_mps * STEP_S), 6)))
+
+
+def _traversal_of(points: np.ndarray, steps: int = 220, start_m: float = START_M) -> Traversal:
+    (traversal,) = find_traversals(hand_made(NETWORK, {EMV: Driven(points, at_speed(start_m, SPEED_MPS, steps))}))
+    return traversal
+
+
+def test_front_centre_and_rear_cross_the_lines_where_the_poses_put_them():
+    traversal = _traversal_of(NORTHBOUND)
+    assert traversal.connection == STRAIGHT
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0)
+    assert traversal.centre_steps == (_step_at(100.0), _step_at(130.0))
+    assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0)
+    assert traversal.enter_speed_mps == pytest.approx(SPEED_MPS)
+    assert (traversal.approach_step, traversal.exit_step) == (0, 220)
+
+
+@pytest.mark.parametrize(
+    ("points", "movement"), [(EASTBOUND, EAST), (SOUTHBOUND, SOUTH), (PARALLEL, BESIDE), (ON_SHOULDER, SHOULDER_RIGHT)]
+)
+def test_the_movement_is_that_of_the_edges_and_the_path(points, movement):
+    assert _traversal_of(points).connection == movement
+
+
+def test_on_the_wrong_side_of_the_road_the_lines_are_the_same():
+    """From the approach lane into the opposite one 30 m before the line, back on the exit."""
+    weaving = line(
+        (RIGHT_X_M, -120.0), (RIGHT_X_M, -60.0), (-1.75, -50.0), (-1.75, 20.0), (RIGHT_X_M, 30.0), (5.25, 110)
+    )
+    traversal = _traversal_of(weaving, start_m=40.0, steps=300)
+    detour_m = 2.0 * (np.hypot(10.0, 7.0) - 10.0)
+    assert traversal.connection == STRAIGHT_LEFT
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
+    assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
+    assert traversal.centre_steps == (_step_at(100.0 + detour_m / 2.0, 40.0), _step_at(130.0 + detour_m / 2.0, 40.0))
+
+
+def test_a_vehicle_that_turns_round_is_on_its_exit_only_when_it_heads_along_it():
+    """The exit lane lies beside the approach lane: front and rear pass its beginning on the way in, too."""
+    turn = replace(NETWORK.connections[SOUTH], from_lane=NETWORK.connections[STRAIGHT_LEFT].from_lane, via=())
+    network = replace(NETWORK, connections=(*NETWORK.connections, turn))
+    there_and_back = line((LEFT_X_M, -120.0), (LEFT_X_M, -10.0), (-1.75, -10.0), (-1.75, -120.0))
+    driven = Driven(there_and_back, at_speed(START_M, SPEED_MPS, 200))
+    (traversal,) = find_traversals(hand_made(network, {EMV: driven}))
+    across_m = 10.0 + 3.5 + 10.0
+    assert traversal.connection == len(NETWORK.connections)
+    assert traversal.centre_steps == (_step_at(100.0), _step_at(100.0 + across_m))
+    assert traversal.leave_step == _step_at(100.0 + across_m + EMV_LENGTH_M / 2.0)
+
+
+def test_a_traversal_lasts_to_the_end_of_a_record_that_ends_inside():
+    traversal = _traversal_of(NORTHBOUND, steps=80)
+    assert traversal.connection == STRAIGHT
+    assert traversal.centre_steps == (_step_at(100.0), 80)
+    assert traversal.leave_step == 80
+
+
+def test_who_starts_beyond_the_line_or_stops_before_it_has_no_traversal():
+    beyond = Driven(NORTHBOUND, at_speed(99.0, SPEED_MPS, 100))
+    before = Driven(EASTBOUND, np.minimum(at_speed(70.0, SPEED_MPS, 100), 100.0 - CAR_LENGTH_M / 2.0 - 0.1))
+    assert find_traversals(hand_made(NETWORK, {EMV: beyond, 2: before})) == ()
+
+
+def test_meeting_means_the_others_centre_inside_between_front_and_rear():
+    traversal = Traversal(1, STRAIGHT, 50, 10.0, 100, (55, 95), 0, 200)
+    other = replace(traversal, actor_id=2, enter_step=0, leave_step=300)
+    meets = {(40, 50): False, (40, 51): True, (60, 70): True, (99, 120): True, (100, 120): False, (70, 70): False}
+    assert {steps: traversal.meets(replace(other, centre_steps=steps)) for steps in meets} == meets
+
+
+@pytest.mark.parametrize(("beyond", "count"), [(-1, 0), (0, 0), (1, 1), (2, 1)])
+def test_a_record_that_ends_at_the_line_has_a_traversal_from_the_first_step_with_the_centre_inside(beyond, count):
+    """The front has been over the line for six steps already."""
+    first_inside = _step_at(100.05)
+    arc_m = at_speed(START_M, SPEED_MPS, first_inside + beyond)
+    traversals = find_traversals(hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc_m)}))
+    assert [item.connection for item in traversals] == [STRAIGHT] * count
+    for traversal in traversals:
+        assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0)
+        assert traversal.leave_step == first_inside + beyond
+
+
+@pytest.mark.parametrize("steps_after", [-3, -2, -1, 0, 1, 2])
+def test_a_record_that_ends_as_the_rear_reaches_the_exit_has_the_step_of_its_rear_or_of_its_end(steps_after):
+    """The centre is on the exit lane for six steps before."""
+    reaches = _step_at(130.0 + EMV_LENGTH_M / 2.0)
+    traversal = _traversal_of(NORTHBOUND, steps=reaches + steps_after)
+    assert traversal.leave_step == min(reaches, reaches + steps_after)
+    assert traversal.exit_step == reaches + steps_after
+    assert traversal.centre_steps == (_step_at(100.0), _step_at(130.0))
+
+
+def test_the_last_time_over_the_line_counts():
+    """The front is 1 m over the line, the vehicle is put back by 30 m, and then it drives across."""
+    there, back = np.full(20, 98.0), at_speed(68.0, SPEED_MPS, 200)
+    (traversal,) = find_traversals(hand_made(NETWORK, {EMV: Driven(NORTHBOUND, np.concatenate((there, back)))}))
+    assert traversal.enter_step == 20 + _step_at(100.0 - EMV_LENGTH_M / 2.0, 68.0)
+    assert traversal.approach_step == 0
+
+
+def test_vehicles_and_their_junctions_come_by_actor_and_then_by_time():
+    """The second vehicle starts later; ids are not in the order of arrival."""
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(70.0, SPEED_MPS, 150)),
+        7: Driven(EASTBOUND, at_speed(70.0, SPEED_MPS, 150), first_step=10),
+        3: Driven(SOUTHBOUND, at_speed(60.0, SPEED_MPS, 150), first_step=30),
+    }
+    traversals = find_traversals(hand_made(NETWORK, vehicles))
+    assert [(item.actor_id, item.connection) for item in traversals] == [(EMV, STRAIGHT), (3, SOUTH), (7, EAST)]
+    assert [item.approach_step for item in traversals] == [0, 30, 10]
+    half = CAR_LENGTH_M / 2.0
+    assert [item.enter_step for item in traversals[1:]] == [
+        30 + _step_at(100.0 - half, 60.0),
+        10 + _step_at(100.0 - half),
+    ]
+    assert [item.exit_step for item in traversals] == [150, 180, 160]
+
+
+def test_who_starts_with_a_single_step_before_the_stretch_at_the_line_has_a_traversal():
+    """The search for the line begins 8 m before it; the first step is 8.1 m before it."""
+    traversal = _traversal_of(NORTHBOUND, start_m=91.9, steps=160)
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0, 91.9)
+    assert traversal.approach_step == 0
+
+
+THRESHOLDS = {"open_share_min": 0.95, "ahead_m": 90.0, "side_m": 0.2, "through_min_m": 100.0, "speed_min_mps": 5.0}
+NEEDED_M = EMV_WIDTH_M + 0.4
+
+
+def test_an_open_lane_that_the_emv_drives_through_holds():
+    verdict = rescue_lane(jam(), THRESHOLDS)
+    assert verdict.holds
+    measures = verdict.measures()
+    assert measures["open_share"] == 1.0
+    assert measures["speed_mps"] == pytest.approx(8.0, abs=0.01)
+    # The jam is 156 m between the first and the last car; 15 m, half a car and half a second on both sides count too.
+    assert measures["through_m"] == pytest.approx(152.0 + 30.0 + CAR_LENGTH_M, abs=4.0)
+    free_m = WIDTH_M + 2.0 * AT_SIDE_M - CAR_WIDTH_M
+    assert f"narrowest {free_m:.2f} m" in verdict.parts[0].detail
+    through, out = verdict.parts[1].decisive.step, verdict.parts[2].decisive.step
+    assert (out - through) * 0.05 == pytest.approx((measures["through_m"] - 100.0) / 8.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("offset_m", "is_open"), [(0.5 * (NEEDED_M - WIDTH_M + CAR_WIDTH_M), True)])
+def test_the_free_width_is_compared_with_the_emvs_and_the_margins(offset_m, is_open):
+    assert rescue_lane(jam(offset_m + 0.01, -offset_m), THRESHOLDS).measures()["open_share"] == float(is_open)
+    assert rescue_lane(jam(offset_m - 0.01, -offset_m), THRESHOLDS).measures()["open_share"] < 0.3
+
+
+def test_cars_in_the_middle_of_their_lanes_leave_no_lane_open():
+    verdict = rescue_lane(jam(0.0, 0.0), THRESHOLDS)
+    assert [part.name for part in verdict.failing] == ["open_share"]
+
+
+def test_what_counts_is_the_width_before_the_emv_comes():
+    """Cars that make way for the siren, 40 m before the EMV is there, are too late."""
+    record = jam(0.0, 0.0)
+    emv = record.track(EMV)
+    along_m, _ = Polyline.through([at(0.0, 0.0), at(LENGTH_M, 0.0)]).project(emv.xy_m)
+
+    def moved(state):
+        x_m, y_m = state.x_m.copy(), state.y_m.copy()
+        for row, (x, y) in enumerate(zip(x_m, y_m, strict=True)):
+            place_m, left_m = x * np.cos(TURN_RAD) + y * np.sin(TURN_RAD), y * np.cos(TURN_RAD) - x * np.sin(TURN_RAD)
+            if state.actor_id[row] != EMV and place_m - along_m[state.step] < 40.0:
+                x_m[row], y_m[row] = at(place_m, left_m + (AT_SIDE_M if left_m > -1.0 else -AT_SIDE_M))
+        return replace(state, x_m=x_m, y_m=y_m)
+
+    late = replace(record, states=tuple(map(moved, record.states)))
+    assert [part.name for part in rescue_lane(late, THRESHOLDS).failing] == ["open_share"]
+    assert rescue_lane(late, {**THRESHOLDS, "ahead_m": 20.0}).holds
+
+
+@pytest.mark.parametrize(("beyond_m", "counted"), [(ON_SHOULDER_M - 0.02, 0), (ON_SHOULDER_M + 0.02, 1)])
+def test_nobody_stands_on_the_hard_shoulder(beyond_m, counted):
+    edge_m = -1.5 * WIDTH_M
+    verdict = rescue_lane(jam(more=[(350.0, edge_m - beyond_m + 0.5 * CAR_WIDTH_M)]), THRESHOLDS)
+    assert verdict.measures()["on_shoulder"] == counted
+    assert verdict.holds == (counted == 0)
+    assert [moment.step for moment in verdict.parts[3].moments] == [0] * counted
+
+
+def test_a_short_way_and_a_slow_one_do_not_hold():
+    assert [part.name for part in rescue_lane(jam(), {**THRESHOLDS, "through_min_m": 300.0}).failing] == ["through_m"]
+    assert [part.name for part in rescue_lane(jam(speed_mps=4.0), THRESHOLDS).failing] == ["speed_mps"]
+
+
+def test_every_emv_has_to_get_through():
+    record = jam()
+    second = replace(record.actors[2], is_emv=True)
+    description = replace(record.description, emv_ids=(EMV, 2))
+    both = replace(record, actors={**record.actors, 2: second}, description=description)
+    assert rescue_lane(record, THRESHOLDS).holds
+    assert "EMV 2 drove 0 m" in rescue_lane(both, THRESHOLDS).text
+
+
+def test_a_road_without_a_right_neighbour_has_no_rescue_lane():
+    record = jam()
+    one = replace(record, network=motorway(1))
+    assert not rescue_lane(one, THRESHOLDS).holds
+    nowhere = replace(record, description=replace(record.description, site={}))
+    assert not rescue_lane(nowhere, THRESHOLDS).holds
+
+
+def test_cars_near_a_place_narrow_it_and_others_do_not():
+    line = Polyline.through([(0.0, 0.0), (100.0, 0.0)])
+    road = RoadView(line, -0.5 * WIDTH_M, -1.5 * WIDTH_M, ())
+    ids, zero = np.array([2, 3], np.uint32), np.zeros(2)
+    left = np.array([1.5, -3.0])
+    bodies = Bodies(ids, np.array([10.0, 30.0]), np.array([14.0, 34.0]), left - 0.9, left + 0.9, zero)
+    before, inside, between, after = free_width_m(
+        bodies, np.array([10.0 - BODY_M - 0.1, 12.0, 22.0, 34.0 + BODY_M + 0.1]), road
+    )
+    assert np.isinf([before, inside, between, after]).all(), "one side alone narrows nothing"
+    close = replace(bodies, from_m=np.array([10.0, 16.0]), to_m=np.array([14.0, 20.0]))
+    assert free_width_m(close, np.array([15.0]), road)[0] == pytest.approx(0.6 + 2.1)
+
+
+def test_bodies_are_those_of_civilians_on_this_road():
+    record = jam(more=[(350.0, 12.0), (350.0, -40.0)])
+    road = RoadView(
+        Polyline.through([at(0.0, 0.0), at(LENGTH_M, 0.0)]), -0.5 * WIDTH_M, -1.5 * WIDTH_M, ((0.0, LENGTH_M),)
+    )
+    bodies = bodies_at(record, road, 0)
+    assert bodies.actor_id.tolist() == list(range(2, 42))
+    assert bodies.to_m - bodies.from_m == pytest.approx(CAR_LENGTH_M)
+    assert bodies.left_m - bodies.right_m == pytest.approx(CAR_WIDTH_M)
+    assert EMV_LENGTH_M > CAR_LENGTH_M

@@ -10,7 +10,7 @@ import siren_ros  # noqa: F401 - its import makes the short names known
 from siren_ros.base.short_names import SHORT_NAMES, allow_short_names
 
 
-@pytest.mark.parametrize("below", ["benchmarks.sensors", "learning", "learning.task", "training.settings"])
+@pytest.mark.parametrize("below", ["benchmarks.sensors", "learning", "learning.options", "training.settings"])
 def test_a_module_is_the_same_under_both_names(below: str) -> None:
     module = import_module(f"siren_ros.{below}")
     assert module is import_module(f"siren_ros.lab.{below}")

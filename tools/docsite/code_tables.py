@@ -15,9 +15,9 @@ from docsite.house import sizes_table
 from docsite.template_tables import entries, template_table
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.data.datasets.formats import FORMATS
+from siren_ros.lab.learning.options import EnvOptions
 from siren_ros.lab.learning.rewards import TERMS
 from siren_ros.lab.learning.rollout import Seat
-from siren_ros.lab.learning.task import Task
 from siren_ros.lab.reproduction.parts import read_parts, shown_minutes
 from siren_ros.lab.reproduction.results import PartResult, read_results
 from siren_ros.reports.exam.monitors import MONITORS
@@ -314,7 +314,7 @@ TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "monitors": monitors_table,
     "rewards": rewards_table,
     "features": features_table,
-    "learning_options": partial(options_table, Task),
+    "learning_options": partial(options_table, EnvOptions),
     "checks": checks_table,
     "check_limits": partial(values_table, VerifyLimits()),
     "library": library_table,

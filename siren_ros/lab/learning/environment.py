@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
-from siren_ros.lab.learning.moment import Moment
+from siren_ros.lab.learning.base_env import BaseEnv, SeatResult
+from siren_ros.lab.learning.options import EnvOptions
 from siren_ros.lab.learning.rollout import Rollout, Seat
-from siren_ros.lab.learning.session import SeatResult, Session
-from siren_ros.lab.learning.task import Task
+from siren_ros.lab.learning.seat_state import SeatState
 from siren_ros.lab.learning.top_view import TopView, Window
 from siren_ros.running.generation.recorded_episode import RecordedEpisode
 
@@ -35,7 +35,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         Args:
             render_mode: ``rgb_array``, ``human`` or None.
             record_to: Folder to which the bag of every episode that ends is written.
-            options: Those of ``siren_ros.lab.learning.task.Task``.
+            options: Those of ``siren_ros.lab.learning.options.EnvOptions``.
 
         Raises:
             InputError: An option cannot be used.
@@ -43,11 +43,11 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if render_mode not in {None, *self.metadata["render_modes"]}:
             raise InputError("render_mode", render_mode, "rgb_array, human or None")
         self.render_mode = render_mode
-        task = Task.of(options)
-        self._session = Session(task, [self.seat], None if record_to is None else Path(record_to))
-        self.metadata = {**type(self).metadata, "render_fps": max(1, round(1.0 / task.decision_s))}  # type: ignore[misc]
-        self.observation_space = task.observation_space()
-        self.action_space = task.action_space()
+        chosen = EnvOptions.of(options)
+        self._env = BaseEnv(chosen, [self.seat], None if record_to is None else Path(record_to))
+        self.metadata = {**type(self).metadata, "render_fps": max(1, round(1.0 / chosen.decision_s))}  # type: ignore[misc]
+        self.observation_space = chosen.observation_space()
+        self.action_space = chosen.action_space()
         self._view: TopView | None = None
         self._window: Window | None = None
 
@@ -66,7 +66,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             EpisodeError: SUMO failed before the first step.
         """
         super().reset(seed=seed)
-        result = self._session.reset(seed, self.np_random, options)[self.seat]
+        result = self._env.reset(seed, self.np_random, options)[self.seat]
         self._view = None
         self._show()
         return result.observation, result.info
@@ -78,7 +78,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             InputError: The action is not one of the action space; nothing has changed then.
             EpisodeError: The episode has ended, or none has begun.
         """
-        result: SeatResult = self._session.advance({self.seat: action})[self.seat]
+        result: SeatResult = self._env.step({self.seat: action})[self.seat]
         self._show()
         return result.observation, result.reward, result.terminated, result.truncated, result.info
 
@@ -96,7 +96,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             InputError: The bag exists already or cannot be written.
             EpisodeError: No episode has begun, or the disk is full.
         """
-        return self._session.save(Path(bag))
+        return self._env.save(Path(bag))
 
     @property
     def rollout(self) -> Rollout:
@@ -105,16 +105,16 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         Raises:
             EpisodeError: No episode has begun.
         """
-        return self._session.present
+        return self._env.present
 
     @property
-    def moment(self) -> Moment:
+    def moment(self) -> SeatState:
         """The current step from the driver's view, for drivers that are not networks."""
-        return self._session.moment
+        return self._env.state
 
     def close(self) -> None:
         """End SUMO and close the window."""
-        self._session.close()
+        self._env.close()
         if self._window is not None:
             self._window.close()
             self._window = None

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from siren_ros.base.numerics.geometry import footprint_corners
-from siren_ros.lab.learning.moment import Moment
+from siren_ros.lab.learning.seat_state import SeatState
 from siren_ros.scoring.pictures.plot_parts import lane_outline
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import Lights
@@ -29,7 +29,7 @@ Raster = npt.NDArray[np.uint8]
 
 
 class RasterView:
-    """Draws the moments of one episode. Channel 0: roads and own path; 1: other vehicles; 2: EMVs and own vehicle.
+    """Draws the states of one episode. Channel 0: roads and own path; 1: other vehicles; 2: EMVs and own vehicle.
 
     Roads are 90 and the way 180; other vehicles 255; EMVs 255 with a siren and 180 without, the own vehicle 120.
     """
@@ -37,9 +37,9 @@ class RasterView:
     def __init__(self, network: RoadNetwork) -> None:
         self._roads, self._west_m, self._north_m, self._scale = _roads(network)
 
-    def draw(self, moment: Moment) -> Raster:
-        """The picture of a moment, shape ``(64, 64, 3)``."""
-        states, own = moment.sight.states, moment.sight.row
+    def draw(self, state: SeatState) -> Raster:
+        """The picture of a state, shape ``(64, 64, 3)``."""
+        states, own = state.sight.states, state.sight.row
         x, y, yaw = float(states.x_m[own]), float(states.y_m[own]), float(states.yaw_rad[own])
         cos, sin = math.cos(yaw), math.sin(yaw)
 
@@ -57,12 +57,12 @@ class RasterView:
         d, e = k * cos, k * sin
         f = (self._north_m - y) * self._scale - d * middle - e * base
         first = self._roads.transform((SIDE_PX, SIDE_PX), Image.Transform.AFFINE, (a, b, c, d, e, f))
-        way, s_m = moment.sight.way.curve, moment.sight.s_m
+        way, s_m = state.sight.way.curve, state.sight.s_m
         ahead_m = np.arange(0.0, SIDE_PX / PX_PER_M, 2.0)
         ImageDraw.Draw(first).line([tuple(point) for point in to_px(way.at(s_m + ahead_m)).tolist()], fill=_WAY)
         second, third = (Image.new("L", (SIDE_PX, SIDE_PX)) for _ in range(2))
         near = np.flatnonzero(np.hypot(states.x_m - x, states.y_m - y) < SIDE_PX / PX_PER_M)
-        bodies = [moment.sight.bodies[actor_id] for actor_id in states.actor_id[near].tolist()]
+        bodies = [state.sight.bodies[actor_id] for actor_id in states.actor_id[near].tolist()]
         sizes = (np.array([getattr(body, name) for body in bodies]) for name in ("length_m", "width_m"))
         corners = to_px(footprint_corners(states.x_m[near], states.y_m[near], states.yaw_rad[near], *sizes))
         pens = ImageDraw.Draw(second), ImageDraw.Draw(third)

@@ -10,8 +10,8 @@ from typing import Final
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import InputError
-from siren_ros.lab.learning.moment import Moment
 from siren_ros.lab.learning.rollout import Seat
+from siren_ros.lab.learning.seat_state import SeatState
 from siren_ros.simulation.world.actors import indicator_to
 
 OFF_ROAD_M: Final = 12.0
@@ -32,7 +32,7 @@ _SHORT_S: Final = 1.0
 class Term:
     """One term of the reward."""
 
-    of: Callable[[Moment], float]
+    of: Callable[[SeatState], float]
     """Computes its amount at a step."""
     unit: str
     meaning: str
@@ -42,44 +42,44 @@ class Term:
     """Reward per unit, by seat."""
 
 
-def _contact(moment: Moment) -> float:
-    return float(moment.contact)
+def _contact(state: SeatState) -> float:
+    return float(state.contact)
 
 
-def _off_road(moment: Moment) -> float:
-    return float(abs(moment.sight.left_m) > OFF_ROAD_M)
+def _off_road(state: SeatState) -> float:
+    return float(abs(state.sight.left_m) > OFF_ROAD_M)
 
 
-def _obstruction(moment: Moment) -> float:
+def _obstruction(state: SeatState) -> float:
     stuck = False
-    for siren in moment.sight.sirens:
-        apart_m = 0.5 * (moment.sight.body.width_m + moment.sight.bodies[siren.actor_id].width_m)
+    for siren in state.sight.sirens:
+        apart_m = 0.5 * (state.sight.body.width_m + state.sight.bodies[siren.actor_id].width_m)
         close = siren.behind and 0.0 < siren.gap_m <= _STUCK_GAP_M and abs(siren.left_m) < apart_m
         stuck = stuck or (close and siren.speed_mps < _STUCK_MPS)
     return STEP_S * stuck
 
 
-def _junction(moment: Moment) -> float:
-    stands = moment.sight.in_junction and moment.sight.speed_mps < _STANDS_MPS
-    return STEP_S * (stands and any(siren.behind for siren in moment.sight.sirens))
+def _junction(state: SeatState) -> float:
+    stands = state.sight.in_junction and state.sight.speed_mps < _STANDS_MPS
+    return STEP_S * (stands and any(siren.behind for siren in state.sight.sirens))
 
 
-def _red_line(moment: Moment) -> float:
-    return float(moment.red_lines)
+def _red_line(state: SeatState) -> float:
+    return float(state.red_lines)
 
 
-def _indicator(moment: Moment) -> float:
-    rate_mps = (moment.sight.left_m - moment.before.left_m) / STEP_S
-    shown = int(moment.sight.states.lights[moment.sight.row]) & indicator_to(rate_mps)
-    return STEP_S * (abs(rate_mps) > _ASIDE_MPS and not shown and not moment.sight.in_junction)
+def _indicator(state: SeatState) -> float:
+    rate_mps = (state.sight.left_m - state.before.left_m) / STEP_S
+    shown = int(state.sight.states.lights[state.sight.row]) & indicator_to(rate_mps)
+    return STEP_S * (abs(rate_mps) > _ASIDE_MPS and not shown and not state.sight.in_junction)
 
 
-def _braking(moment: Moment) -> float:
-    return STEP_S * max(-float(moment.sight.states.accel_mps2[moment.sight.row]) - _GENTLE_MPS2, 0.0)
+def _braking(state: SeatState) -> float:
+    return STEP_S * max(-float(state.sight.states.accel_mps2[state.sight.row]) - _GENTLE_MPS2, 0.0)
 
 
-def _short_time(moment: Moment) -> float:
-    sight, short = moment.sight, False
+def _short_time(state: SeatState) -> float:
+    sight, short = state.sight, False
     for other in sight.others:
         closing_mps = sight.speed_mps - other.speed_mps
         in_line = abs(other.left_m - sight.left_m) < other.half_width_m + 0.5 * sight.width_m
@@ -87,16 +87,16 @@ def _short_time(moment: Moment) -> float:
     return STEP_S * short
 
 
-def _emv_delay(moment: Moment) -> float:
-    if moment.emv_row is None:
+def _emv_delay(state: SeatState) -> float:
+    if state.emv_row is None:
         return 0.0
-    vx, vy = moment.sight.states.vx_mps[moment.emv_row], moment.sight.states.vy_mps[moment.emv_row]
-    return STEP_S * max(1.0 - float((vx * vx + vy * vy) ** 0.5) / moment.emv_wanted_mps, 0.0)
+    vx, vy = state.sight.states.vx_mps[state.emv_row], state.sight.states.vy_mps[state.emv_row]
+    return STEP_S * max(1.0 - float((vx * vx + vy * vy) ** 0.5) / state.emv_wanted_mps, 0.0)
 
 
-def _progress(moment: Moment) -> float:
-    limit_mps = float(moment.sight.way.limit_mps[moment.sight.way.row(moment.sight.s_m)])
-    return (moment.sight.s_m - moment.before.s_m) / limit_mps
+def _progress(state: SeatState) -> float:
+    limit_mps = float(state.sight.way.limit_mps[state.sight.way.row(state.sight.s_m)])
+    return (state.sight.s_m - state.before.s_m) / limit_mps
 
 
 def _weights(civilian: float, emv: float) -> Mapping[Seat, float]:
@@ -130,6 +130,6 @@ def weights_of(seat: Seat, changes: Mapping[str, float] | None = None) -> Mappin
     return {name: term.weights[seat] for name, term in TERMS.items()} | dict(changes or {})
 
 
-def terms_of(moment: Moment) -> dict[str, float]:
-    """The amount of every term at a moment."""
-    return {name: term.of(moment) for name, term in TERMS.items()}
+def terms_of(state: SeatState) -> dict[str, float]:
+    """The amount of every term at a state."""
+    return {name: term.of(state) for name, term in TERMS.items()}

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import ClassVar, Final, Self, cast
@@ -32,14 +32,6 @@ _TAKES_TURNS: Final = (
     "two environments of one process take turns with SUMO, of which a process has one: at each turn the episode is "
     "simulated again up to its present step; AsyncVectorEnv and SubprocVecEnv give each a process of its own"
 )
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A step from the drivers' view; left-hand traffic is mirrored."""
-
-    step: LoopStep
-    states: ActorStates
 
 
 class Rollout:
@@ -85,10 +77,10 @@ class Rollout:
         return len(self.steps) == self.length
 
     @property
-    def scene(self) -> Scene:
-        """The current step."""
-        step = self.steps[-1]
-        return Scene(step, mirror_image(step.states) if self.setup.network.left_hand else step.states)
+    def states(self) -> ActorStates:
+        """States of the current step from the drivers' view; left-hand traffic is mirrored."""
+        states = self.steps[-1].states
+        return mirror_image(states) if self.setup.network.left_hand else states
 
     def actor_of(self, seat: Seat) -> int:
         """Id of the actor in a seat."""

@@ -11,9 +11,9 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from siren_ros.errors import InputError
+from siren_ros.lab.learning.base_env import BaseEnv, SeatResult
+from siren_ros.lab.learning.options import EnvOptions
 from siren_ros.lab.learning.rollout import Seat
-from siren_ros.lab.learning.session import SeatResult, Session
-from siren_ros.lab.learning.task import Task
 from siren_ros.lab.learning.top_view import TopView
 from siren_ros.running.generation.recorded_episode import RecordedEpisode
 
@@ -43,7 +43,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
             drivers: The seats with a driver.
             render_mode: ``rgb_array`` or None.
             record_to: Folder to which the bag of every episode that ends is written.
-            options: Those of ``siren_ros.lab.learning.task.Task``.
+            options: Those of ``siren_ros.lab.learning.options.EnvOptions``.
 
         Raises:
             InputError: An option cannot be used.
@@ -53,12 +53,12 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         if render_mode not in {None, *self.metadata["render_modes"]}:
             raise InputError("render_mode", render_mode, "rgb_array or None")
         self.render_mode = render_mode
-        task = Task.of(options)
-        self._session = Session(task, [Seat(seat) for seat in drivers], None if record_to is None else Path(record_to))
+        chosen = EnvOptions.of(options)
+        self._env = BaseEnv(chosen, [Seat(seat) for seat in drivers], None if record_to is None else Path(record_to))
         self.possible_agents = [str(seat) for seat in drivers]
         self.agents: list[str] = []
-        self.observation_spaces = {seat: task.observation_space() for seat in self.possible_agents}
-        self.action_spaces = {seat: task.action_space() for seat in self.possible_agents}
+        self.observation_spaces = {seat: chosen.observation_space() for seat in self.possible_agents}
+        self.action_spaces = {seat: chosen.action_space() for seat in self.possible_agents}
         self._random, _ = seeding.np_random(None)
         self._view: TopView | None = None
 
@@ -81,7 +81,7 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         """
         if seed is not None:
             self._random, _ = seeding.np_random(seed)
-        results = self._session.reset(seed, self._random, options)
+        results = self._env.reset(seed, self._random, options)
         self.agents, self._view = list(self.possible_agents), None
         return (
             {str(seat): result.observation for seat, result in results.items()},
@@ -97,24 +97,24 @@ class SeveralSeatsEnv(ParallelEnv[str, npt.NDArray[Any], Any]):
         """
         if strangers := sorted(set(actions) - set(self.possible_agents)):
             raise InputError("actions", ", ".join(strangers), f"an action of each driver: {', '.join(self.agents)}")
-        results = self._session.advance({Seat(seat): action for seat, action in actions.items()})
+        results = self._env.step({Seat(seat): action for seat, action in actions.items()})
         self.agents = [str(seat) for seat, result in results.items() if not (result.terminated or result.truncated)]
         parts = ("observation", "reward", "terminated", "truncated", "info")
         return tuple({str(seat): getattr(result, part) for seat, result in results.items()} for part in parts)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Picture from above around the first seat, shape ``(400, 640, 3)``; None without ``rgb_array``."""
-        rollout = self._session.rollout
+        rollout = self._env.rollout
         if self.render_mode is None or rollout is None:
             return None
         if self._view is None:
             self._view = TopView(rollout.setup.network)
-        return self._view.draw(rollout.steps[-1], rollout.actors, self._session.moment.sight.body.actor_id)
+        return self._view.draw(rollout.steps[-1], rollout.actors, self._env.state.sight.body.actor_id)
 
     def save(self, bag: str | Path) -> RecordedEpisode:
         """Write the bag of the current episode, as ``SeatEnv.save``."""
-        return self._session.save(Path(bag))
+        return self._env.save(Path(bag))
 
     def close(self) -> None:
         """End SUMO."""
-        self._session.close()
+        self._env.close()

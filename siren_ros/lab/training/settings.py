@@ -78,11 +78,11 @@ class DriverFit(FitSettings):
     """Passes over all imitated decisions, in each round."""
     widths: tuple[int, ...] = (64, 64)
     episodes: tuple[int, ...] = (36, 12, 12)
-    """Episodes of each round. In the first round only teachers drive, later the driver too."""
+    """Episodes of each round. In the first round only experts drive, later the driver too."""
     tries: int = 2
     """Drives of each episode in which the driver also tries other manoeuvres."""
     temperature: float = 1.0
-    """Temperature of these drives (``Pupil``)."""
+    """Temperature of these drives (``NetworkPolicy``)."""
     violation: float = 3.0
     """Reward that a violated clause costs."""
     margin: float = 0.25

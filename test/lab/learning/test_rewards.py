@@ -6,7 +6,7 @@ pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 
 import numpy as np
 from hand_made_record import NORTHBOUND, Driven, at_speed
-from made_moment import WANTED_MPS, moment_of
+from made_seat_state import WANTED_MPS, state_of
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import InputError
@@ -16,14 +16,14 @@ from siren_ros.simulation.world.actors import Lights
 
 
 def test_a_quiet_step_has_progress_and_the_delay_of_the_emv_alone() -> None:
-    terms = terms_of(moment_of(own_mps=10.0, emv_mps=9.0))
+    terms = terms_of(state_of(own_mps=10.0, emv_mps=9.0))
     assert terms.pop("progress") == pytest.approx(10.0 * STEP_S / 13.9)
     assert terms.pop("emv_delay") == pytest.approx(STEP_S * (1.0 - 9.0 / WANTED_MPS))
     assert set(terms.values()) == {0.0}
 
 
 def test_an_emv_that_is_faster_than_it_wants_to_be_has_no_delay() -> None:
-    assert terms_of(moment_of(emv_mps=WANTED_MPS + 1.0))["emv_delay"] == 0.0
+    assert terms_of(state_of(emv_mps=WANTED_MPS + 1.0))["emv_delay"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -40,15 +40,15 @@ def test_an_emv_is_stuck_that_creeps_close_behind_in_line(
     gap_m: float, speed_mps: float, aside_m: float, stuck: bool
 ) -> None:
     own_m = 20.0 + 0.5 * (6.0 + 4.0) + gap_m
-    moment = moment_of(own_m=own_m, own_mps=speed_mps, emv_mps=speed_mps, aside_m=(aside_m, aside_m))
-    assert terms_of(moment)["obstruction"] == pytest.approx(STEP_S * stuck)
+    state = state_of(own_m=own_m, own_mps=speed_mps, emv_mps=speed_mps, aside_m=(aside_m, aside_m))
+    assert terms_of(state)["obstruction"] == pytest.approx(STEP_S * stuck)
 
 
 def test_standing_in_a_junction_counts_while_a_siren_comes() -> None:
-    stands = moment_of(own_m=115.0, own_mps=0.0)
+    stands = state_of(own_m=115.0, own_mps=0.0)
     assert terms_of(stands)["junction"] == STEP_S
-    assert terms_of(moment_of(own_m=115.0, own_mps=2.0))["junction"] == 0.0
-    assert terms_of(moment_of(own_m=90.0, own_mps=0.0))["junction"] == 0.0
+    assert terms_of(state_of(own_m=115.0, own_mps=2.0))["junction"] == 0.0
+    assert terms_of(state_of(own_m=90.0, own_mps=0.0))["junction"] == 0.0
     silent = replace(stands, sight=replace(stands.sight, sirens=()))
     assert terms_of(silent)["junction"] == 0.0
 
@@ -65,29 +65,29 @@ def test_standing_in_a_junction_counts_while_a_siren_comes() -> None:
     ],
 )
 def test_a_move_to_the_side_needs_the_indicator_of_that_side(rate_mps: float, light: Lights, counts: bool) -> None:
-    moment = moment_of(aside_m=(0.0, rate_mps * STEP_S), lights=int(light))
-    assert terms_of(moment)["indicator"] == pytest.approx(STEP_S * counts)
+    state = state_of(aside_m=(0.0, rate_mps * STEP_S), lights=int(light))
+    assert terms_of(state)["indicator"] == pytest.approx(STEP_S * counts)
 
 
 def test_braking_counts_beyond_4_mps2() -> None:
-    moment = moment_of()
+    state = state_of()
     for accel_mps2, amount in ((-7.0, 3.0 * STEP_S), (-4.0, 0.0), (3.0, 0.0)):
-        states = replace(moment.sight.states, accel_mps2=np.array([0.0, accel_mps2]))
-        assert terms_of(replace(moment, sight=replace(moment.sight, states=states)))["braking"] == pytest.approx(amount)
+        states = replace(state.sight.states, accel_mps2=np.array([0.0, accel_mps2]))
+        assert terms_of(replace(state, sight=replace(state.sight, states=states)))["braking"] == pytest.approx(amount)
 
 
 @pytest.mark.parametrize(("gap_m", "short"), [(4.9, True), (5.1, False)])
 def test_the_time_to_collision_is_short_below_one_second(gap_m: float, short: bool) -> None:
     ahead = {3: Driven(NORTHBOUND, at_speed(50.0 + 4.0 + gap_m + 0.25, 5.0, 2))}  # the own one comes 0.25 m nearer
-    assert terms_of(moment_of(others=ahead))["short_time"] == pytest.approx(STEP_S * short)
+    assert terms_of(state_of(others=ahead))["short_time"] == pytest.approx(STEP_S * short)
 
 
 def test_events_and_leaving_the_road_count_once() -> None:
-    moment = replace(moment_of(), contact=True, red_lines=2)
-    assert terms_of(moment)["contact"] == 1.0
-    assert terms_of(moment)["red_line"] == 2.0
-    assert terms_of(moment_of(aside_m=(12.1, 12.1)))["off_road"] == 1.0
-    assert terms_of(moment_of(aside_m=(-11.9, -11.9)))["off_road"] == 0.0
+    state = replace(state_of(), contact=True, red_lines=2)
+    assert terms_of(state)["contact"] == 1.0
+    assert terms_of(state)["red_line"] == 2.0
+    assert terms_of(state_of(aside_m=(12.1, 12.1)))["off_road"] == 1.0
+    assert terms_of(state_of(aside_m=(-11.9, -11.9)))["off_road"] == 0.0
 
 
 def test_every_term_but_progress_is_no_reward() -> None:

@@ -1,6 +1,6 @@
 """Trains a driver for the civilian's seat that imitates the best of several drives of each episode.
 
-In the first round teachers drive, in later ones the driver itself too, also with manoeuvres that it would not choose:
+In the first round experts drive, in later ones the driver itself too, also with manoeuvres that it would not choose:
 what goes better than before is imitated (reward-ranked imitation).
 """
 
@@ -18,16 +18,16 @@ from torch import Tensor, nn
 from siren_ros.base.params.network_file import write_network
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.errors import InputError
-from siren_ros.lab.learning.practice import TEACHERS, Layers, Practice, Pupil, best_of, practised
-from siren_ros.lab.learning.task import Task
+from siren_ros.lab.learning.imitation import EXPERTS, Layers, NetworkPolicy, Trajectory, best_of, roll_out
+from siren_ros.lab.learning.options import EnvOptions
 from siren_ros.lab.training.fitting.descent import Descent, exported
 from siren_ros.lab.training.settings import DriverFit
 from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT
 from siren_ros.running.seat.features import SIZE
 from siren_ros.running.seat.manoeuvres import Manoeuvre
 
-Drive = tuple[Task, int, str, Layers, float]
-"""A drive: the episode's task and seed, the teacher (or empty), the driver's network and its temperature."""
+Drive = tuple[EnvOptions, int, str, Layers, float]
+"""A drive: the environment's options, the seed, the expert (or empty), the driver's network and its temperature."""
 
 
 def trained_driver(path: Path, config: DriverFit, processes: int, report: Callable[[str], None]) -> Mapping[str, Any]:
@@ -47,7 +47,7 @@ def trained_driver(path: Path, config: DriverFit, processes: int, report: Callab
     """
     torch.set_num_threads(1)
     began_s, rounds = time.monotonic(), list[dict[str, float]]()
-    cells, imitated, network = _cells(config), list[tuple[Practice, float]](), _network(config)
+    cells, imitated, network = _cells(config), list[tuple[Trajectory, float]](), _network(config)
     with ProcessPool(processes) as pool:
         for number, count in enumerate(config.episodes):
             chosen = list(islice(cells, count))
@@ -58,53 +58,53 @@ def trained_driver(path: Path, config: DriverFit, processes: int, report: Callab
             best = [one for one in found if one is not None]
             if not best:
                 raise InputError("templates", ", ".join(config.templates), "templates of which an episode can be made")
-            for practice, scores in best:
-                gap = (practice.score(config.violation) - scores.mean()) / config.full_gap
-                imitated.append((practice, float(np.clip(gap, config.least_weight, 1.0))))
+            for trajectory, scores in best:
+                gap = (trajectory.score(config.violation) - scores.mean()) / config.full_gap
+                imitated.append((trajectory, float(np.clip(gap, config.least_weight, 1.0))))
             network = _imitating(imitated, config)
             means = np.mean([row for _, row in best], axis=0).tolist()
-            names = [*TEACHERS, *(["pupil"] + ["tries"] * config.tries if number else [])]
+            names = [*EXPERTS, *(["pupil"] + ["tries"] * config.tries if number else [])]
             rounds.append({"episodes": len(best), "best": float(np.mean([row.max() for _, row in best]))})
             for name, score in zip(names, means, strict=True):
                 rounds[-1][name] = max(score, rounds[-1].get(name, -np.inf))
             report(f"round {number + 1}: " + ", ".join(f"{key} {value:.2f}" for key, value in rounds[-1].items()))
     free = {INPUT: "episodes", OUTPUT: "episodes"}
     fitted = exported(network, network, (torch.zeros(1, SIZE),), [INPUT], [OUTPUT], free)
-    task = asdict(Task(**config.task))
+    task = asdict(EnvOptions(**config.task))
     minutes = (time.monotonic() - began_s) / 60.0
     card = fitted.card(config, kind="driver", task=task, minutes=minutes, processes=processes, rounds=rounds)
     write_network(path, fitted.onnx, card)
     return card
 
 
-def drive(one: Drive) -> Practice | None:
+def drive(one: Drive) -> Trajectory | None:
     """Drive an episode; it runs in a process of the training."""
-    task, seed, teacher, layers, temperature = one
+    options, seed, expert, layers, temperature = one
     tried = round(1000.0 * temperature)
-    choose = TEACHERS[teacher] if teacher else Pupil(layers, temperature, np.random.default_rng((seed, tried)))
-    return practised(task, seed, choose)
+    policy = EXPERTS[expert] if expert else NetworkPolicy(layers, temperature, np.random.default_rng((seed, tried)))
+    return roll_out(options, seed, policy)
 
 
-def _cells(config: DriverFit) -> Iterator[tuple[Task, int]]:
+def _cells(config: DriverFit) -> Iterator[tuple[EnvOptions, int]]:
     """Endless sequence of episodes: by template and level, with the next seeds."""
-    first, after = Task(**config.task).seeds
+    first, after = EnvOptions(**config.task).seeds
     seeds = cycle(range(first, after))
     for level in cycle(config.levels):
         for template in config.templates:
-            yield Task(**{**config.task, "template": template, "level": level}), next(seeds)
+            yield EnvOptions(**{**config.task, "template": template, "level": level}), next(seeds)
 
 
-def _drives(task: Task, seed: int, network: nn.Sequential | None, config: DriverFit) -> list[Drive]:
+def _drives(options: EnvOptions, seed: int, network: nn.Sequential | None, config: DriverFit) -> list[Drive]:
     """All drives of an episode, preferred ones first."""
-    drives: list[Drive] = [(task, seed, teacher, (), 0.0) for teacher in TEACHERS]
+    drives: list[Drive] = [(options, seed, expert, (), 0.0) for expert in EXPERTS]
     if network is not None:
         layers = tuple(
             (layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy())
             for layer in network
             if isinstance(layer, nn.Linear)
         )
-        drives.append((task, seed, "", layers, 0.0))
-        drives += [(task, seed, "", layers, config.temperature * (1.0 + 0.25 * k)) for k in range(config.tries)]
+        drives.append((options, seed, "", layers, 0.0))
+        drives += [(options, seed, "", layers, config.temperature * (1.0 + 0.25 * k)) for k in range(config.tries)]
     return drives
 
 
@@ -116,12 +116,12 @@ def _network(config: DriverFit) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
-def _imitating(imitated: list[tuple[Practice, float]], config: DriverFit) -> nn.Sequential:
+def _imitating(imitated: list[tuple[Trajectory, float]], config: DriverFit) -> nn.Sequential:
     """Fit a network to the imitated decisions, weighted by episode; rare manoeuvres get more weight (square root)."""
     network = _network(config)
-    observations = torch.as_tensor(np.concatenate([practice.observations for practice, _ in imitated]))
-    actions = torch.as_tensor(np.concatenate([practice.actions for practice, _ in imitated]))
-    of_episode = np.concatenate([np.full(len(practice.actions), weight) for practice, weight in imitated])
+    observations = torch.as_tensor(np.concatenate([trajectory.observations for trajectory, _ in imitated]))
+    actions = torch.as_tensor(np.concatenate([trajectory.actions for trajectory, _ in imitated]))
+    of_episode = np.concatenate([np.full(len(trajectory.actions), weight) for trajectory, weight in imitated])
     weights = torch.as_tensor(of_episode, dtype=torch.float32)
     counts = torch.bincount(actions, minlength=len(Manoeuvre)).clamp(min=1).float()
     weights *= (len(actions) / counts).sqrt()[actions]

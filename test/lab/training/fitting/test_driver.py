@@ -12,7 +12,7 @@ from recorded_episode import quick_template
 
 from siren_ros.errors import InputError
 from siren_ros.lab.learning.environment import YieldEnv
-from siren_ros.lab.learning.practice import pulls_over
+from siren_ros.lab.learning.imitation import pulls_over
 from siren_ros.lab.training.fitting.driver import trained_driver
 from siren_ros.lab.training.settings import DriverFit
 from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT, open_driver
@@ -45,7 +45,7 @@ def test_it_imitates_the_best_and_drives_too_after_the_first_round(tmp_path: Pat
 def test_a_network_can_learn_what_a_rule_does(tmp_path: Path) -> None:
     s2 = quick_template("S2")
     config = DriverFit(episodes=(2,), passes=200, templates=(s2,), levels=(2,), violation=0.0, margin=1e9, task=TASK)
-    trained_driver(tmp_path / "driver.onnx", config, 1, lambda _: None)  # the first teacher is always the best
+    trained_driver(tmp_path / "driver.onnx", config, 1, lambda _: None)  # the first expert is always the best
     driver = open_driver(tmp_path / "driver.onnx")
     env, same, pulled = YieldEnv(template=s2, level=2, **TASK), [], []
     observation, _ = env.reset(seed=0)

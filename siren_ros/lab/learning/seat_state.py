@@ -1,10 +1,10 @@
-"""What a driver experiences between two steps: the basis of observations and rewards."""
+"""The state of a seat at a step: the basis of observations and rewards."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from siren_ros.lab.learning.rollout import Rollout, Scene, Seat
+from siren_ros.lab.learning.rollout import Rollout, Seat
 from siren_ros.running.seat.sight import Sight, sight_of
 from siren_ros.running.seat.way import Way
 from siren_ros.simulation.traffic.demand.demand import av_way, way_of
@@ -13,8 +13,8 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 
 @dataclass(frozen=True)
-class Moment:
-    """One step from a driver's view; left-hand traffic is mirrored."""
+class SeatState:
+    """What a driver sees at a step, and what has happened since the step before; left-hand traffic is mirrored."""
 
     sight: Sight
     before: Sight
@@ -49,30 +49,30 @@ class SeatView:
         curve = av_way(network, setup.plan) if seat is Seat.CIVILIAN else way_of(network, setup.plan.emvs[0])
         self.actor_id = rollout.actor_of(seat)
         self.way = Way.of(network, curve)
-        self._actors = rollout.actors
+        self._rollout = rollout
         self._emv_id = rollout.actor_of(Seat.EMV)
         self._emv_wanted_mps = float(setup.description.template_values["emv.speed_mps"])
-        self._last: Moment | None = None
+        self._last: SeatState | None = None
 
-    def look(self, scene: Scene) -> Moment | None:
-        """View of a step; None if the vehicle has left the map."""
-        states, signals = scene.states, scene.step.traffic.signals
+    def look(self) -> SeatState | None:
+        """State at the rollout's current step; None if the vehicle has left the map."""
+        step, states = self._rollout.steps[-1], self._rollout.states
         row = int(np.searchsorted(states.actor_id, self.actor_id))
         if self.actor_id == NO_ACTOR or row == len(states) or states.actor_id[row] != self.actor_id:
             return None
         at_m = 0.0 if self._last is None else self._last.sight.s_m
-        sight = sight_of(states, signals, self._actors, self.actor_id, self.way, at_m)
+        sight = sight_of(states, step.traffic.signals, self._rollout.actors, self.actor_id, self.way, at_m)
         before = sight if self._last is None else self._last.sight
         touched = any(
             event.kind is EventKind.COLLISION and self.actor_id in {event.actor_id, event.other_id}
-            for event in scene.step.events
+            for event in step.events
         )
-        colours = {signal.signal_id: signal.state for signal in signals}
+        colours = {signal.signal_id: signal.state for signal in step.traffic.signals}
         crossed = [
             line.connection
             for line in self.way.lines
             if before.s_m < line.at_m - 0.5 * sight.length_m <= sight.s_m
             and line.connection.letter_in(colours.get(line.connection.signal_id or "", "")) in {"r", "R"}
         ]
-        self._last = Moment(sight, before, self._emv_id, self._emv_wanted_mps, touched, len(crossed))
+        self._last = SeatState(sight, before, self._emv_id, self._emv_wanted_mps, touched, len(crossed))
         return self._last

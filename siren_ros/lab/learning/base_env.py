@@ -11,11 +11,11 @@ import numpy.typing as npt
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.bag_folder import default_bag_path_of
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.lab.learning.moment import Moment, SeatView
+from siren_ros.lab.learning.options import Action, EnvOptions, Observation
 from siren_ros.lab.learning.raster import RasterView
 from siren_ros.lab.learning.rewards import OFF_ROAD_M, TERMS, terms_of, weights_of
 from siren_ros.lab.learning.rollout import Rollout, Seat
-from siren_ros.lab.learning.task import Action, Observation, Task
+from siren_ros.lab.learning.seat_state import SeatState, SeatView
 from siren_ros.reports.exam.grading import examine
 from siren_ros.reports.exam.rulebook import load_rulebook
 from siren_ros.running.generation.closed_loop import record_of
@@ -45,51 +45,51 @@ class SeatResult:
 class _Driver:
     """One driver in an episode."""
 
-    def __init__(self, task: Task, rollout: Rollout, seat: Seat) -> None:
-        self.seat, self.view, self._task = seat, SeatView(rollout, seat), task
-        self.weights = weights_of(seat, task.rewards)
+    def __init__(self, options: EnvOptions, rollout: Rollout, seat: Seat) -> None:
+        self.seat, self.view, self._options = seat, SeatView(rollout, seat), options
+        self.weights = weights_of(seat, options.rewards)
         self.aim = Aim()
-        self._raster = RasterView(rollout.network) if task.observation == Observation.RASTER else None
+        self._raster = RasterView(rollout.network) if options.observation == Observation.RASTER else None
         self._vehicles = load_vehicle_parameters(rollout.setup.description.files)
-        moment = self.view.look(rollout.scene)
-        if moment is None:
+        state = self.view.look()
+        if state is None:
             raise EpisodeError(f"nobody is in the seat {seat} at the first step")
-        self.moment: Moment = moment
+        self.state: SeatState = state
         self.ended = ""
         """Why the driver's episode has ended; empty before."""
 
     def decide(self, action: Any) -> None:
         """Take an action: a manoeuvre sets an aim, pedals stay for the following steps."""
         self._action = action
-        if self._task.action == Action.MANOEUVRE:
-            self.aim = aim_of(self.aim, Manoeuvre(int(np.asarray(action).item())), self.moment.sight)
+        if self._options.action == Action.MANOEUVRE:
+            self.aim = aim_of(self.aim, Manoeuvre(int(np.asarray(action).item())), self.state.sight)
 
     def control(self) -> AvControl:
         """Control of the vehicle at the current step."""
-        sight = self.moment.sight
-        if self._task.action == Action.MANOEUVRE:
-            return by_manoeuvre(self.aim, sight, self.moment.emv_wanted_mps if sight.body.is_emv else None)
+        sight = self.state.sight
+        if self._options.action == Action.MANOEUVRE:
+            return by_manoeuvre(self.aim, sight, self.state.emv_wanted_mps if sight.body.is_emv else None)
         return by_pedals(np.asarray(self._action, np.float32), sight, self._vehicles)
 
-    def look(self, rollout: Rollout) -> dict[str, float]:
+    def look(self) -> dict[str, float]:
         """Process the simulated step; returns the amounts of the reward's terms."""
-        moment = self.view.look(rollout.scene)
-        if moment is None:
+        state = self.view.look()
+        if state is None:
             self.ended = "arrived"
             return dict.fromkeys(TERMS, 0.0)
-        self.moment = moment
-        terms = terms_of(moment)
-        if moment.contact:
+        self.state = state
+        terms = terms_of(state)
+        if state.contact:
             self.ended = "contact"
-        elif abs(moment.sight.left_m) > OFF_ROAD_M:
+        elif abs(state.sight.left_m) > OFF_ROAD_M:
             self.ended = "off_road"
-        elif moment.sight.s_m > self.view.way.curve.length_m - _END_M:
+        elif state.sight.s_m > self.view.way.curve.length_m - _END_M:
             self.ended = "arrived"
         return terms
 
     def observe(self) -> npt.NDArray[Any]:
         """Observation at the last step at which the vehicle was present."""
-        return features_of(self.moment.sight) if self._raster is None else self._raster.draw(self.moment)
+        return features_of(self.state.sight) if self._raster is None else self._raster.draw(self.state)
 
 
 def _simulate(
@@ -109,33 +109,33 @@ def _simulate(
         except EpisodeError as error:
             return str(error)
         for seat, driver in driving.items():
-            for name, amount in driver.look(rollout).items():
+            for name, amount in driver.look().items():
                 sums[seat][name] += amount
     return ""
 
 
-class Session:
-    """Runs episodes of a task one after the other, with drivers in some seats."""
+class BaseEnv:
+    """Runs episodes one after the other, with drivers in some seats."""
 
-    def __init__(self, task: Task, seats: Sequence[Seat], record_to: Path | None = None) -> None:
+    def __init__(self, options: EnvOptions, seats: Sequence[Seat], record_to: Path | None = None) -> None:
         """Check the options.
 
         Raises:
             InputError: An option cannot be used.
         """
         self.seats = tuple(seats)
-        self._own = task
+        self._own = options
         """Of episodes that are begun without options."""
         self._record_to = record_to
-        self._take_up(task)
+        self._take_up(options)
         self._drivers: dict[Seat, _Driver] = {}
         self.rollout: Rollout | None = None
 
-    def _take_up(self, task: Task) -> None:
+    def _take_up(self, options: EnvOptions) -> None:
         for seat in self.seats:
-            weights_of(seat, task.rewards)
-        self._rulebook = load_rulebook(task.rulebook) if task.rulebook else None
-        self.task = task
+            weights_of(seat, options.rewards)
+        self._rulebook = load_rulebook(options.rulebook) if options.rulebook else None
+        self.options = options
 
     def reset(
         self, seed: int | None, random: np.random.Generator, options: Mapping[str, Any] | None = None
@@ -145,7 +145,7 @@ class Session:
         Args:
             seed: Of the episode.
             random: Draws seeds.
-            options: Fields of ``Task`` in place of the environment's, for this episode alone.
+            options: Fields of ``EnvOptions`` in place of the environment's, for this episode alone.
 
         Raises:
             InputError: An option or the request cannot be used.
@@ -155,7 +155,7 @@ class Session:
         self.close()
         tries = 1 if seed is not None else _TRIES
         for left in reversed(range(tries)):
-            drawn = int(random.integers(*self.task.seeds)) if seed is None else seed
+            drawn = int(random.integers(*self.options.seeds)) if seed is None else seed
             try:
                 self._begin(drawn)
                 break
@@ -169,10 +169,10 @@ class Session:
         }
 
     def _begin(self, seed: int) -> None:
-        self.rollout = Rollout(self.task.request(seed, with_av=Seat.CIVILIAN in self.seats))
-        self._drivers = {seat: _Driver(self.task, self.rollout, seat) for seat in self.seats}
+        self.rollout = Rollout(self.options.request(seed, with_av=Seat.CIVILIAN in self.seats))
+        self._drivers = {seat: _Driver(self.options, self.rollout, seat) for seat in self.seats}
 
-    def advance(self, actions: Mapping[Seat, Any]) -> dict[Seat, SeatResult]:
+    def step(self, actions: Mapping[Seat, Any]) -> dict[Seat, SeatResult]:
         """Simulate until the next decision; returns results for drivers that had not ended before.
 
         Raises:
@@ -188,11 +188,11 @@ class Session:
         for seat in active:
             if seat not in actions:
                 raise InputError("actions", ", ".join(actions), f"an action of each driver: {', '.join(active)}")
-            self.task.check_action(actions[seat])
+            self.options.check_action(actions[seat])
         for seat, driver in active.items():
             driver.decide(actions[seat])
         sums = {seat: dict.fromkeys(TERMS, 0.0) for seat in active}
-        failure = _simulate(rollout, active, sums, self.task.steps_per_decision)
+        failure = _simulate(rollout, active, sums, self.options.steps_per_decision)
         for driver in active.values():
             driver.ended = driver.ended or ("failed" if failure else "time" if rollout.over else "")
         whole = all(driver.ended for driver in self._drivers.values())
@@ -241,9 +241,9 @@ class Session:
         return self.rollout
 
     @property
-    def moment(self) -> Moment:
-        """The current moment of the first seat."""
-        return self._drivers[self.seats[0]].moment
+    def state(self) -> SeatState:
+        """The current state of the first seat."""
+        return self._drivers[self.seats[0]].state
 
     def save(self, bag: Path) -> RecordedEpisode:
         """Write the bag of the current episode up to its current step, as ``Rollout.save``."""

@@ -47,7 +47,7 @@ def _refuse_unknown(options: Mapping[str, Any], known: Collection[str]) -> None:
 
 
 @dataclass(frozen=True)
-class Task:
+class EnvOptions:
     """The options of an environment.
 
     Raises:
@@ -95,13 +95,13 @@ class Task:
             raise InputError("seeds", self.seeds, "the first seed and the one after the last")
 
     @classmethod
-    def of(cls, options: Mapping[str, Any]) -> "Task":
-        """Make a task from options; InputError also for an unknown option."""
+    def of(cls, options: Mapping[str, Any]) -> "EnvOptions":
+        """Add the defaults of the other options; InputError also for an unknown option."""
         _refuse_unknown(options, [*cls.__dataclass_fields__])
         return cls(**options)
 
-    def changed(self, options: Mapping[str, Any]) -> "Task":
-        """The task for one episode, with options of its reset.
+    def changed(self, options: Mapping[str, Any]) -> "EnvOptions":
+        """The options of one episode, with those of its reset.
 
         Raises:
             InputError: An option does not exist, cannot be used, or would change a space.

@@ -3,31 +3,31 @@ import pytest
 pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 
 import numpy as np
-from made_moment import moment_of
+from made_seat_state import state_of
 from recorded_episode import quick_template
 
-from siren_ros.lab.learning.practice import (
-    TEACHERS,
-    Practice,
-    Pupil,
+from siren_ros.lab.learning.imitation import (
+    EXPERTS,
+    NetworkPolicy,
+    Trajectory,
     best_of,
     goes_right,
     goes_right_or_pulls_over,
     keeps_lane,
     logits_of,
-    practised,
     pulls_over,
+    roll_out,
 )
-from siren_ros.lab.learning.task import Task
+from siren_ros.lab.learning.options import EnvOptions
 from siren_ros.running.seat.manoeuvres import Manoeuvre
 
-SHORT = Task(template=quick_template("S2"), level=2, duration_s=3.0, decision_s=0.5)
+SHORT = EnvOptions(template=quick_template("S2"), level=2, duration_s=3.0, decision_s=0.5)
 NOTHING = np.zeros(0)
 IN_LEFT_LANE = (3.5, 3.5)
 
 
-def practice(reward: float, violations: int = 0) -> Practice:
-    return Practice(np.zeros((0, 3), np.float32), np.zeros(0, np.int64), reward, violations)
+def trajectory(reward: float, violations: int = 0) -> Trajectory:
+    return Trajectory(np.zeros((0, 3), np.float32), np.zeros(0, np.int64), reward, violations)
 
 
 @pytest.mark.parametrize(
@@ -40,21 +40,21 @@ def practice(reward: float, violations: int = 0) -> Practice:
         (-25.0, 0.0, Manoeuvre.KEEP),
     ],
 )
-def test_a_teacher_pulls_over_while_a_siren_comes_from_behind_in_line(
+def test_an_expert_pulls_over_while_a_siren_comes_from_behind_in_line(
     gap_m: float, aside_m: float, manoeuvre: Manoeuvre
 ) -> None:
-    moment = moment_of(own_m=60.0, emv_m=60.0 - 5.0 - gap_m, aside_m=(aside_m, aside_m))
-    assert pulls_over(NOTHING, moment) == manoeuvre
-    assert keeps_lane(NOTHING, moment) == Manoeuvre.KEEP
+    state = state_of(own_m=60.0, emv_m=60.0 - 5.0 - gap_m, aside_m=(aside_m, aside_m))
+    assert pulls_over(NOTHING, state) == manoeuvre
+    assert keeps_lane(NOTHING, state) == Manoeuvre.KEEP
 
 
-def test_a_teacher_goes_to_the_lane_on_the_right_where_there_is_one() -> None:
+def test_an_expert_goes_to_the_lane_on_the_right_where_there_is_one() -> None:
     near, far = {"own_m": 60.0, "emv_m": 10.0}, {"own_m": 90.0, "emv_m": 20.0}
-    assert goes_right(NOTHING, moment_of(**near, aside_m=IN_LEFT_LANE)) == Manoeuvre.RIGHT
-    assert goes_right(NOTHING, moment_of(**far, aside_m=IN_LEFT_LANE)) == Manoeuvre.KEEP
-    assert goes_right(NOTHING, moment_of(**near)) == Manoeuvre.KEEP, "it is in the rightmost lane"
-    assert goes_right_or_pulls_over(NOTHING, moment_of(**near, aside_m=IN_LEFT_LANE)) == Manoeuvre.RIGHT
-    assert goes_right_or_pulls_over(NOTHING, moment_of(**near)) == Manoeuvre.PULL_OVER
+    assert goes_right(NOTHING, state_of(**near, aside_m=IN_LEFT_LANE)) == Manoeuvre.RIGHT
+    assert goes_right(NOTHING, state_of(**far, aside_m=IN_LEFT_LANE)) == Manoeuvre.KEEP
+    assert goes_right(NOTHING, state_of(**near)) == Manoeuvre.KEEP, "it is in the rightmost lane"
+    assert goes_right_or_pulls_over(NOTHING, state_of(**near, aside_m=IN_LEFT_LANE)) == Manoeuvre.RIGHT
+    assert goes_right_or_pulls_over(NOTHING, state_of(**near)) == Manoeuvre.PULL_OVER
 
 
 def test_outputs_are_those_of_the_layers_with_tanh_between_them() -> None:
@@ -66,17 +66,17 @@ def test_outputs_are_those_of_the_layers_with_tanh_between_them() -> None:
     assert outputs[:, 0] == pytest.approx([np.tanh(1.0) - np.tanh(0.5) + 0.25, np.tanh(0.5) + 0.25])
 
 
-def test_a_pupil_tries_others_as_often_as_its_outputs_say() -> None:
+def test_a_policy_that_learns_tries_others_as_often_as_its_outputs_say() -> None:
     layers = ((np.zeros((2, 1), np.float32), np.array([0.0, np.log(3.0)], np.float32)),)
-    sure = Pupil(layers, 0.0, np.random.default_rng(0))
-    assert [sure(np.zeros(1), moment_of()) for _ in range(5)] == [1] * 5
-    tries = Pupil(layers, 1.0, np.random.default_rng(0))
-    moment = moment_of()
-    assert np.mean([tries(np.zeros(1), moment) for _ in range(4000)]) == pytest.approx(0.75, abs=0.03)
+    sure = NetworkPolicy(layers, 0.0, np.random.default_rng(0))
+    assert [sure(np.zeros(1), state_of()) for _ in range(5)] == [1] * 5
+    tries = NetworkPolicy(layers, 1.0, np.random.default_rng(0))
+    state = state_of()
+    assert np.mean([tries(np.zeros(1), state) for _ in range(4000)]) == pytest.approx(0.75, abs=0.03)
 
 
 def test_the_best_is_the_first_one_that_no_later_one_beats_by_the_margin() -> None:
-    first, slightly, better, lawless = practice(1.0), practice(1.2), practice(1.5), practice(3.0, violations=1)
+    first, slightly, better, lawless = trajectory(1.0), trajectory(1.2), trajectory(1.5), trajectory(3.0, violations=1)
     found = best_of([first, slightly, better, lawless], violation=3.0, margin=0.25)
     assert found is not None
     assert found[0] is better
@@ -86,18 +86,18 @@ def test_the_best_is_the_first_one_that_no_later_one_beats_by_the_margin() -> No
 
 
 def test_an_episode_is_driven_decision_by_decision() -> None:
-    kept = practised(SHORT, 7, keeps_lane)
+    kept = roll_out(SHORT, 7, keeps_lane)
     assert kept is not None
     assert kept.observations.shape == (6, 106)
     assert kept.actions.tolist() == [Manoeuvre.KEEP] * 6
-    stopped = practised(SHORT, 7, lambda *_: Manoeuvre.STOP)
+    stopped = roll_out(SHORT, 7, lambda *_: Manoeuvre.STOP)
     assert stopped is not None
     assert stopped.reward < kept.reward
     assert (stopped.observations[0] == kept.observations[0]).all()
-    again = practised(SHORT, 7, TEACHERS["keeps-lane"])
+    again = roll_out(SHORT, 7, EXPERTS["keeps-lane"])
     assert again is not None
     assert again.reward == kept.reward
 
 
 def test_an_episode_that_cannot_be_made_is_left_out() -> None:
-    assert practised(Task(template="S2", values="emv.speed_mps=-1"), 7, keeps_lane) is None
+    assert roll_out(EnvOptions(template="S2", values="emv.speed_mps=-1"), 7, keeps_lane) is None

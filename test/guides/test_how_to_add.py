@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -15,6 +16,7 @@ from siren_ros.data.interfaces.messages import typestore
 from siren_ros.scoring.evaluation.risk.video_set import write_set
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import LaneKind
+from siren_ros.simulation.world.actors import ActorClass
 
 
 @pytest.fixture
@@ -99,6 +101,59 @@ def test_a_template(followed: FollowedGuide) -> None:
     output_of(followed)
     rows = pq.read_table(followed.root / "studies" / "S9" / "manifest.parquet").to_pylist()
     assert {(row["template"], row["level"]) for row in rows} == {("S9", "L1"), ("S9", "L0")}
+
+
+def made_rows(followed: FollowedGuide, study: str) -> list[dict[str, Any]]:
+    """The rows of the study that the guide's commands make."""
+    output_of(followed)
+    return pq.read_table(followed.root / "studies" / study / "manifest.parquet").to_pylist()
+
+
+@of("placement")
+def test_a_placement(followed: FollowedGuide) -> None:
+    assert [(row["template"], row["status"]) for row in made_rows(followed, "S9")] == [("S9", "complete")]
+
+
+@of("preset")
+def test_a_preset(followed: FollowedGuide) -> None:
+    (row,) = made_rows(followed, "hesitant")
+    assert (row["preset"], row["status"]) == ("hesitant", "complete")
+
+
+@of("actor_class")
+def test_an_actor_class(followed: FollowedGuide) -> None:
+    (row,) = made_rows(followed, "S9")
+    (bag,) = (followed.root / "studies" / "S9" / row["bag"]).glob("*.mcap")
+    with bag.open("rb") as file:
+        spawned = [
+            actor
+            for schema, channel, message in make_reader(file).iter_messages()
+            if schema is not None and channel.topic == "/siren/traffic_state"
+            for actor in typestore().deserialize_cdr(message.data, schema.name).spawned
+        ]
+    taxis = [actor for actor in spawned if actor.actor_class == len(ActorClass)]
+    assert taxis
+    assert [actor.height_m for actor in taxis] == pytest.approx([1.58] * len(taxis))
+
+
+@of("exam_driver")
+def test_an_exam_driver(followed: FollowedGuide) -> None:
+    followed.run(*followed.commands)
+    content = json.loads((followed.root / "exam" / "stops" / "certificate.json").read_text(encoding="utf-8"))
+    (episode,) = content["episodes"]
+    assert (content["driver"], episode["no_result"]) == ("stops", "")
+    assert any(mark["clause"] == "contact" and mark["grade"] == "pass" for mark in episode["marks"])
+
+
+@of("rulebook_clause")
+def test_a_rulebook_clause(followed: FollowedGuide, bag: Path) -> None:
+    (followed.root / "bags").mkdir()
+    (followed.root / "bags" / "S2_L2_seed0").symlink_to(bag)
+    followed.run(*followed.commands)
+    (episode,) = json.loads((followed.root / "exam" / "calm" / "certificate.json").read_text(encoding="utf-8"))[
+        "episodes"
+    ]
+    assert [(mark["clause"], mark["unit"]) for mark in episode["marks"]] == [("calm", "m/s")]
 
 
 def test_a_diff_whose_lines_are_gone_is_refused(tmp_path: Path) -> None:

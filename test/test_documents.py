@@ -16,7 +16,7 @@ from siren_ros.base.short_names import full_name
 from siren_ros.lab.reproduction.results import read_results
 
 DOCUMENTS: Final = documents_of(REPOSITORY)
-PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?(?!/)|besides?|carried)\b", re.IGNORECASE)
+PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?(?!/|\.\w)|besides?|carried)\b", re.IGNORECASE)
 """Words that mean something else to the reader than they once meant here."""
 SOURCE_FOLDERS: Final = ("siren_ros", "nodes", "test", "params", "docs", "tools", "msg_defs", "examples", "launch")
 SOURCE_SUFFIXES: Final = (".py", ".sh", ".msg")

@@ -13,7 +13,7 @@ from typing import Final
 import pytest
 from repository import REPOSITORY
 
-from docsite.house import Size, grown, recorded_sizes, sizes_of, sizes_table
+from docsite.house import Size, grown, record_sizes, recorded_sizes, sizes_of, sizes_table
 
 LIBRARY: Final = REPOSITORY / "siren_ros"
 GROWTH: Final = 0.03
@@ -178,6 +178,8 @@ def test_sizes_are_those_of_wings_with_all_their_folders(tmp_path: Path) -> None
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     assert sizes_of(tmp_path) == {"wing": Size(3, 6, 2)}
+    record_sizes(tmp_path / "sizes.json", tmp_path)
+    assert recorded_sizes(tmp_path / "sizes.json") == {"wing": Size(3, 6, 2)}
 
 
 def test_the_table_of_sizes_ends_with_their_sum(tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ from siren_ros.reports.exam.monitors import MONITORS
 from siren_ros.running.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
 from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS
 from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise
+from siren_ros.scoring.evaluation.yielding.encounters import YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.scoring.judging.physics import VerifyLimits
 from siren_ros.scoring.judging.verify import CHECKS
 from siren_ros.simulation.scenario import paper

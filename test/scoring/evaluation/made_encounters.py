@@ -8,8 +8,7 @@ from hand_made_record import EMV, NORTHBOUND, Driven, crossing, hand_made, line
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, YieldThresholds, encounters_of
 from siren_ros.simulation.world.actors import Lights
 
 CAR = 2

@@ -10,8 +10,7 @@ from siren_ros.base.numerics.compiled import Array, compiled
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.tables.interval import Measure
 from siren_ros.data.recording.episode_record import EpisodeRecord, Steps
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, OnLine
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, OnLine, YieldThresholds
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 
 EVERY_STEPS: Final = 10

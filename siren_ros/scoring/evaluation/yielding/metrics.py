@@ -18,8 +18,7 @@ from siren_ros.scoring.evaluation.yielding.corridor import (
     corridor_series,
     corridor_width_m,
 )
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, YieldThresholds, encounters_of
 from siren_ros.scoring.judging.people import NAMES
 from siren_ros.scoring.judging.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind

@@ -12,9 +12,8 @@ from siren_ros.base.tables.interval import Interval, Measure
 from siren_ros.base.tables.table import Row, Table
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.statistics import block_sums, interval_of_mean
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, PEOPLE_METRICS, YieldScene
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from siren_ros.scoring.evaluation.yielding.corridor import (
     road_cells,
     widest_way_m,
 )
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, OnLine
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, OnLine, YieldThresholds
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
 ACROSS = np.arange(-10.0, 10.05, 0.1)

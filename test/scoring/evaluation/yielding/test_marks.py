@@ -14,14 +14,13 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.tables.interval import Measure
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.yielding import metrics as marks
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter
+from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import (
     civilian_delay_s,
     recovery_time_s,
     wake_duration_s,
     wake_length_m,
 )
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.scoring.judging.surrogate_safety import Encroachment, Extreme, PairMeasures
 from siren_ros.simulation.world.actors import ActorClass, Mode
 from siren_ros.simulation.world.traffic_state import Event, EventKind

@@ -16,7 +16,7 @@ from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.yielding import metrics as marks
 from siren_ros.scoring.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
 from siren_ros.scoring.evaluation.yielding.counterfactual import pairs_of
-from siren_ros.scoring.evaluation.yielding.encounters import Encounter
+from siren_ros.scoring.evaluation.yielding.encounters import Encounter, YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import (
     DRIVER_METRICS,
     EPISODE_METRICS,
@@ -31,7 +31,6 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
     situation_sha256,
     yield_tables,
 )
-from siren_ros.scoring.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 

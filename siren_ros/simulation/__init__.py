@@ -1,1 +1,1 @@
-"""The world of an episode and all that moves in it: roads, scenarios, SUMO's traffic, drivers, vehicle dynamics."""
+"""The world of an episode and everything that moves in it: roads, scenarios, SUMO's traffic, drivers, dynamics."""

@@ -1,1 +1,1 @@
-"""What drivers decide: the EMV and the civilians (paper, Algorithms 1 and 2)."""
+"""Decisions of drivers: the EMV and the civilians (paper, Algorithms 1 and 2)."""

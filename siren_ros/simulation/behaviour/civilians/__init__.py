@@ -1,1 +1,1 @@
-"""The civilians (paper, Algorithm 2): who yields, how, and how they return to traffic."""
+"""Civilians (paper, Algorithm 2): which of them yield, how, and how they return to traffic."""

@@ -56,23 +56,23 @@ from siren_ros.simulation.world.actors import Mode, rows_of_ids
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 
 _LOOK_AGAIN_S: Final = 0.5
-"""Time between two looks of a driver who waits."""
+"""Time between two checks of a waiting driver."""
 
 
 def _looks(unit: YieldUnit, ego: Ego) -> bool:
-    """Whether a waiting driver looks again at this step; not all of them look at the same one."""
+    """Whether a waiting driver checks again at this step; drivers check at different steps."""
     period = steps_from_s(_LOOK_AGAIN_S)
     return ego.step % period == unit.actor_id % period
 
 
 _ROOM_RANGE_M: Final = 60.0
-"""Distance to an EMV that waits behind within which a driver makes room."""
+"""Largest distance to an EMV waiting behind for which a driver makes way."""
 _BEHIND_COSINE: Final = 0.5
-"""Cosine between a vehicle's direction and the one from the EMV to it above which the EMV counts as behind."""
+"""An EMV counts as behind if the cosine between the vehicle's direction and that from the EMV to it is above this."""
 
 
 def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
-    """Whether an EMV stands or crawls close behind a vehicle and points towards it."""
+    """Whether an EMV stands or drives very slowly close behind a vehicle and points towards it."""
     seen = ego.seen
     if emv_row < 0 or float(seen.speed_mps[emv_row]) > ego.civilian_driver.pull_over.emv_crawls_mps:
         return False
@@ -86,12 +86,12 @@ def emv_waits_behind(ego: Ego, emv_row: int) -> bool:
 
 
 def makes_room(unit: YieldUnit, ego: Ego) -> bool:
-    """Whether the EMV has been waiting behind a driver for long enough."""
+    """Whether the EMV has waited behind a driver long enough."""
     return unit.emv_waits_steps >= steps_from_s(ego.civilian_driver.pull_over.room_after_s)
 
 
 def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
-    """Whether a driver who holds has the space to finish the pull-over, or to make room."""
+    """Whether a holding driver has space to finish the pull-over, or to make way."""
     config = ego.civilian_driver.pull_over
     if lane == NO_LANE:
         return False
@@ -101,7 +101,7 @@ def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
 
 
 def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
-    """Whether the way of the EMV, whose turn signal is on, is the shoulder: everybody there goes to the left."""
+    """Whether the EMV indicates and will use the shoulder, so that all drivers there go left."""
     network = ego.network
     (row,) = rows_of_ids(ego.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
     if row < 0:
@@ -111,11 +111,11 @@ def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
 
 
 _ALONGSIDE_M: Final = 15.0
-"""Distance along the road within which the driver next to a vehicle gives it space to move sideways."""
+"""Distance along the road within which a neighbouring driver gives a vehicle space to move sideways."""
 
 
 def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
-    """Whether a vehicle leaves an EMV's width between its right side and the outer edge of the shoulder.
+    """Whether a vehicle leaves an EMV's width between its right side and the shoulder's outer edge.
 
     In the lanes farther left the vehicles leave it free where those on their right do.
     """
@@ -135,13 +135,13 @@ def _leaves_shoulder_free(ego: Ego, lane: int) -> bool:
 
 
 _RIDER_S: Final = 3.0
-"""A pull-over takes about as long: riders who are beside a vehicle until then go first."""
+"""Duration of a pull-over: riders who will be next to the vehicle in this time go first."""
 _RIDER_CLEAR_M: Final = 0.3
-"""Kept to their bodies."""
+"""Lateral distance kept to riders."""
 
 
 def rider_comes_up(ego: Ego, side: int, shift_m: float) -> bool:
-    """Whether a cyclist or motorcyclist is beside a vehicle that is to move sideways, or comes up from behind.
+    """Whether a cyclist or motorcyclist is next to a vehicle that will move sideways, or approaches from behind.
 
     Those count who are where the body moves to, by ``shift_m`` to its ``side``, and not all behind it.
     """
@@ -160,11 +160,11 @@ def rider_comes_up(ego: Ego, side: int, shift_m: float) -> bool:
 
 
 _STAYS_BELOW_MPS: Final = 1.5
-"""Slower vehicles next to a shoulder that they leave free stop where they are."""
+"""A slower vehicle next to a shoulder that it leaves free stops where it is."""
 
 
 def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
-    """Starts the pull-over.
+    """Start the pull-over.
 
     It is deferred on a junction, where the vehicle cannot stop before the next one, in a queue that stands too close,
     and while a rider comes up on that side. A driver looks again every half second. A vehicle that leaves the EMV's way
@@ -195,7 +195,7 @@ def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
 
 
 def pull_over_again(unit: YieldUnit, ego: Ego) -> YieldStep | None:
-    """A driver on the way back to the lane pulls over from there, or stands still where that is not possible.
+    """A driver on the way back to the lane pulls over from there, or stops if that is impossible.
 
     None while the vehicle moves and cannot: it goes on with its way back.
     """
@@ -211,14 +211,14 @@ def pull_over_again(unit: YieldUnit, ego: Ego) -> YieldStep | None:
 
 
 def alignment_of(network: RoadNetwork, lane: int) -> int:
-    """Side to which the vehicles of a lane pull over: left from the leftmost of several lanes, else right."""
+    """Side to which vehicles of a lane pull over: left from the leftmost of several lanes, otherwise right."""
     beside = [neighbour_lane(network, road_lane_of(network, lane), side) for side in (1, -1)]
     left, right = (other != NO_LANE and network.lanes[other].kind is LaneKind.DRIVING for other in beside)
     return 1 if not left and right else -1
 
 
 def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
-    """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
+    """Offset from the lane's centre line at which a vehicle stands at the lane's edge, positive to the left.
 
     On a junction, what lies beside the lane before it counts, so that the way leads straight on. If too little width is
     left for an EMV on the inner side, the vehicle reaches over the edge. It does not where the EMV comes on the
@@ -240,15 +240,15 @@ def edge_offset_m(ego: Ego, lane: int, side: int) -> float:
 CURVATURE_MAX_1PM: Final = 0.15
 """Sharpest bend of a pull-over."""
 SETTLE_LENGTH_M: Final = 4.0
-"""Straight piece after the lateral move, at least; long vehicles take their own length to come straight."""
+"""Least straight distance after the lateral move; long vehicles need their own length to become straight."""
 _LEAST_WAY_M: Final = 2.0
-"""Least way for which a driver starts."""
+"""Least distance for which a driver starts to move."""
 _LEADER_STANDS_MPS: Final = 1.0
-"""Slower vehicles ahead stand, or are about to."""
+"""Slower vehicles ahead stand or will stop."""
 
 
 def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
-    """``BuildPullOverWaypoints``: to the lane's edge, and to a stop there before the next junction.
+    """``BuildPullOverWaypoints``: path to the lane's edge, with a stop there before the next junction.
 
     Returns:
         The path, or None where the lane ends before the vehicle can move sideways, and on a junction where the driver
@@ -264,7 +264,7 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
     steerable = blend_length_m(offset - left, moving, 0.0, 0.0, ego.navigator_config)
     sideways_m = max(LEAST_SIDEWAYS_M, sharpest, steerable)
     if ego.row in ego.seen.riders:
-        # They answer to the steering at once; others have slowed down by the time that they turn.
+        # Standing vehicles follow their steering at once; others have slowed down before they turn.
         lean = math.sqrt(PEAK_CURVATURE * abs(offset - left) / ego.navigator_config.lateral_accel_mps2)
         sideways_m = max(sideways_m, lean * ego.speed_mps)
     half_length, gaps = ego.half_length_m, gaps_in_lane(ego, lane)
@@ -277,18 +277,18 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
     if room < _LEAST_WAY_M:
         return None
     merge = min(sideways_m, room)
-    if room < sharpest:  # as far sideways as leaves the vehicle straight
+    if room < sharpest:  # a smaller lateral move, after which the vehicle is still straight
         most = CURVATURE_MAX_1PM * room * room / PEAK_CURVATURE
         offset = left + math.copysign(most, offset - left)
     return path_onto(reference, ego.pose, merge, ego.navigator_config, offset_m=offset, shorten_m=half_length)
 
 
 _BEYOND_JUNCTION_M: Final = 2.0
-"""Way from the junction to the rear of a vehicle that has cleared it to make room."""
+"""Distance between the junction and the rear of a vehicle that has left it."""
 
 
 def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: float, sideways_m: float) -> LanePath:
-    """The lane's centre line to the next junction, and beyond the stop line if the space is needed.
+    """Reference line along the lane to the next junction, and beyond the stop line if the space is needed.
 
     The EMV needs it where it has been waiting; the driver at the head of a standing queue needs it to move sideways,
     and with it everybody behind. Vehicles that stand partly on a shoulder stop before the line: the shoulder does not
@@ -322,7 +322,7 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
 
 
 def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
-    """Whether a driver's path leads across a junction, and whether the vehicle is on that already."""
+    """Whether a driver's path crosses a junction, and whether the vehicle is already on it."""
     path = unit.navigator.path
     if path is None:
         return False, False
@@ -332,17 +332,17 @@ def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
 
 
 _REACHED_M: Final = 0.15
-"""Distance from the intended offset at which the target counts as reached."""
+"""The target is reached within this distance of the intended offset."""
 _SETTLED_M: Final = 0.5
-"""Way before the end of the lateral move at which the move counts as ended."""
+"""The lateral move counts as ended this far before its end."""
 _AT_EDGE_M: Final = 0.05
-"""Distance from the intended offset at which the target counts as reached before the lateral move has ended."""
+"""Before the end of the lateral move, the target is reached within this smaller distance."""
 _STRAIGHT_RAD: Final = 0.04
-"""Heading against the lane below which a vehicle gets no straighter by driving on: an end sticks out by 0.1 m."""
+"""Heading error below which driving on does not straighten a vehicle: its end sticks out by 0.1 m."""
 
 
 def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle.
+    """Drive to the lane's edge. It holds when the vehicle is there and aligned, or has stopped behind another one.
 
     A driver who crosses a junction to make room does not hold on it.
     """
@@ -375,7 +375,7 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
 
 
 def hold(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Brakes to a stand, and stands with full brake and hand brake.
+    """Brake to a standstill, then stand with full brake and hand brake.
 
     Goes on if the pull-over was cut short and there is space again, or to make room for an EMV that waits behind.
     """
@@ -397,7 +397,7 @@ def _hold_now(unit: YieldUnit, ego: Ego, offset_m: float, partial: bool) -> Yiel
 
 
 def _braked(unit: YieldUnit, ego: Ego) -> YieldStep:
-    """A comfortable stop; the paper's full brake and hand brake keep the vehicle where it has come to a stand.
+    """A comfortable stop; at standstill the paper's full brake and hand brake keep the vehicle in place.
 
     The target speed falls with the speed: who wants to stand at once looks at nobody ahead.
     """
@@ -410,7 +410,7 @@ def _braked(unit: YieldUnit, ego: Ego) -> YieldStep:
 
 
 def _is_over(unit: YieldUnit, emv: EmvView) -> tuple[YieldUnit, str]:
-    """Why a yield has lost its purpose, empty while it has one: the EMV has passed, is gone, or has turned off.
+    """Reason why a yield has no purpose any more, empty if it has: the EMV has passed, is gone, or has turned off.
 
     An EMV that has passed and crawls right ahead has not got away yet.
     """
@@ -424,7 +424,7 @@ def _is_over(unit: YieldUnit, emv: EmvView) -> tuple[YieldUnit, str]:
 
 
 def _release(unit: YieldUnit, ego: Ego, emv: EmvView, reason: str) -> YieldStep:
-    """Sends the vehicle back to its lane. A yield without a hold, or whose EMV is gone, counts as cancelled."""
+    """Send the vehicle back to its lane. A yield without a hold, or whose EMV is gone, counts as cancelled."""
     events: tuple[Event, ...] = ()
     if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
         events = (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason),)

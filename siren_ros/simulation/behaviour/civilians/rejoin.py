@@ -1,4 +1,4 @@
-"""After a yield: the navigator leads the vehicle back to its lane before SUMO takes over."""
+"""Return after a yield: the navigator leads the vehicle back to its lane before SUMO takes over."""
 
 import math
 from typing import Final
@@ -26,18 +26,18 @@ from siren_ros.simulation.world.actors import Mode
 from siren_ros.simulation.world.traffic_state import EventKind
 
 _REJOIN_OFFSET_M: Final = 0.3
-"""Distance from the lane's centre line at which a vehicle counts as back in its lane."""
+"""A vehicle within this distance of the lane's centre line is back in its lane."""
 _REJOIN_LENGTHS: Final = 1.5
-"""Way back to the lane's centre, at least, in lengths of the vehicle: a long one that turns in sharply comes near
-to others beside it that come back as well."""
+"""Least length of the return in vehicle lengths: a long vehicle that turns in sharply comes too near to others that
+return next to it."""
 _REJOIN_AHEAD_M: Final = 60.0
-"""How far the path of a vehicle that rejoins leads."""
+"""Length of the path of a returning vehicle."""
 LEAST_SIDEWAYS_M: Final = 6.0
-"""Least length of a lateral move within the lane."""
+"""Least length of a lateral move in the lane."""
 
 
 def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
-    """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
+    """Give the vehicle back to SUMO if it is in its lane, otherwise give it a path to the lane's centre.
 
     Where a rescue lane is open, the vehicle keeps to the side.
     A driver who is over the stop line of a red light waits for green first.
@@ -61,7 +61,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     )
     merge = max(merge, _REJOIN_LENGTHS * 2.0 * half_length)
     room = reference.curve.length_m - 2.0 - half_length - 1.0
-    # Too near the stop line to come straight in the middle of the lane: straight where it is.
+    # So near to the stop line the vehicle cannot become straight at the lane's middle, so it keeps its offset.
     kept_m = kept_offset_m(ego, lane)
     offset = kept_m if merge + half_length <= room else left
     length, shorten = min(merge, max(room, 2.0)), half_length + 1.0
@@ -72,7 +72,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
 
 
 def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
-    """One step back to the lane. SUMO takes over in the lane, at the path's end, or if the path stays blocked."""
+    """One step of the return. SUMO takes over in the lane, at the path's end, or if the path stays blocked."""
     if unit.navigator.path is None:
         return start_rejoin(unit, ego)
     config = ego.civilian_driver.yielding
@@ -86,7 +86,7 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
 
 
 def is_over_red_line(ego: Ego) -> bool:
-    """Whether a vehicle is beyond the stop line of a light that is red for it, and in nobody's way there.
+    """Whether a vehicle is beyond the stop line of a red light without blocking others.
 
     SUMO would let it go on.
     """
@@ -101,7 +101,7 @@ def is_over_red_line(ego: Ego) -> bool:
 
 
 def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:
-    """Whether SUMO can take over without a jump, at most ``off_m`` beside the place in its lane.
+    """Whether SUMO can take over without a jump, with at most ``off_m`` lateral distance to its place in the lane.
 
     SUMO's standing vehicles always point along their lanes.
     """

@@ -1,4 +1,4 @@
-"""Civilians who keep a rescue lane open: who does, and where in its lane a vehicle then is.
+"""Rescue lane: which civilians keep it open, and at which offset in their lane.
 
 SUMO drives them to the side and back (``siren_ros/simulation/traffic/sumo/rescue_lane.py``), whether an EMV comes or
 not. They have made way before they hear it, so that they go on as before.
@@ -13,13 +13,13 @@ from siren_ros.simulation.roads.road_network import NO_LANE
 
 
 def rescue_side(ego: Ego, lane: int) -> int:
-    """Side to which the drivers in a lane keep in slow traffic: +1 left, −1 right, 0 where nobody has to."""
+    """Side to which drivers of a lane keep in slow traffic: +1 left, −1 right, 0 if none has to."""
     world = ego.world
     return int(world.rescue_sides[lane]) if world.duty and lane != NO_LANE else 0
 
 
 def kept_offset_m(ego: Ego, lane: int) -> float:
-    """Offset from the lane's centre line at which a slow vehicle keeps to the side; 0 where it keeps to the middle."""
+    """Offset from the lane's centre line of a slow vehicle that keeps to the side; 0 if it keeps to the middle."""
     config = ego.civilian_driver.pull_over
     if ego.speed_mps >= config.flows_mps:
         return 0.0
@@ -28,11 +28,11 @@ def kept_offset_m(ego: Ego, lane: int) -> float:
 
 
 _KEPT_WITHIN_M: Final = 0.25
-"""Distance from the place at the edge within which a driver has made way already."""
+"""A driver within this distance of the place at the edge has already made way."""
 
 
 def needs_no_siren(ego: Ego) -> bool:
-    """Whether a driver on a road with a rescue lane has nothing to do for an EMV: it keeps to the side, or flows.
+    """Whether a driver on a road with a rescue lane need not respond to an EMV: it keeps to the side, or traffic flows.
 
     In flowing traffic nobody stops on such a road.
     """

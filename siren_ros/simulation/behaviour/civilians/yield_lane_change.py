@@ -44,7 +44,7 @@ GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_
 
 
 class Seek(IntEnum):
-    """How a gap is sought."""
+    """How a driver creates a gap."""
 
     FALL_BACK = -1
     NOT = 0
@@ -54,7 +54,7 @@ class Seek(IntEnum):
 _SEEK_AGAIN_S: Final = 1.5
 """Time after which the driver thinks again whether to draw ahead or to fall back."""
 _SEEK_ROOM_M: Final = 20.0
-"""Road left before the next junction below which no gap is sought."""
+"""No gap is sought with less road than this before the next junction."""
 
 
 def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
@@ -78,13 +78,13 @@ def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
 
 
 _SEEK_FREE_M: Final = 15.0
-"""Free way in the present lane with which a driver draws ahead of a vehicle behind…"""
+"""A driver draws ahead of a vehicle behind only with this free distance in the own lane."""
 _SEEK_GAIN_MPS: Final = 1.5
-"""…and how much slower than the speed limit that vehicle is: the search gains a car's length."""
+"""A driver draws ahead only of vehicles slower than the limit by this, so that the search gains a car's length."""
 
 
 def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
-    """Whether to fall back or to draw ahead.
+    """Decide whether to fall back or to draw ahead.
 
     The driver draws ahead of a vehicle that is behind, or alongside and further back, if there is space in the present
     lane (``present``) and the speed limit lets the driver gain on that vehicle. Ahead of one that is alongside and
@@ -99,7 +99,7 @@ def choose_seek(gaps: LaneGaps, present: LaneGaps, refusal: Refusal, config: Yie
 
 
 def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
-    """Speed while seeking: faster or slower than the vehicle in the way, between a least speed and the limit."""
+    """Speed while seeking: different from that of the vehicle in the way, between the least speed and the limit."""
     other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
     if seek is Seek.DRAW_AHEAD:
         return min(other + config.seek_speed_mps, limit_mps)
@@ -107,7 +107,7 @@ def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: f
 
 
 def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soon_s: float) -> bool:
-    """Whether the driver has left the vehicle in the way behind, or let it pass, within a time at the present speeds.
+    """Whether at present speeds the driver will soon have passed the vehicle in the way, or let it pass.
 
     ``margin_m`` is the free way that is needed to that vehicle, which is in the adjacent lane.
     """
@@ -119,7 +119,7 @@ def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soo
 
 
 _SEEK_AHEAD_M: Final = 80.0
-"""How far the path of a vehicle that seeks a gap leads."""
+"""Length of the path of a vehicle that seeks a gap."""
 
 
 def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
@@ -131,7 +131,7 @@ def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
 
 
 def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
-    """Starts the lane change if it is feasible, and defers the yield if it is not.
+    """Start the lane change if it is feasible, otherwise defer the yield.
 
     Of the feasible sides, one on which the vehicle can follow its route is preferred, then the side that SUMO's
     lane-change model wants (the paper's intent), then the right side. A deferred request is reconsidered at every
@@ -156,13 +156,13 @@ def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
 
 
 def intent_of(ego: Ego) -> int:
-    """Side to which SUMO's lane-change model wants to take a vehicle: +1 left, −1 right, 0 neither."""
+    """Side to which SUMO's lane-change model wants to move a vehicle: +1 left, −1 right, 0 neither."""
     flags = int(ego.traffic.flags[ego.row])
     return bool(flags & TrafficFlags.WANTS_LEFT) - bool(flags & TrafficFlags.WANTS_RIGHT)
 
 
 def yield_speed_mps(ego: Ego, lane: int) -> float:
-    """Target speed of the lane change: the paper's, and at most the paper's share of the speed limit."""
+    """Target speed of the lane change: the paper's, limited to the paper's share of the speed limit."""
     speeds = ego.world.speeds
     if lane == NO_LANE:
         return speeds.civilian_yield_lane_change_mps
@@ -171,7 +171,7 @@ def yield_speed_mps(ego: Ego, lane: int) -> float:
 
 
 def defer(unit: YieldUnit, ego: Ego, reason: str) -> YieldStep:
-    """The yield waits. The event is recorded where the wait begins."""
+    """Defer the yield. An event is recorded when the deferral begins."""
     events: tuple[Event, ...] = ()
     if unit.phase is not Mode.YIELD_DEFERRED:
         events = (yield_event(unit, ego, EventKind.YIELD_DEFERRED, reason=reason),)
@@ -181,7 +181,7 @@ def defer(unit: YieldUnit, ego: Ego, reason: str) -> YieldStep:
 
 
 def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]) -> YieldStep:
-    """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way.
+    """Defer the yield. After a while the driver creates a gap, if only other vehicles are in the way.
 
     The driver tries for some seconds, and longer while the gap is nearly there. Then the driver goes on under SUMO at
     the pace of the road, and tries again later.
@@ -202,7 +202,7 @@ def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]
 
 
 _SEEK_SOON_S: Final = 2.0
-"""A driver who will have the gap within this time goes on seeking it."""
+"""A driver who will have the gap within this time continues to seek it."""
 
 
 def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
@@ -221,7 +221,7 @@ def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
 
 
 def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Drives the lane change until the vehicle is wholly in its new lane, or is released."""
+    """Drive the lane change until the vehicle is completely in its new lane, or is released."""
     lane = lane_of(unit, ego)
     if entered_lane(ego, lane):
         done = yield_event(unit, ego, EventKind.YIELD_COMPLETED, lane=lane)
@@ -236,11 +236,11 @@ def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
 
 
 _GOES_ON_MPS: Final = 1.0
-"""Faster drivers go on with a lane change: a stop half-way would take both lanes."""
+"""Faster drivers continue a lane change, because a stop half-way would block both lanes."""
 
 
 def _others_come(ego: Ego, lane: int) -> bool:
-    """Whether a driver, once stopped on the way into a lane, lets others in it pass before going on."""
+    """Whether a driver who stopped on the way into a lane lets vehicles in it pass first."""
     speed = ego.speed_mps
     if speed > _GOES_ON_MPS or ego.lane == lane:
         return False
@@ -249,13 +249,13 @@ def _others_come(ego: Ego, lane: int) -> bool:
 
 
 OFF_PATH_GRACE_S: Final = 1.0
-"""Time off the EMV's path before a yield that has not started is dropped."""
+"""Time off the EMV's path after which a yield that has not started is dropped."""
 _FOLLOWED_S: Final = 1.0
-"""Time for which the EMV is in the new lane after which a driver yields again."""
+"""Time for which the EMV must be in the new lane before the driver yields again."""
 
 
 def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
+    """Stay in the new lane under SUMO until released. Yield again if the EMV follows into that lane."""
     grace = steps_from_s(OFF_PATH_GRACE_S)
     strayed = not emv.on_road and unit.off_path_steps >= grace
     if release_reason(emv) or strayed:

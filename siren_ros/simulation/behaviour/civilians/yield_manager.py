@@ -1,4 +1,4 @@
-"""The civilians' per-step yield control (paper, Algorithm 2): who notices an EMV, and what each one does about it."""
+"""Controls the civilians at each step (paper, Algorithm 2): who notices an EMV, and how each responds."""
 
 import math
 from bisect import bisect_left
@@ -51,33 +51,33 @@ from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficSt
 
 SOURCE: Final = "yield_manager"
 _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)
-"""Filler of rows that SUMO owns."""
+"""Command in rows that SUMO owns; it has no effect."""
 
 
 _EMV_PATH_AHEAD_M: Final = 120.0
-"""How far the EMV's path is followed."""
+"""Length of the EMV's path that is considered."""
 _EDGES_KEPT: Final = 3
-"""Number of edges that the EMV has left and that still count as its road."""
+"""Number of edges behind the EMV that still count as its road."""
 
 
 @dataclass(frozen=True, eq=False)
 class EmvRoad:
-    """The road ahead of one EMV, valid while its lane and route stay the same."""
+    """Road ahead of one EMV; it is valid while its lane and route stay the same."""
 
     key: tuple[int, bytes]
     lane_start_m: Floats
     """Distance from the start of the EMV's lane to the start of each lane on its path; infinite off the path."""
     road_start_m: Floats
-    """The same for every lane of the edges on its path, also beside the path."""
+    """The same distance for all lanes of the edges on its path, including lanes that are not on the path."""
     on_road: Flags
-    """Whether each edge lies on the road: the edges ahead and those just left."""
+    """Whether each edge belongs to the road: edges ahead and those just left."""
     left_edges: tuple[int, ...]
     edges_ahead: frozenset[int]
     """The present edge and those ahead."""
 
     @classmethod
     def ahead_of(cls, ego: Ego, before: "EmvRoad | None") -> "EmvRoad | None":
-        """The road of an EMV; that of the step before while nothing changes or the EMV is off the road."""
+        """Road of an EMV; the previous step's road while nothing changes or the EMV is off the road."""
         network, lane = ego.network, ego.lane
         if lane == NO_LANE:
             return before
@@ -121,14 +121,14 @@ def _ways_from(lane: Any, front_m: Any, bodies: Any, starts_m: Any, emv_row: int
 
 
 def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: ControlConstants) -> Ids:
-    """Ids of the civilians in an EMV's interaction region, by those of the step before (``in_region``), both sorted."""
+    """Sorted ids of the civilians in an EMV's interaction region, given those of the previous step."""
     limits = constants.region_enter_m, constants.region_leave_m
     return seen.actor_id[_in_region(seen.bodies, seen.actor_id, seen.is_emv, emv_row, before, limits)]
 
 
 @compiled
 def _in_region(bodies: Any, actor_id: Any, is_emv: Any, emv_row: int, before: Any, limits: Any) -> Any:
-    """Which actors are the civilians in an EMV's region."""
+    """Which actors are civilians in an EMV's interaction region."""
     at, inside = 0, np.zeros(len(actor_id), np.bool_)
     for n in range(len(actor_id)):
         while at < len(before) and before[at] < actor_id[n]:
@@ -141,7 +141,7 @@ def _in_region(bodies: Any, actor_id: Any, is_emv: Any, emv_row: int, before: An
 
 @compiled
 def _may_notice(way_m: Any, bodies: Any, is_emv: Any) -> Any:
-    """Rows of the civilians on an EMV's way that it has not passed."""
+    """Rows of the civilians on an EMV's path that it has not passed."""
     return np.flatnonzero(np.isfinite(way_m) & ~is_emv & (way_m > -2.0 * bodies[6]))
 
 
@@ -158,18 +158,18 @@ class YieldState:
 
 @dataclass(frozen=True, eq=False)
 class _EmvScene:
-    """One EMV at one step, with the distance from it to every vehicle."""
+    """One EMV at one step, with its distance to every vehicle."""
 
     row: int
     members: frozenset[int]
     candidates: list[int]
     """Rows of the civilians that may notice it."""
     way_m: list[float]
-    """Along the lanes that the EMV will drive on (L2) or any lane of its road (L3); infinite elsewhere."""
+    """Distance along lanes that the EMV will use (L2) or any lane of its road (L3); infinite elsewhere."""
     on_road: list[bool]
     edges_ahead: frozenset[int]
     road_m: list[float]
-    """Along any lane of its road at all levels, where there are several EMVs."""
+    """Distance along any lane of its road, at all levels, if there are several EMVs."""
 
 
 def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
@@ -232,7 +232,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
 def _notice(
     units: dict[int, YieldUnit], drivers: dict[int, Driver], scenes: dict[int, _EmvScene], view: StepView
 ) -> list[Event]:
-    """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``); cyclists ride on.
+    """Find civilians that notice an EMV at this step (adds to ``units`` and ``drivers``); cyclists do not respond.
 
     Where the EMV stands in a queue, or comes up to drivers who have noticed it and stand, all who stand in the queue
     notice it: without those at the head nobody could move.
@@ -282,7 +282,7 @@ def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> Yield
 
 
 def _nearer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldUnit | None:
-    """A driver who turns to another EMV: of those that still come the nearest; None without a change.
+    """A driver's unit for another, nearer EMV that still comes; None if nothing changes.
 
     A driver who makes way already hears an EMV on any lane of its road, as far as those do who stand in its queue. A
     driver on the way back to the lane hears it as well, and so does one whose own EMV has passed.
@@ -305,7 +305,7 @@ def _nearer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldUni
 
 
 def _answer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldStep:
-    """One step of a driver who answers its EMV."""
+    """One step of a driver that responds to its EMV."""
     emv = _emv_of(unit, ego, scenes)
     if unit.phase is Mode.NOMINAL:
         return YieldStep(None if release_reason(emv) else unit)
@@ -316,7 +316,7 @@ def _answer(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldSte
 
 
 def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
+    """Before the manoeuvre: cancelled if no EMV is left to yield to, otherwise started after the reaction time."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
         unit = changed(unit, off_path_steps=off_path)
@@ -341,7 +341,7 @@ _PHASES: Final[Mapping[Mode, Callable[[YieldUnit, Ego, EmvView], YieldStep]]] = 
 
 
 _TURNED_OFF_M: Final = 15.0
-"""Distance to an EMV whose way does not lead past a vehicle any more from which on that has nobody to yield to."""
+"""An EMV farther than this whose path no longer passes a vehicle has turned off."""
 
 
 def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
@@ -363,7 +363,7 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
 
 
 def _responds(unit: YieldUnit, ego: Ego, emv_row: int) -> bool:
-    """Whether a driver who noticed the EMV beyond the interaction region is still near enough to it."""
+    """Whether a driver that noticed the EMV beyond the interaction region is still near enough."""
     seen, constants = ego.seen, ego.world.constants
     bumpers = ego.half_length_m + float(seen.half_length_m[emv_row])
     hysteresis = constants.region_leave_m - constants.region_enter_m

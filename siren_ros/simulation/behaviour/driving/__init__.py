@@ -1,1 +1,1 @@
-"""What any driver does: follows a path, keeps a speed, watches for collisions, changes lanes."""
+"""Common abilities of all drivers: following a path, speed control, collision watch, lane changes."""

@@ -1,4 +1,4 @@
-"""The state of one civilian that yields: its driver, its latched flags, and when it is released.
+"""State of one yielding civilian: its driver, its flags, and the rule of its release.
 
 Each driver is one draw from the episode's seed. The release rule is the paper's (Algorithm 2, "Release (both
 levels)"): a yield ends when the EMV has fully passed.
@@ -22,7 +22,7 @@ from siren_ros.simulation.world.traffic_state import Event, EventKind
 
 
 class Compliance(StrEnum):
-    """Whether a driver yields."""
+    """Whether and when a driver yields."""
 
     COMPLIES = "complies"
     LATE = "late"
@@ -31,13 +31,13 @@ class Compliance(StrEnum):
 
 @dataclass(frozen=True)
 class Driver:
-    """One driver's response."""
+    """One driver's response to a siren."""
 
     compliance: Compliance
     delay_s: float
-    """From noticing the siren to the start of the manoeuvre, the extra delay of late drivers included."""
+    """Time from noticing the siren to the start of the manoeuvre, including the extra delay of late drivers."""
     response_distance_m: float
-    """Free way between the EMV's front and the vehicle's rear at which the driver notices the siren."""
+    """Free distance between the EMV's front and the vehicle's rear at which the driver notices the siren."""
 
 
 def draw_driver(preset: DriverPreset, seed: int, actor_id: int) -> Driver:
@@ -56,66 +56,66 @@ def draw_driver(preset: DriverPreset, seed: int, actor_id: int) -> Driver:
 
 @dataclass(frozen=True, eq=False)
 class YieldUnit:
-    """Latched flags and the planner of one civilian (paper, Algorithm 2)."""
+    """Flags and planner of one civilian (paper, Algorithm 2); the flags keep their values between steps."""
 
     actor_id: int
     emv_id: int
     driver: Driver
     react_step: int
-    """Step at which the driver has reacted."""
+    """Step at which the reaction time ends."""
     phase: Mode = Mode.YIELD_REACTING
     """NOMINAL for a driver that does not comply, until the EMV has passed."""
     side: int = 0
-    """Where the vehicle goes: +1 left, −1 right (``alignment`` at L3)."""
+    """Side to which the vehicle goes: +1 left, −1 right (``alignment`` at L3)."""
     navigator: NavigatorState = field(default_factory=NavigatorState)
     deferred: str = ""
-    """Why the yield could not start when it was last looked at."""
+    """Reason why the yield could not start at the last check."""
     change_step: int = NEVER
     """Start of the last forced lane change."""
     off_path_steps: int = 0
     stopped_steps: int = 0
     in_lane_steps: int = 0
-    """Steps in the EMV's lane after the lane was cleared: the EMV has followed."""
+    """Number of steps with the EMV in the new lane: it has followed."""
     deferred_step: int = NEVER
-    """Start of the present deferral."""
+    """Start of the current deferral."""
     seek: int = 0
-    """How a gap is sought while deferred: +1 drawing ahead, −1 falling back, 0 not."""
+    """How a gap is sought while deferred: +1 draw ahead, −1 fall back, 0 not at all."""
     emv_waits_steps: int = 0
-    """Steps for which the EMV has been standing behind the vehicle."""
+    """Number of steps for which the EMV has stood behind the vehicle."""
     partial: bool = False
-    """Whether the hold ended a pull-over early, behind a standing vehicle."""
+    """Whether the pull-over ended early behind a standing vehicle."""
 
 
 @dataclass(frozen=True, eq=False)
 class EmvView:
-    """One civilian's EMV at one step."""
+    """The EMV of one civilian at one step."""
 
     row: int
-    """Of the EMV; −1 once it has left the simulation."""
+    """Row of the EMV; −1 after it has left the simulation."""
     passed: bool
-    """``EmvFullyPassed``."""
+    """The paper's condition ``EmvFullyPassed``."""
     in_region: bool
     on_path: bool
-    """Whether the civilian is on the lanes that the EMV will drive on (L2), or on any lane of its road (L3)."""
+    """Whether the civilian is on lanes that the EMV will use (L2), or on any lane of its road (L3)."""
     on_road: bool
     """Whether the civilian is still on the EMV's road."""
     dawdles: bool = False
     """Whether the EMV is near and slow."""
     turned_off: bool = False
-    """Whether the EMV is away and its way does not lead past the civilian any more."""
+    """Whether the EMV is far and its path no longer passes the civilian."""
 
 
 @dataclass(frozen=True)
 class YieldStep:
-    """What one step does to a civilian; ``unit`` is None once SUMO drives it as before."""
+    """Result of one step for a civilian; ``unit`` is None when SUMO drives it as before."""
 
     unit: YieldUnit | None
     command: DriveCommand | None = None
-    """None where SUMO drives."""
+    """Command of the driver; None while SUMO drives."""
     events: tuple[Event, ...] = ()
 
     def preceded_by(self, *events: Event) -> "YieldStep":
-        """The same with events that happened before its own."""
+        """The same result with earlier events in front."""
         return changed(self, events=(*events, *self.events))
 
 
@@ -125,7 +125,7 @@ def yield_event(unit: YieldUnit, ego: Ego, kind: EventKind, **detail: float | st
 
 
 def lane_of(unit: YieldUnit, ego: Ego) -> int:
-    """The lane that a civilian is on: that of its path, or SUMO's if it has none."""
+    """Lane of a civilian: that of its path, or SUMO's if it has no path."""
     return ego.lane if unit.navigator.lane == NO_LANE else unit.navigator.lane
 
 
@@ -139,18 +139,17 @@ def standing(ego: Ego) -> bool:
 
 
 _STICK_OUT_M: Final = 0.33
-"""How far an end of a vehicle may stick out sideways, by its heading, for it to count as aligned: what the paper's
-8° are for a car of 4.7 m."""
+"""How far an end of an aligned vehicle may stick out sideways: the paper's 8° for a car of 4.7 m."""
 
 
 def aligned_within_rad(ego: Ego) -> float:
-    """Heading error within which a vehicle counts as aligned: the paper's, and less for long vehicles."""
+    """Heading error within which a vehicle counts as aligned: the paper's, smaller for long vehicles."""
     sideways = _STICK_OUT_M / ego.half_length_m
     return min(ego.world.constants.heading_aligned_rad, sideways)
 
 
 def release_reason(emv: EmvView) -> str:
-    """Why a civilian is released: the EMV has passed, or has left the interaction region; empty while neither holds."""
+    """Reason of a civilian's release: the EMV has passed or has left the interaction region; otherwise empty."""
     if emv.passed:
         return "emv_passed"
     return "" if emv.in_region else "emv_gone"

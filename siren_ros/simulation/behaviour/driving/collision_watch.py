@@ -1,4 +1,4 @@
-"""Collision handling: who is ahead on the path, whose way meets it, and how fast a driver may go towards them."""
+"""Collision handling: limits a driver's speed for vehicles ahead on its path and for those whose paths meet it."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,7 +17,7 @@ from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, Way, Ways, Zone
 
 
 def stricter(first: SpeedLimit | None, second: SpeedLimit | None) -> SpeedLimit | None:
-    """Both limits as one: the lower speed with its actor, and the harder braking."""
+    """Combine two limits: the lower speed with its actor, and the harder braking."""
     if first is None or second is None:
         return first or second
     worse = first if first.speed_mps <= second.speed_mps else second
@@ -25,53 +25,53 @@ def stricter(first: SpeedLimit | None, second: SpeedLimit | None) -> SpeedLimit 
 
 
 _WATCH_MIN_M: Final = 20.0
-"""Drivers look at least so far ahead…"""
+"""Least distance that drivers watch ahead."""
 _WATCH_MAX_M: Final = 70.0
-"""…and at most so far, where they can stop in it."""
+"""Largest distance that drivers watch ahead, if they can stop within it."""
 _CROSSING_COSINE: Final = 0.9
-"""Vehicles that move at more than about 25° to the path cross it; the others move along it."""
+"""Vehicles at more than about 25° to the path cross it; others move along it."""
 MOVING_MPS: Final = 1.0
-"""Slower vehicles are leaders whichever way they look."""
+"""Slower vehicles count as leaders in any direction."""
 DRIFT_SINE: Final = 0.035
-"""Sideways drift of less than about 2° is noise of lane keeping."""
+"""Lateral drift below about 2° is noise of lane keeping."""
 _DRIFT_TIME_S: Final = 1.5
-"""Time over which a vehicle that drifts sideways is expected to go on."""
+"""Time for which lateral drift is extrapolated."""
 _TURNING_SINE: Final = 0.17
-"""Vehicles that come on at more than about 10° to the path turn across it."""
+"""Oncoming vehicles at more than about 10° to the path turn across it."""
 _OTHERS_TIME_S: Final = 6.0
-"""How far ahead others are followed, at their present speed…"""
+"""Time for which others are predicted at their present speed."""
 _OTHERS_MORE_M: Final = 10.0
-"""…with this much more…"""
+"""Distance added to that prediction."""
 _OTHERS_MOST_M: Final = 60.0
-"""…and this much at most."""
+"""Largest distance of that prediction."""
 ROLLING_MPS: Final = 0.3
-"""Slower vehicles come to a stand without more braking."""
+"""Slower vehicles stop without further braking."""
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionWatch:
-    """What one driver sees of the others at one step."""
+    """View of one driver on the others at one step."""
 
     path: TrackedPath
     progress_m: float
-    """Place of the driver's vehicle on the path."""
+    """Position of the driver's vehicle on the path."""
     row: int
     """The driver's row in ``seen``."""
     target_mps: float
-    """Speed that would be driven on a free path."""
+    """Speed on a free path."""
     seen: Surroundings
     config: Navigation
 
     @property
     def reach_m(self) -> float:
-        """How far ahead of its centre the vehicle looks."""
+        """Distance ahead of its centre that the vehicle watches."""
         speed, config = float(self.seen.speed_mps[self.row]), self.config
         braking = braking_distance_m(speed * speed, config.comfort_brake_mps2)
         most_m = max(_WATCH_MAX_M, braking + _WATCH_MIN_M)
         return min(max(braking + 1.5 * max(speed, self.target_mps) + 10.0, _WATCH_MIN_M), most_m)
 
     def leaders(self) -> SpeedLimit | None:
-        """Limit by the most restrictive actor ahead on the corridor that the vehicle sweeps; None on a free path.
+        """Limit for the most restrictive actor ahead in the corridor that the vehicle sweeps; None on a free path.
 
         Actors that stand or move along the path are leaders at constant speed along it, also those that drift into it;
         those that cross it belong to ``meetings``. The safe speed is Krauss's (``safe_following_mps``).
@@ -86,7 +86,7 @@ class CollisionWatch:
         return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
 
     def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
-        """Limit by the most restrictive of the vehicles that the driver lets pass first; None without one.
+        """Limit for the most restrictive vehicle that the driver must let pass; None if there is none.
 
         With ``leaders``, vehicles that lead on the path count too: one whose rear is beside the driver's front already
         is no leader on the path, but may turn into it.
@@ -106,7 +106,7 @@ class CollisionWatch:
 
 
 def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
-    """The ways of all where nobody's course is known."""
+    """Paths of all vehicles if no courses are known: straight ahead."""
     poses = zip(seen.x_m.tolist(), seen.y_m.tolist(), seen.yaw_rad.tolist(), strict=True)
     bodies = zip(poses, seen.half_length_m.tolist(), seen.half_width_m.tolist(), strict=True)
     ways = Ways.of(
@@ -117,16 +117,18 @@ def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
 
 
 _PART_HALF_LENGTH_M: Final = 2.5
-"""Half the length of a car: a longer vehicle is looked at in parts of this size."""
+"""Half the length of a car; longer vehicles are checked in parts of this size."""
 _UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 10)))
-"""The ways where nobody's course is known."""
+"""Paths if no courses are known."""
 
 
 @compiled
 def _leads(
     bodies: Any, other: int, from_middle_m: float, line: Any, window: Any, own: Any, ways: Any, sides: Any
 ) -> tuple[bool, float, float, bool]:
-    """Whether a vehicle is ahead on the corridor that another sweeps; gap, speed along the path, whether they meet.
+    """Whether a vehicle is ahead in the corridor that another sweeps; its gap and speed along the path.
+
+    Whether they meet.
 
     ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own, by the part's middle: the
     path turns along a long vehicle. It is looked at between two of its points, the ``window``.
@@ -151,8 +153,8 @@ def _leads(
     inside = beside < corridor and (gap > -0.5 or beside < own_width)
     moving = speed > moving_mps
     crossing = abs(along) < crossing_cosine and moving
-    # A vehicle that comes on at an angle turns out of the way or into it, and so does one that turns along its
-    # course: the outlook knows which.
+    # An oncoming vehicle at an angle turns out of the way or into it, as does one that turns along its course; its
+    # predicted course decides.
     turning = abs(across) > turning_sine and moving and len(ways.first) > 0
     drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
     drifting = drifting and not (turning and follows_course(ways, other))
@@ -165,7 +167,7 @@ def _leads(
 def _strictest_leader(
     bodies: Any, line: Any, own: Any, ways: Any, sides: Any, keeps: Any
 ) -> tuple[int, float, float, float]:
-    """Row of the vehicle that restricts most of those that lead on a path, safe speed, braking and gap; −1 without one.
+    """The most restrictive leader on a path: its row (−1 without one), safe speed, braking and gap.
 
     ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
     ``Navigation``.
@@ -209,7 +211,7 @@ def _strictest_leader(
 
 @compiled
 def _approaching(bodies: Any, own: Any, reach_m: Any, limits: Any) -> Any:
-    """Pairs of the driver and a moving vehicle that may come to the path, without those that merely follow.
+    """Pairs of the driver and moving vehicles that may reach the path, without those that only follow.
 
     Fills in ``reach_m``: how far ahead each one is looked at.
     """
@@ -234,7 +236,9 @@ def _approaching(bodies: Any, own: Any, reach_m: Any, limits: Any) -> Any:
 def _strictest_wait(
     who: Any, ways: Any, rights: Any, line: Any, own: Any, leaders: bool, limits: Any, speeds: Any, config: Any
 ) -> tuple[int, float, float, float]:
-    """Row of the vehicle that makes a driver wait most, speed, hardest braking of all, and free way; −1 without one.
+    """The vehicle that makes a driver wait most.
+
+    It gives the row (−1 without one), the speed, the hardest braking of all, and the free distance.
 
     ``who`` are the bodies and which of them are EMVs, ``limits`` and ``speeds`` fields of ``Navigation``, ``line``
     is the driver's path. No red light makes an EMV wait: of two with the same right of way the one in the first row

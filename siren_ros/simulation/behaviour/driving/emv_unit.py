@@ -1,4 +1,4 @@
-"""The state of one emergency vehicle: its route, its latched flags, and what a guard of its control gives.
+"""State of one emergency vehicle (route, flags), and the result of its guards.
 
 A guard (paper, Algorithm 1) is one of the steps that are evaluated from top to bottom.
 """
@@ -22,7 +22,7 @@ from siren_ros.simulation.world.traffic_state import EmvAdvice, Event, EventKind
 
 @dataclass(frozen=True)
 class RoutePlan:
-    """The lanes that the present path follows."""
+    """Lanes that the present path follows."""
 
     edges: tuple[int, ...]
     """Edges of the path in order, without internal ones."""
@@ -32,7 +32,7 @@ class RoutePlan:
     def agrees_with(self, route: Indices) -> bool:
         """Whether the path still follows the route."""
         ahead = tuple(route.tolist())
-        if ahead and ahead[0] not in self.edges:  # on the junction after the first edge
+        if ahead and ahead[0] not in self.edges:  # the vehicle is on the junction after the first edge
             ahead = ahead[1:]
         if not ahead or ahead[0] not in self.edges:
             return False
@@ -42,21 +42,21 @@ class RoutePlan:
 
 
 PATH_AHEAD_M: Final = 120.0
-"""Length of a path along the route, at least."""
+"""Least length of a path along the route."""
 _PATH_BEHIND_M: Final = 10.0
-"""Where it begins, behind the EMV."""
+"""A path begins this far behind the EMV."""
 _REJOIN_OFFSET_M: Final = 0.5
-"""Offsets below it are left to the path tracking."""
+"""Smaller offsets are corrected by path tracking."""
 _STOP_BEFORE_ROUTE_END_M: Final = 3.0
-"""What is left of the route before the EMV's front."""
+"""Distance between the EMV's front and the end of its route when it stops."""
 _ALIGNED_RAD: Final = 0.3
-"""Heading errors below it are left to the path tracking."""
+"""Smaller heading errors are corrected by path tracking."""
 
 
 def plan_route(
     ego: Ego, lane: int, navigator: NavigatorState, merge_m: float | None = None
 ) -> tuple[RoutePlan, NavigatorState]:
-    """A new path along the route from a lane on, which may be an internal one.
+    """Plan a new path along the route from a lane, which may be an internal one.
 
     ``merge_m`` is the length of the move onto the lane, by default what offset and speed ask for.
     """
@@ -89,7 +89,7 @@ def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
 
 
 def present_lane(ego: Ego, navigator: NavigatorState) -> int:
-    """The lane that the EMV is on: that of its path if it follows the route, otherwise SUMO's."""
+    """Lane of the EMV: that of its path if this follows the route, otherwise SUMO's."""
     lane = navigator.lane
     if lane == NO_LANE:
         return ego.lane
@@ -98,7 +98,9 @@ def present_lane(ego: Ego, navigator: NavigatorState) -> int:
 
 
 def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
-    """The lane of the present edge that serves the route best, of equals the nearest; an internal lane itself.
+    """Lane of the present edge that serves the route best; of equal ones the nearest.
+
+    An internal lane is returned as is.
 
     Of lanes as good and as near on both sides, it is the right one.
     """
@@ -112,50 +114,50 @@ def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
 
 
 ROUTE: Final = "route"
-"""Reason of a request for a lane change that the route asks for."""
+"""Reason of a lane change that the route needs."""
 
 
 @dataclass(frozen=True)
 class LateralRequest:
-    """A wish for a lane change, alive while it is repeated."""
+    """A wish for a lane change; it ends when it is not repeated."""
 
     side: int = 0
     reason: str = ""
     seen_step: int = NEVER
     deferred: Refusal | None = None
-    """Why it could not be executed when it was last looked at."""
+    """Reason why it was not feasible at the last check."""
 
 
 @dataclass(frozen=True, eq=False)
 class EmvUnit:
-    """Latched flags, timers and the navigator of one EMV (``emv_state`` in the paper's Algorithm 1)."""
+    """Flags, timers and navigator of one EMV (``emv_state`` in the paper's Algorithm 1)."""
 
     actor_id: int
     navigator: NavigatorState = field(default_factory=NavigatorState)
     plan: RoutePlan | None = None
-    """The route that the navigator's path follows; None while the path comes from elsewhere."""
+    """Route of the navigator's path; None while the path has another origin."""
     blocker_id: int = NO_ACTOR
-    """Who blocked the way at the last step."""
+    """Actor that blocked the EMV at the last step."""
     stopped_s: float = 0.0
     blocker_free_s: float = 0.0
     gap_escape_active: bool = False
     escape_planned_step: int = NEVER
     escape_offset_m: float | None = None
-    """Where the escape path leads beside the route; None while no free path exists."""
+    """Offset of the escape path next to the route; None while there is no free path."""
     escape_clearance_m: float = 0.0
-    """Margin that the escape path keeps."""
+    """Margin of the escape path."""
     corridor: bool = False
     corridor_seen_step: int = NEVER
     corridor_planned_step: int = NEVER
     change_side: int = 0
-    """Side of the forced lane change under way (``lane_change_forced``), 0 without one."""
+    """Side of the current forced lane change (``lane_change_forced``), 0 without one."""
     change_step: int = NEVER
     """Start of the last forced lane change."""
     request: LateralRequest = field(default_factory=LateralRequest)
 
     @property
     def between(self) -> bool:
-        """Whether the EMV drives between other vehicles: in the corridor or a gap escape."""
+        """Whether the EMV drives between other vehicles, in the corridor or a gap escape."""
         return self.corridor or self.gap_escape_active
 
     @property
@@ -170,11 +172,11 @@ def advice_of(view: StepView, actor_id: int) -> EmvAdvice | None:
 
 
 def event_of(ego: Ego, kind: EventKind, other_id: int = NO_ACTOR, **detail: float | str) -> Event:
-    """An event of the EMV at its present place."""
+    """An event of the EMV at its present position."""
     return Event(ego.step, kind, ego.actor_id, other_id, *ego.place, detail)
 
 
 GuardResult: TypeAlias = tuple[EmvUnit, tuple[Event, ...]]
-"""The EMV after a guard, and what the guard has to report."""
+"""The EMV after a guard, and the guard's events."""
 Guard: TypeAlias = Callable[[EmvUnit, Ego], GuardResult]
-"""Takes the EMV's latched state, and the step as the EMV sees it."""
+"""One guard: takes the EMV's state, and the step as the EMV sees it."""

@@ -1,4 +1,4 @@
-"""Free space around a vehicle: how far its footprint stays from others at poses it may take."""
+"""Free space around a vehicle: distance of its footprint from others at poses that it may take."""
 
 import math
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from siren_ros.simulation.behaviour.paths.curve import curve_place
 from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.simulation.world.actors import NO_ACTOR
 
-# No parameters: resolutions and tolerances of the measurement, which compiled loops hold as constants.
+# No parameters: compiled loops contain these resolutions and tolerances as constants.
 _PATH_STEP_M: Final = 0.25
 _OFFSET_KEPT_M: Final = 2.0
-"""Way on which an offset from the path stays: in bends that are as tight as the wheels turn it may even grow."""
+"""Distance for which an offset from the path stays; in bends as tight as the steering allows it may even grow."""
 _OFFSET_LENGTH_M: Final = 4.0
-"""Way over which the path tracking then takes back most of it."""
+"""Distance over which path tracking then corrects most of it."""
 _LEAST_WAY_M: Final = 0.2
 _RESERVE_M: Final = 1.0
-"""Distance from an impassable place that braking keeps in any case."""
+"""Distance kept to an impassable place by braking in any case."""
 _TOUCH_M: Final = 0.03
-"""Nearer than this the bodies count as touching."""
+"""Bodies nearer than this count as touching."""
 _TOLERANCE_M: Final = 0.01
-"""A vehicle that is nearer than the clearance already may come this much nearer still: the noise of the tracking."""
+"""Amount by which a vehicle inside the clearance may still come nearer: the noise of tracking."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Obstacles(Columns):
 
     @classmethod
     def swept(cls, seen: Surroundings, rows: npt.NDArray[np.intp], time_s: Floats) -> "Obstacles":
-        """The footprints of vehicles, extended ahead by the distance that each covers in its ``time_s``."""
+        """Footprints of vehicles, extended ahead by the distance that each drives in its ``time_s``."""
         half_sweep = 0.5 * time_s * seen.speed_mps[rows]
         cos, sin = seen.cos[rows], seen.sin[rows]
         x_m, y_m = seen.x_m[rows] + cos * half_sweep, seen.y_m[rows] + sin * half_sweep
@@ -65,7 +65,7 @@ def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacl
 
 
 def _gaps_m(poses: Floats, body: Body, obstacles: Obstacles) -> Floats:
-    """``separations_m`` of poses as x, y, cosine and sine, shape ``(4, P)``; gives shape ``(P, M)``."""
+    """``separations_m`` for poses as x, y, cosine and sine, shape ``(4, P)``; the result has shape ``(P, M)``."""
     boxes = np.array(
         (obstacles.x_m, obstacles.y_m, obstacles.cos, obstacles.sin, obstacles.half_length_m, obstacles.half_width_m)
     )
@@ -76,7 +76,7 @@ def _gaps_m(poses: Floats, body: Body, obstacles: Obstacles) -> Floats:
 
 @compiled
 def _separate(poses: Array, boxes: Array, half_length: float, half_width: float, gap: Array) -> None:
-    """Fill in the gap of a body in each pose (x, y, cosine, sine; ``(4, P)``) from each box ``(6, M)``."""
+    """Compute the gap of a body in each pose (x, y, cosine, sine; ``(4, P)``) from each box ``(6, M)``."""
     for n in range(poses.shape[1]):
         pose = poses[0, n], poses[1, n], poses[2, n], poses[3, n]
         for m in range(boxes.shape[1]):
@@ -87,7 +87,7 @@ def _separate(poses: Array, boxes: Array, half_length: float, half_width: float,
 def clearances_m(
     x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacles: Obstacles, present_m: Floats
 ) -> Floats:
-    """Least distance of a body from all obstacles at poses as for ``separations_m``; infinite without obstacles.
+    """Smallest distance of a body from all obstacles, at poses as for ``separations_m``; infinite without obstacles.
 
     ``present_m`` is the distance from each obstacle at present, shape ``(M,)``: an obstacle does not count at poses
     that are no nearer to it.
@@ -98,29 +98,29 @@ def clearances_m(
 
 
 class SpeedLimit(NamedTuple):
-    """How fast one may drive, how hard one must brake, and for whom."""
+    """Limit of speed, required braking, and the actor that causes them."""
 
     speed_mps: float = math.inf
     brake_mps2: float = 0.0
-    """Deceleration that is needed at least."""
+    """Least required deceleration."""
     blocker_id: int = NO_ACTOR
-    """The actor who blocks the way."""
+    """Actor that blocks the way."""
     free_m: float = math.inf
-    """Way to that actor."""
+    """Distance to that actor."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeWay:
-    """How near a body comes to obstacles along a path."""
+    """Distances of a body from obstacles along a path."""
 
     way_m: Floats
-    """Places ahead of the body, shape ``(K,)``."""
+    """Distances driven from the body's present place, shape ``(K,)``."""
     gap_m: Floats
     """Distance from each obstacle at each place, shape ``(K, M)``."""
     credit_m: Floats
-    """Way that each obstacle will have gone before it can stand, shape ``(M,)``."""
+    """Distance that each obstacle will have moved before it can stand, shape ``(M,)``."""
     actor_id: Ids
-    """Of the obstacles."""
+    """Ids of the obstacles."""
 
     @classmethod
     def along(
@@ -133,7 +133,7 @@ class FreeWay:
         obstacles: Obstacles,
         credit_m: Floats,
     ) -> "FreeWay":
-        """The free way of a body on a path of its centre.
+        """Compute the distances for a body on a path of its centre.
 
         Args:
             path: Path of the body's centre.
@@ -153,22 +153,25 @@ class FreeWay:
         return cls(way, _gaps_m(poses, body, obstacles), credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
-        """Distance before the body comes nearer than a clearance to an obstacle; infinite if it never does."""
+        """Distance that the body drives before it is nearer than a clearance to an obstacle.
+
+        Infinite if it never is.
+        """
         return float(self._first_m(np.full(len(self.credit_m), clearance_m)).min(initial=np.inf))
 
     @property
     def free_m(self) -> float:
-        """Distance before the body would touch an obstacle, or come nearer to one that it touches already."""
+        """Distance until the body touches an obstacle, or comes nearer to one that it already touches."""
         return float(self._stopping_m(_TOUCH_M).min(initial=np.inf))
 
     def _stopping_m(self, clearance_m: float) -> Floats:
-        """Way to each obstacle that is too near; the tolerance ends where bodies touch, or many steps would add up."""
+        """Distance to each obstacle that is too near; there is no tolerance at contact, or small steps would add up."""
         present = self.gap_m[0]
         nearer = np.maximum(present - _TOLERANCE_M, np.minimum(present, _TOUCH_M))
         return self._first_m(np.minimum(clearance_m, nearer))
 
     def _first_m(self, clearance_m: Floats) -> Floats:
-        """Way to the first place that is nearer to each obstacle than its clearance ``(M,)``; infinite without one."""
+        """Distance to the first place nearer to each obstacle than its clearance ``(M,)``; infinite without one."""
         first = np.empty(len(self.credit_m))
         _first_nearer(self.way_m, self.gap_m, clearance_m, first)
         return first + self.credit_m
@@ -181,7 +184,7 @@ class FreeWay:
         brake_mps2: float,
         clearance_m: float = _TOUCH_M,
     ) -> SpeedLimit:
-        """Speed from which one can slow down for tight places and stop before impassable ones.
+        """Speed from which the body can slow down for tight places and stop before impassable ones.
 
         The needed deceleration is that of a stop before contact. Places that are only too tight are braked for gently,
         with ``brake_mps2``; nearer to contact than ``stop_short_m`` the body brakes so until it stands.
@@ -210,7 +213,7 @@ def _poses_ahead(
     points: Array, heading_rad: Array, curvature_1pm: Array, spacing_m: float, progress_m: float, left_m: float,
     yaw_rad: float, centre_ahead_m: float, way_m: Array, poses: Array,
 ) -> None:  # fmt: skip
-    """Fill in x, y, cosine and sine (``(4, K)``) of a body after each way ``(K,)``; offset and yaw error fade.
+    """Compute x, y, cosine and sine of a body after each distance ``(K,)``; offset and yaw error decrease to zero.
 
     The rear axle follows the body's centre as a trailer does: behind a bend the body turns into the course of its
     centre over the way between both.
@@ -231,7 +234,7 @@ def _poses_ahead(
 
 @compiled
 def _first_nearer(way_m: Array, gap_m: Array, clearance_m: Array, first_m: Array) -> None:
-    """Fill in the first way ``(K,)`` at which the gap ``(K, M)`` is below each clearance ``(M,)``."""
+    """Find for each clearance ``(M,)`` the first distance ``(K,)`` at which the gap ``(K, M)`` is smaller."""
     for m in range(gap_m.shape[1]):
         first_m[m] = np.inf
         for k in range(gap_m.shape[0]):

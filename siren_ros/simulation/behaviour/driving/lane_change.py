@@ -1,4 +1,4 @@
-"""Forced lane changes of any controlled vehicle: is one feasible, its path, and whether it is finished."""
+"""Forced lane changes of controlled vehicles: feasibility, path, and end."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from siren_ros.simulation.world.actors import NO_ACTOR
 
 
 class Refusal(StrEnum):
-    """Why a lateral request is not feasible at a step."""
+    """Reason why a lane change is not feasible at a step."""
 
     NO_LANE = "no_lane"
     JUNCTION = "junction"
@@ -34,16 +34,16 @@ class Refusal(StrEnum):
 
 
 _EASED_OFF: Final = 0.75
-"""Part of the present speed that is left on average, where the target speed is lower."""
+"""Mean share of the present speed during a change, if the target speed is lower."""
 _SPEED_UP_MPS: Final = 2.5
-"""Gain of speed that a lane change is laid out for."""
+"""Gain of speed for which the length of a lane change is planned."""
 _STEER_SHARE: Final = 0.7
-"""Part of the steering range that a lane change may use."""
+"""Share of the steering range that a lane change may use."""
 
 
 @dataclass(frozen=True, eq=False)
 class LaneChangeQuery:
-    """A lane change that a vehicle may make."""
+    """A possible lane change of a vehicle."""
 
     ego: Ego
     lane: int
@@ -51,14 +51,14 @@ class LaneChangeQuery:
     side: int
     """+1 left, −1 right."""
     target_mps: float
-    """Speed that the vehicle will have during the change."""
+    """Speed of the vehicle during the change."""
     civilian: bool
     ends_on_junction: bool = False
-    """Whether the change may be finished on the next junction."""
+    """Whether the change may end on the next junction."""
 
     @property
     def config(self) -> LaneChangeConfig:
-        """Parameters of the EMV's or of the civilians' lane changes."""
+        """Parameters of lane changes, for EMVs or civilians."""
         return self.ego.civilian_driver.lane_change if self.civilian else self.ego.emv_driver.lane_change
 
     @property
@@ -68,7 +68,7 @@ class LaneChangeQuery:
 
     @property
     def length_m(self) -> float:
-        """Length of a lane change that starts now: a duration at the present speed, and what the vehicle can steer."""
+        """Length of a lane change that starts now, from its duration at the present speed and the steering's limits."""
         config, ego = self.config, self.ego
         sharpest = math.tan(_STEER_SHARE * ego.vehicle.max_steer_rad) / ego.vehicle.wheelbase_m
         width, speed = ego.network.lanes[self.lane].width_m, ego.speed_mps
@@ -80,22 +80,22 @@ class LaneChangeQuery:
 
 
 class LaneGaps(NamedTuple):
-    """Free way to the vehicles in a lane, from bumper to bumper; infinite where there is none."""
+    """Free distances to the vehicles in a lane, bumper to bumper; infinite if there is none."""
 
     front_m: float
     front_mps: float
     rear_m: float
     rear_mps: float
     front_id: int = NO_ACTOR
-    """Vehicle ahead."""
+    """Id of the vehicle ahead."""
 
 
 _GAP_RANGE_M: Final = 60.0
-"""Distance within which vehicles in a lane are looked at."""
+"""Vehicles in a lane are considered within this distance."""
 
 
 def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
-    """Gaps of a vehicle to those ahead and behind in any lane; negative while it is alongside one."""
+    """Gaps of a vehicle to those ahead and behind in any lane; negative next to one."""
     centre, seen = ego.network.lanes[lane].centre, ego.seen
     front, rear, *gaps = _gaps(centre.points, centre.arc_m, seen.bodies, ego.row, _GAP_RANGE_M)
     if front < 0:
@@ -106,7 +106,7 @@ def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
 
 @compiled
 def _gaps(points: Any, arc_m: Any, bodies: Any, row: int, range_m: float) -> tuple[int, int, float, float]:
-    """Rows of the vehicles ahead and behind in a lane, the first of all where there is none, and the gaps; −1 alone."""
+    """Rows of the vehicles ahead and behind in a lane (−1 if there is none), and the gaps."""
     x_m, y_m, half_length_m, half_width_m = bodies[0, row], bodies[1, row], bodies[6, row], bodies[7, row]
     own_s_m, _, heading = nearest_on_line(points, arc_m, x_m, y_m)
     front, rear, front_m, rear_m = -1, -1, np.inf, np.inf
@@ -131,7 +131,7 @@ def _gaps(points: Any, arc_m: Any, bodies: Any, row: int, range_m: float) -> tup
 
 
 def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config: LaneChangeConfig) -> Refusal | None:
-    """Why a gap cannot be entered, None where it can.
+    """Reason why a gap cannot be entered; None if it can.
 
     The gaps must last for the whole manoeuvre. The vehicle slows to its target speed, if that is lower. The vehicle
     behind it brakes too, after a reaction time. Towards the vehicle ahead it brakes in the same way.
@@ -150,11 +150,11 @@ def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config:
 
 
 _RETURN_ROOM_M: Final = 60.0
-"""Lane left after the change, where the target lane does not lead on along the route."""
+"""Length of lane needed after the change, if the target lane does not follow the route."""
 
 
 def assess(query: LaneChangeQuery) -> Refusal | LanePath:
-    """The reference line in the target lane of a lane change, or why it is not feasible now.
+    """Reference line in the target lane of a lane change, or the reason why it is not feasible now.
 
     A lane change does not start on a junction, and ends before the next one unless the query says otherwise. Civilians
     use driving lanes only. A lane that does not follow the route is accepted if enough of it is left to come back.
@@ -180,17 +180,17 @@ def assess(query: LaneChangeQuery) -> Refusal | LanePath:
 
 
 def lane_change_path(query: LaneChangeQuery, reference: LanePath, stop_at_end: bool) -> TrackedPath:
-    """``BuildLaneChangeWaypoints``: from the present pose into the target lane and along it."""
+    """``BuildLaneChangeWaypoints``: path from the present pose into the target lane and along it."""
     ego, shorten_m = query.ego, query.ego.half_length_m + 1.0 if stop_at_end else 0.0
     return path_onto(reference, ego.pose, query.length_m, ego.navigator_config, 0.0, stop_at_end, shorten_m)
 
 
 _ENTERED_TOLERANCE_M: Final = 0.15
-"""How far the footprint may reach over the lane's edge when it counts as inside."""
+"""Amount by which the footprint may reach over the lane's edge and still count as inside."""
 
 
 def entered_lane(ego: Ego, lane: int) -> bool:
-    """Whether a vehicle's whole footprint lies in a lane and its heading is the lane's (``HeadingAligned``)."""
+    """Whether a vehicle's whole footprint is in a lane with the lane's heading (``HeadingAligned``)."""
     offset, turned = offset_in_lane(ego, lane)
     if abs(turned) > ego.world.constants.heading_aligned_rad:
         return False

@@ -1,4 +1,4 @@
-"""How EMVs come to lines at which others have the right of way: a draw per driver, bounded by what the driver sees."""
+"""Speeds of EMVs at lines without right of way: one draw per driver, limited by the view."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from siren_ros.simulation.scenario.presets import Attention
 
 
 def must_give_way(connection: Connection, signals: Mapping[str, str]) -> bool:
-    """Whether a movement has a line before which others have the right of way: red, a stop sign, a give-way sign.
+    """Whether a movement has a line at which others have the right of way: red light, stop sign, give-way sign.
 
     A green light that gives way to oncoming traffic is none: that traffic is in view.
     """
@@ -24,13 +24,13 @@ def must_give_way(connection: Connection, signals: Mapping[str, str]) -> bool:
 
 
 _VIEW_M: Final = 40.0
-"""Distance before the line from which on the view counts."""
+"""Distance before the line from which the view counts."""
 _VIEW_STEP_M: Final = 0.5
-"""Distance between the places before it."""
+"""Distance between the places at which the view is computed."""
 
 
 class LineBook:
-    """The speeds of a map's lines, each worked out once: a memory of pure results."""
+    """Caches the speeds at a map's lines; each is computed once."""
 
     def __init__(self, network: RoadNetwork, config: JunctionEntryConfig, attention: Attention, seed: int) -> None:
         self._network, self._config, self._attention, self._seed = network, config, attention, seed
@@ -38,7 +38,7 @@ class LineBook:
         self._views: dict[tuple[int, int, float], tuple[Floats, Floats]] = {}
 
     def driver_mps(self, emv_id: int) -> float:
-        """Speed at a line of one EMV's driver; the same for the same preset, seed and actor."""
+        """Speed at a line of one EMV's driver; it depends only on preset, seed and actor."""
         if self._config.speed_mps is not None:
             return self._config.speed_mps
         if emv_id not in self._drivers:
@@ -47,7 +47,7 @@ class LineBook:
         return self._drivers[emv_id]
 
     def approach_mps(self, emv_id: int, length_m: float, connection: Connection, ahead_m: float) -> float:
-        """Speed with the front so far before a line: gentle braking leads to the driver's speed at it.
+        """Speed at a distance before a line: gentle braking leads to the driver's speed at the line.
 
         On the way the driver goes no faster than the view of the streets from the side allows. A calibrated driver
         does what was measured.

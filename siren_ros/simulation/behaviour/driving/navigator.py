@@ -1,4 +1,4 @@
-"""The waypoint navigator: the one controller that drives every vehicle that SUMO does not drive.
+"""The waypoint navigator: the controller of every vehicle that SUMO does not drive.
 
 It steers along a path with curvature feed-forward and feedback of offset and heading, and presses the pedals by
 proportional-integral control over the vehicle's own force limits.
@@ -20,13 +20,13 @@ from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, VehicleP
 from siren_ros.simulation.roads.road_network import NO_LANE
 
 PREVIEW_TIME_S: Final = 0.6
-"""Time scale of the lateral feedback: its length is this times the speed."""
+"""Time constant of the lateral feedback: its length is this time multiplied by the speed."""
 PREVIEW_MIN_M: Final = 3.0
-"""Least length of it."""
+"""Least length of the lateral feedback."""
 DAMPING: Final = 1.0
 """Damping ratio of the lateral feedback."""
 _LATERAL_ERROR_MAX_M: Final = 1.0
-"""Errors beyond it are corrected no more steeply."""
+"""Lateral errors beyond this are corrected with the same angle."""
 
 
 def steer_along(
@@ -68,7 +68,7 @@ def steer_along(
 
 @dataclass(frozen=True)
 class Pedals:
-    """Throttle and brake, 0–1 each, and the integral to carry on, in m/s²."""
+    """Throttle and brake, 0–1 each, and the integral of the speed control for the next step, in m/s²."""
 
     throttle: float
     brake: float
@@ -76,23 +76,23 @@ class Pedals:
 
 
 SPEED_GAIN_1PS: Final = 2.0
-"""Acceleration for an error of the speed."""
+"""Acceleration per m/s of speed error."""
 _SPEED_INTEGRAL_1PS2: Final = 0.3
-"""Growth of the integral for it."""
+"""Growth of the integral per m/s of speed error."""
 _STANDSTILL_MPS: Final = 0.3
-"""Speed below which a vehicle that shall stop is held by the brake."""
+"""A vehicle that should stop and is slower than this is held by the brake."""
 _STOP_TARGET_MPS: Final = 0.05
-"""Lower target speeds mean a stop."""
+"""A lower target speed means a stop."""
 _HOLD_BRAKE: Final = 0.6
-"""Brake pedal of a vehicle that is held, 0–1."""
+"""Brake pedal of a held vehicle, 0–1."""
 _INTEGRAL_LIMIT_MPS2: Final = 0.8
-"""Greatest integral of the speed control."""
+"""Limit of the integral of the speed control."""
 _INTEGRAL_BAND_MPS: Final = 1.0
-"""Error of the speed within which the integral grows."""
+"""Speed error within which the integral grows."""
 _FIRM_BRAKING: Final = 1.3
 """Braking towards a lower speed, relative to the comfortable deceleration of the path's speed profile."""
 _COAST_MPS2: Final = 0.05
-"""Decelerations below it come from rolling alone."""
+"""Smaller decelerations come from rolling alone."""
 
 
 def press_pedals(
@@ -104,7 +104,7 @@ def press_pedals(
     config: Navigation,
     steer_rad: float = 0.0,
 ) -> Pedals:
-    """Pedals for a target speed; the brakes do what a bend, with the wheels at an angle, does not do by itself.
+    """Pedals for a target speed; the brakes add what a bend with steered wheels does not slow down by itself.
 
     ``must_brake_mps2`` is the deceleration that is needed at least (0: none), so as not to hit what is ahead. The
     integral comes from the step before; it stands still outside a band around the target speed and while a limit is
@@ -135,15 +135,15 @@ def press_pedals(
 
 
 def _cornering_mps2(speed_mps: float, steer_rad: float, vehicle: VehicleParameters) -> float:
-    """By how much the side force of steered front wheels slows a vehicle in steady cornering."""
+    """Deceleration by the side force of steered front wheels in steady cornering."""
     curvature = steer_rad / (vehicle.wheelbase_m + vehicle.understeer_gradient_s2pm * speed_mps**2)
     front_share = 1.0 - vehicle.cg_to_front_axle_m / vehicle.wheelbase_m
     return front_share * speed_mps**2 * curvature * math.tan(steer_rad)
 
 
-# No parameter: half of the distance between the points of a path.
+# No parameter: half the distance between points of a path.
 DONE_M: Final = 0.5
-"""Distance from the path's end at which the path counts as driven."""
+"""Distance to the path's end at which the path counts as completed."""
 
 
 class DriveCommand(NamedTuple):
@@ -161,7 +161,7 @@ FULL_BRAKE: Final = DriveCommand(throttle=0.0, brake=1.0, steer_rad=0.0, hand_br
 
 @dataclass(frozen=True, eq=False)
 class NavigatorState:
-    """The path that is followed, and how far."""
+    """The followed path and the progress on it."""
 
     path: TrackedPath | None = None
     progress_m: float = 0.0
@@ -169,23 +169,23 @@ class NavigatorState:
     """Offset from the path at the last step."""
     integral_mps2: float = 0.0
     target_mps: float = 0.0
-    """Speed that the mode asked for at the last step."""
+    """Target speed of the mode at the last step."""
     limits: tuple[SpeedLimit, ...] = ()
-    """What each mechanism asked for then, in their order."""
+    """Limits of all mechanisms at the last step, in their order."""
 
     def following(self, path: TrackedPath, x_m: float, y_m: float) -> "NavigatorState":
-        """The state after ``SetWaypoints``: a new path, entered at the place nearest to a point."""
+        """State after ``SetWaypoints``: a new path, entered at the position nearest to a point."""
         progress, left = path.curve.project_one(x_m, y_m)
         return NavigatorState(path, progress, left, self.integral_mps2)
 
     @property
     def lane(self) -> int:
-        """Lane below the present place on the path; ``NO_LANE`` without one."""
+        """Lane at the present position on the path; ``NO_LANE`` without one."""
         return NO_LANE if self.path is None else self.path.lane_at(self.progress_m)
 
     @property
     def remaining_m(self) -> float:
-        """Path left, 0 without one."""
+        """Remaining length of the path, 0 without one."""
         return self.path.length_m - self.progress_m if self.path is not None else 0.0
 
     @property
@@ -195,7 +195,7 @@ class NavigatorState:
 
 
 def free_way_of(state: NavigatorState, ego: Ego, reach_m: float, obstacles: Obstacles, credit_m: Floats) -> FreeWay:
-    """How near a vehicle's body comes to obstacles along its path; arguments as for ``FreeWay.along``."""
+    """Distances of a vehicle's body from obstacles along its path; arguments as for ``FreeWay.along``."""
     if state.path is None:
         raise ValueError("no path is followed")
     progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
@@ -204,23 +204,23 @@ def free_way_of(state: NavigatorState, ego: Ego, reach_m: float, obstacles: Obst
 
 
 NARROW_STOP_SHORT_M: Final = 0.3
-"""Distance kept from a place that is too narrow."""
+"""Distance kept to a place that is too narrow."""
 LEADER_BRAKE_MPS2: Final = 4.0
-"""Deceleration expected of vehicles ahead."""
+"""Braking that is expected of vehicles ahead."""
 _SIDE_WATCH_S: Final = 1.0
-"""Time over which vehicles that come on at the side are swept ahead."""
+"""Time for which approaching vehicles at the side are extrapolated."""
 _SIDE_WATCH_M: Final = 8.0
-"""Distance at the side and behind within which they are seen."""
+"""Distance to the side and behind within which vehicles are seen."""
 NARROW_REACH_M: Final = 8.0
-"""How far ahead a driver at walking pace looks."""
+"""Distance ahead that a driver at walking pace watches."""
 ALONG_COSINE: Final = 0.7
-"""Cosine above which a vehicle counts as one of the same direction."""
+"""Vehicles with a larger cosine to the own direction count as the same direction."""
 STILL_MPS: Final = 0.3
-"""Slower vehicles stand."""
+"""Slower vehicles count as standing."""
 
 
 def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = False) -> SpeedLimit:
-    """How fast a driver may go sideways between others, or between EMVs alone, so that the body touches nobody.
+    """Speed limit for a driver that moves sideways between others (or only EMVs), so that the body touches none.
 
     The collision handling watches the strip ahead of the vehicle. Ends that swing out towards a vehicle at the side,
     and vehicles at the side that come on, are seen here.

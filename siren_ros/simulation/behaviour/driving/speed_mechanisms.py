@@ -1,4 +1,4 @@
-"""Every mechanism that limits a driver's speed, in the order in which they act.
+"""All mechanisms that limit a driver's speed, in the order in which they act.
 
 ``navigate`` runs through the table ``MECHANISMS`` for each vehicle that SUMO does not drive. SUMO's own drivers follow
 SUMO's car-following model; ``traffic`` limits them further (``traffic.sumo.rules.RULES`` has all that they are told):
@@ -58,37 +58,37 @@ _SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """One driver on a path at one step."""
+    """Inputs of one driver on a path at one step."""
 
     unit: EmvUnit | YieldUnit
     ego: Ego
     path: TrackedPath
     progress_m: float
     target_mps: float
-    """Speed that the mode asks for."""
+    """Target speed of the mode."""
     config: Navigation
 
 
 ESCAPE_HORIZON_M: Final = 30.0
-"""How far a gap escape looks ahead."""
+"""Distance that a gap escape looks ahead."""
 _BESIDE_M: Final = 30.0
-"""How far beyond the horizon vehicles are looked at."""
+"""Vehicles are considered up to this distance beyond that horizon."""
 
 
 def rows_around(ego: Ego) -> tuple[Rows, Flags]:
-    """Rows of the vehicles around the EMV, and which of them point in its direction."""
+    """Rows of the vehicles around the EMV, and which have its direction."""
     rows = ego.near(ESCAPE_HORIZON_M + _BESIDE_M)
     return rows, np.cos(ego.seen.yaw_rad[rows] - ego.pose[2]) > ALONG_COSINE
 
 
 _ESCAPE_WATCH_S: Final = 0.8
-"""Time over which moving vehicles are swept ahead in the watch on the path of a gap escape."""
+"""Time for which moving vehicles are extrapolated when the path of a gap escape is checked."""
 _CROSSING_MPS: Final = 1.0
-"""Faster vehicles that cross the EMV's path are the collision handling's, where that is on."""
+"""Faster vehicles that cross the EMV's path are left to the collision handling, if it is on."""
 
 
 def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
-    """How near the EMV's footprint comes to others along its path; None without a path.
+    """Distances of the EMV's footprint from others along its path; None without a path.
 
     In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Riders who
     come from behind, or pass the EMV, go on.
@@ -109,7 +109,7 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
 
 
 def _passes(ego: Ego, rows: Rows) -> Flags:
-    """Which vehicles are cyclists and motorcyclists who are faster, beside the EMV or soon there, and pass it.
+    """Which vehicles are faster riders next to the EMV, or soon there, who will pass it.
 
     A rider straight behind the EMV follows it.
     """
@@ -124,11 +124,11 @@ def _passes(ego: Ego, rows: Rows) -> Flags:
 
 
 ESCAPE_TOUCH_M: Final = 0.06
-"""Margin below which the path counts as blocked: more than the EMV strays from it."""
+"""Margin below which the path counts as blocked; it is larger than the EMV's tracking error."""
 
 
 def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
-    """How fast the EMV may go between others in the corridor and during a gap escape.
+    """Speed limit between others in the corridor and during a gap escape.
 
     The collision handling would keep too much distance from vehicles that the EMV squeezes past, or is off. This limit
     follows from the footprint itself along the path.
@@ -144,11 +144,11 @@ def passage_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 
 
 SIDE_MARGIN_M: Final = 0.25
-"""Lateral distance below which a vehicle is in the way."""
+"""A vehicle with a smaller lateral distance is in the way."""
 
 
 def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
-    """How fast the EMV drives towards the vehicles ahead on its path, with gentle braking and in good time.
+    """Speed limit towards vehicles ahead on the EMV's path, with early and gentle braking.
 
     In the corridor and during a gap escape the passage limit stands in its place.
     """
@@ -165,7 +165,7 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 
 @compiled
 def _anticipated(bodies: Any, line: Any, own: Any, along_cosine: float, limits: Any) -> tuple[bool, float]:
-    """Whether nobody is near, and the least of ``approach_speed_mps`` towards those ahead on a path."""
+    """Whether no vehicle is near, and the smallest ``approach_speed_mps`` towards those ahead on a path."""
     points, heading_rad, _, spacing_m = line
     row, progress_m, around_m, side_margin_m = own
     alone, least = True, np.inf
@@ -187,12 +187,12 @@ def _anticipated(bodies: Any, line: Any, own: Any, along_cosine: float, limits: 
 
 
 def _eased_off(limit_mps: float, speed_mps: float, ease_off_mps2: float) -> SpeedLimit:
-    """A limit, no lower than what the speed control comes to with a gentle deceleration."""
+    """A limit that is not lower than what gentle deceleration reaches."""
     return SpeedLimit(max(limit_mps, speed_mps - ease_off_mps2 / SPEED_GAIN_1PS))
 
 
 def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
-    """Speed towards the vehicle ahead in the lane that the route needs, while the change to it is not yet feasible."""
+    """Speed towards the vehicle ahead in the lane that the route needs, while the change to it is not feasible."""
     side = unit.request.side if unit.request.reason == ROUTE else 0
     target = neighbour_lane(ego.network, present_lane(ego, unit.navigator), side) if side else NO_LANE
     gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
@@ -202,9 +202,9 @@ def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
 
 
 _LEAVING_MIN_MPS: Final = 0.15
-"""Lateral speed above which a vehicle counts as leaving the path."""
+"""A vehicle with a larger lateral speed counts as leaving the path."""
 LEAVING_MPS: Final = 0.6
-"""Mean lateral speed of a lane change: its present value rises and falls, so it says little about the end."""
+"""Mean lateral speed of a lane change; the present value varies and says little about the end."""
 
 
 def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
@@ -214,7 +214,7 @@ def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
 
 @compiled
 def approach_speed_mps(gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: Any) -> float:
-    """Speed towards a vehicle ahead; ``limits`` are fields of ``AnticipationConfig``.
+    """Speed towards a vehicle ahead; ``limits`` are the fields of ``AnticipationConfig``.
 
     The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with
     ``leaving_mps``, may be approached faster: with the mean speed that brings the EMV to the standstill gap behind it
@@ -230,7 +230,7 @@ def approach_speed_mps(gap_m: float, lead_mps: float, overlap_m: float, leaving_
 
 
 def entry_limit(ego: Ego) -> SpeedLimit:
-    """Speed towards the lines ahead at which others have the right of way; no limit where there is none.
+    """Speed limit towards lines ahead at which others have the right of way; no limit if there is none.
 
     The EMV comes to its speed there by gentle braking in good time. Where the light turns red late it slows down as
     far as gentle braking gets it.
@@ -250,7 +250,7 @@ def entry_limit(ego: Ego) -> SpeedLimit:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """One mechanism: what it asks of a driver, and in one line why."""
+    """One mechanism: its limit for a driver, and the reason in one line."""
 
     name: str
     limit: Callable[[Drive], SpeedLimit]
@@ -272,12 +272,12 @@ def _collision(drive: Drive) -> SpeedLimit:
 
 
 def _emv_limit(limit: Callable[[EmvUnit, Ego], SpeedLimit]) -> Callable[[Drive], SpeedLimit]:
-    """A limit that is for EMVs only."""
+    """A limit that applies only to EMVs."""
     return lambda drive: limit(drive.unit, drive.ego) if isinstance(drive.unit, EmvUnit) else UNLIMITED
 
 
 _PAST_KERB_MPS: Final = 30.0 / 3.6
-"""An EMV's past people who stand at a crossing, beside its way; others do so at walking pace: they have the time."""
+"""Largest speed of an EMV past people who stand at a crossing near its path; other drivers pass at walking pace."""
 
 
 def _people(drive: Drive) -> SpeedLimit:
@@ -295,11 +295,11 @@ def _people(drive: Drive) -> SpeedLimit:
 
 
 _STRAYS: Final = 0.5
-"""Of its distance from the path, what the EMV may stray more before it comes back."""
+"""Share of its distance from the path by which the EMV may deviate further before it returns."""
 
 
 def riders_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
-    """How fast the EMV goes off its path past cyclists and motorcyclists who stand: so that the body touches nobody.
+    """Speed limit for an EMV off its path that passes standing riders, so that the body touches none.
 
     The collision handling expects it on its path. In the corridor and in a gap escape the passage limit stands here.
     """
@@ -361,7 +361,7 @@ def navigate(
     config: Navigation,
     mechanisms: Sequence[Mechanism] = MECHANISMS,
 ) -> tuple[NavigatorState, DriveCommand, int]:
-    """One step along the path of a unit: steering, pedals and the actor that blocks the way, ``NO_ACTOR`` without one.
+    """One step along the path of a unit: steering, pedals, and the blocking actor (``NO_ACTOR`` without one).
 
     The lowest speed and the hardest braking of all mechanisms hold, and the blocker of the first one that has one.
     Without a path the vehicle brakes to a standstill and keeps its wheels straight.

@@ -1,4 +1,4 @@
-"""What every controller sees: the actors at one step, and the facts that hold for a whole episode."""
+"""View of all controllers: the actors at one step, and constant facts of an episode."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The guards of the paper's algorithms at one step, told apart: which act, and why the others do not."""
+"""Explains the guards of the paper's algorithms at one step: which act, and why the others do not."""
 
 from typing import Final, NamedTuple
 
@@ -11,7 +11,7 @@ from siren_ros.simulation.world.actors import NO_ACTOR, Mode
 
 
 class GuardState(NamedTuple):
-    """One guard after a step."""
+    """Result of one guard at a step."""
 
     name: str
     acts: bool

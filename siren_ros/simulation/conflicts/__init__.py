@@ -1,1 +1,1 @@
-"""Where vehicles will go, where their ways meet, and who waits there."""
+"""Predicts where vehicles will go, where their paths meet, and who waits there."""

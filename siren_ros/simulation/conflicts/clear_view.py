@@ -1,4 +1,4 @@
-"""How far a driver sees into the streets from the side before a line, and how fast that view lets a vehicle come.
+"""Limits speed by the view: how far a driver sees into side streets before a line.
 
 The view follows from the junction's geometry: façades stand at one distance behind all roads, as in the generated
 scene. At a stop line itself a driver sees past them.
@@ -14,47 +14,47 @@ from siren_ros.simulation.roads.movements import comes_from_the_side, crossing_c
 from siren_ros.simulation.roads.road_network import Connection, RoadNetwork
 
 SETBACK_M: Final = 3.0
-"""Of the façades behind the roads, as the scene has them (``SceneConfig.building_setback_m``)."""
+"""Distance of the façades from the roads, as in the 3-D scene (``SceneConfig.building_setback_m``)."""
 _EYE_M: Final = 2.0
-"""Of a driver behind the front of the vehicle."""
-# No parameters: the grain of the search, and what keeps quotients finite.
+"""Distance of a driver's eyes behind the front of the vehicle."""
+# No parameters: the resolution of the search, and a value that keeps quotients finite.
 _STEP_M: Final = 0.25
 _LEAST_MPS: Final = 0.1
 
 
 @dataclass(frozen=True)
 class SideStreet:
-    """The lanes that come to a junction from one side, as a driver before the line sees them."""
+    """The lanes that reach a junction from one side, as a driver before the line sees them."""
 
     near_m: float
-    """Way from the line to the nearest of their lanes' edges…"""
+    """Distance from the line to the nearest edge of their lanes."""
     far_m: float
-    """…and over the farthest one."""
+    """Distance from the line to the far edge of their lanes."""
     aside_m: float
-    """From the middle of the driver's lane to the façades on this side."""
+    """Distance from the middle of the driver's lane to the façades on this side."""
     limit_mps: float
-    """Highest limit of these lanes."""
+    """Highest speed limit of these lanes."""
 
     def seen_m(self, before_m: float) -> float:
-        """Length of the street that is seen with the front so far before the line; infinite past the façades."""
+        """Length of the street that is visible at a distance before the line; infinite beyond the façades."""
         beyond_m = before_m + _EYE_M - SETBACK_M
         return self.aside_m * (1.0 + (self.near_m + SETBACK_M) / beyond_m) if beyond_m > 0.0 else math.inf
 
 
 @dataclass(frozen=True)
 class Lookout:
-    """How a driver reckons with vehicles that are not to be seen yet."""
+    """Assumptions of a driver about vehicles that are not visible yet."""
 
     horizon_s: float
-    """Vehicles that would need longer to the crossing do not count."""
+    """Vehicles that need longer to the crossing do not count."""
     pet_s: float
-    """Time that is to be left between the two vehicles."""
+    """Time that must remain between the two vehicles."""
     brake_mps2: float
     reaction_s: float
     standoff_m: float
-    """Distance kept from the nearest lane's edge after a stop."""
+    """Distance kept from the nearest lane's edge at a stop."""
     length_m: float
-    """Of the own vehicle."""
+    """Length of the own vehicle."""
 
 
 def safe_mps(street: SideStreet, before_m: float, lookout: Lookout) -> float:
@@ -74,7 +74,7 @@ def safe_mps(street: SideStreet, before_m: float, lookout: Lookout) -> float:
 
 
 def side_streets(network: RoadNetwork, connection: Connection) -> tuple[SideStreet, ...]:
-    """The streets from the left and from the right whose movements cross a movement; none without such movements."""
+    """Streets from the left and right whose movements cross a movement; empty if there are none."""
     sides: dict[bool, list[tuple[float, float, float]]] = {}
     for index in crossing_connections(network, connection):
         other = network.connections[index]
@@ -102,7 +102,7 @@ def _turn_rad(network: RoadNetwork, connection: Connection, other: Connection) -
 
 
 def _meeting_m(network: RoadNetwork, connection: Connection, other: Connection) -> float:
-    """Arc length on a movement's path at which another one's path crosses it."""
+    """Arc length on a movement's path where another path crosses it."""
     own, its = movement_path(network, connection), movement_path(network, other)
     arc_m = np.linspace(0.0, own.length_m, max(int(own.length_m / _STEP_M), 2))
     its_m, left_m = its.project(own.at(arc_m))

@@ -1,4 +1,4 @@
-"""Where a vehicle will go: the centre line of its lanes along its route, with the movements across junctions.
+"""Predicts a vehicle's course: the centre line of its lanes along its route, with movements across junctions.
 
 The outlook is what every driver expects of every vehicle at one step: its way from now on, and its right of way.
 """
@@ -20,26 +20,26 @@ from siren_ros.simulation.conflicts.zones import TRACK_M, Ways
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
-# No parameters: resolution and reach of courses, which compiled loops and memories of courses hold.
+# No parameters: compiled loops and caches contain the resolution and length of courses.
 SPACING_M: Final = 1.0
-"""Distance between the points of a course, at most."""
+"""Largest distance between points of a course."""
 _AHEAD_M: Final = 80.0
-"""How far a course leads beyond the lane on which it begins."""
+"""Length of a course beyond its first lane."""
 _FIRST_ROWS: Final = 256
-"""Room in a new book; it grows."""
+"""Initial size of a new book; it grows."""
 _STRAIGHT: Final = -1
 _UNKNOWN: Final = -2
-"""Numbers of courses that are in no book."""
+"""Number that stands for a course in no book."""
 _PRIORITY: Final = int(Rank.PRIORITY)
 _STRAIGHT_M: Final = 60.0
-"""Length of the course of a vehicle that is off the road."""
+"""Length of the course of a vehicle off the road."""
 _WALK_M: Final = 10.0
-"""The same of somebody who walks, who has no route: the width of a street, or seven seconds."""
+"""Length of the course of a pedestrian, who has no route: the width of a street, or seven seconds."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A movement across a junction that a course takes."""
+    """A movement across a junction on a course."""
 
     start_m: float
     """Arc length at which the junction begins."""
@@ -48,15 +48,15 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A way with points at a uniform distance; it goes straight on before its start and after its end."""
+    """A path with equally spaced points; it continues straight at both ends."""
 
     points: npt.NDArray[np.float64]
-    """Shape ``(K, 2)``."""
+    """Points, shape ``(K, 2)``."""
     spacing_m: float
     limit_mps: Floats
-    """Speed limit of the lane below each point, shape ``(K,)``."""
+    """Speed limit of the lane at each point, shape ``(K,)``."""
     entries: tuple[Entry, ...] = ()
-    """In driving order."""
+    """Movements in driving order."""
 
     @property
     def length_m(self) -> float:
@@ -68,12 +68,12 @@ class Course:
         return float(self.limit_mps[min(max(round(s_m / self.spacing_m), 0), len(self.limit_mps) - 1)])
 
     def entry_at(self, s_m: float) -> Entry | None:
-        """The last movement that begins before an arc length; None before the first."""
+        """Last movement that begins before an arc length; None before the first."""
         return next((entry for entry in reversed(self.entries) if entry.start_m <= s_m), None)
 
     @classmethod
     def straight(cls, x_m: float, y_m: float, yaw_rad: float, length_m: float = _STRAIGHT_M) -> "Course":
-        """The way straight ahead of a point."""
+        """Straight course from a point."""
         s = np.arange(0.0, length_m, SPACING_M)
         points = np.stack((x_m + s * cos(yaw_rad), y_m + s * sin(yaw_rad)), axis=-1)
         return cls(points, SPACING_M, np.full(len(s), np.inf))
@@ -83,11 +83,11 @@ class Rights(NamedTuple):
     """Right of way and speed limits on the courses of a step, as arrays for compiled loops."""
 
     limit_mps: Floats
-    """At each point of ``Ways.points``."""
+    """Speed limit at each point of ``Ways.points``."""
     first: Rows
-    """Where the movements of each course begin among those of all, shape ``(N,)``."""
+    """Index of each course's first movement, shape ``(N,)``."""
     last: Rows
-    """Where they end."""
+    """End index of each course's movements."""
     start_m: Floats
     """Arc length on the course at which each movement begins."""
     rank: npt.NDArray[np.intp]
@@ -96,17 +96,17 @@ class Rights(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CoursesOfStep:
-    """The courses of all vehicles of a ``TrafficState``; arrays of shape ``(N,)`` have its rows."""
+    """Courses of all vehicles of a ``TrafficState``; arrays of shape ``(N,)`` have its rows."""
 
     traffic: TrafficState
     number: Rows
-    """Of each course in its book; −1 straight on."""
+    """Number of each course in its book; −1 for straight ahead."""
     points: npt.NDArray[np.float64]
-    """Points of these courses and of others, one after the other, shape ``(K, 2)``."""
+    """Points of all courses, one course after the other, shape ``(K, 2)``."""
     limit_mps: Floats
     """Speed limit at each point, shape ``(K,)``."""
     ends: tuple[Rows, Rows, Rows, Rows]
-    """Where the points and then the movements of each course begin and end."""
+    """Begin and end of each course's points, and of its movements."""
     spacing_m: Floats
 
 
@@ -118,7 +118,7 @@ class _Stack:
         self.used = 0
 
     def add(self, rows: npt.ArrayLike) -> int:
-        """Add rows; where they begin."""
+        """Append rows; returns where they begin."""
         added, first = np.asarray(rows, self.rows.dtype), self.used
         self.used += len(added)
         self.reserve(0)
@@ -126,7 +126,7 @@ class _Stack:
         return first
 
     def reserve(self, more: int) -> npt.NDArray[Any]:
-        """All rows, with at least so many free ones behind those in use."""
+        """All rows, with space for more behind those in use."""
         end = self.used + more
         if end > len(self.rows):
             self.rows = np.concatenate((self.rows, np.empty((end, *self.rows.shape[1:]), self.rows.dtype)))
@@ -141,7 +141,7 @@ def _straight_of(traffic: TrafficState, row: int) -> Course:
 
 @compiled
 def _lay_straight_ways(rows: Any, poses: Any, offset: Any, used: int, points: Any, limit_mps: Any, ends: Any) -> None:
-    """Put the courses of ``_straight_of`` behind those in use, and fill in where each begins and ends."""
+    """Append the straight courses of ``_straight_of`` and store where each begins and ends."""
     x_m, y_m, yaw_rad = poses
     for row in rows:
         length_m = _WALK_M if offset[row] == offset[row + 1] else _STRAIGHT_M
@@ -156,7 +156,7 @@ def _lay_straight_ways(rows: Any, poses: Any, offset: Any, used: int, points: An
 
 
 class CourseBook:
-    """The courses of a map, each worked out once: a memory of pure results.
+    """Caches the courses of a map; each is computed once.
 
     It remembers the last step too: most vehicles have the course that they had there.
     """
@@ -174,7 +174,7 @@ class CourseBook:
         self._step: CoursesOfStep | None = None
 
     def courses_of(self, traffic: TrafficState) -> CoursesOfStep:
-        """The courses of all vehicles; those off the road go straight on."""
+        """Courses of all vehicles; those off the road go straight on."""
         last = self._step
         if last is not None and last.traffic is traffic:
             return last
@@ -236,7 +236,7 @@ class CourseBook:
         return number
 
     def rights_of(self, courses: CoursesOfStep, signals: Mapping[str, str]) -> Rights:
-        """Right of way and limits on the courses of a step, by the state of each signal."""
+        """Right of way and limits on the courses of a step, given the state of each signal."""
         if signals != self._states:
             changed = dict.fromkeys(signal for signal, _ in signals.items() ^ self._states.items())
             self._states = dict(signals)
@@ -249,7 +249,7 @@ class CourseBook:
 
 @compiled
 def _keep_courses(then: Any, now: Any, number: Any) -> bool:
-    """Fill in each vehicle's course where lane and route are those of another step; whether that is so for all.
+    """Reuse the courses of vehicles whose lane and route did not change; returns whether that holds for all.
 
     Both steps hold ids, lanes, where routes begin, and their edges; the other one its courses too.
     """
@@ -305,7 +305,7 @@ def _joined(network: RoadNetwork, lanes: list[int], movements: list[tuple[int, C
 
 
 def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
-    """The movement to the route's next edge, that of the nearest lane where the present one does not lead there."""
+    """Movement to the route's next edge; from the nearest lane if the present one does not lead there."""
     edge = network.lanes[lane].edge
     if edge not in route[:-1]:
         return None
@@ -325,20 +325,20 @@ def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> C
 
 
 def _movement_over(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
-    """The movement that an internal lane belongs to, that along the route where several share the lane."""
+    """Movement that an internal lane belongs to; if several share it, the one along the route."""
     choices = network.connections_over.get(lane) or network.cycle_connections_over.get(lane, ())
     along = (choice for choice in choices if network.lanes[choice.to_lane].edge in route)
     return next(along, choices[0] if choices else None)
 
 
 class Outlook:
-    """The ways of all vehicles of a ``TrafficState``, worked out when they are asked for.
+    """Predicted paths of all vehicles of a ``TrafficState``, computed when needed.
 
     The route stands for the turn signal: a driver who will turn shows it.
     """
 
     def __init__(self, traffic: TrafficState, book: CourseBook, half_length_m: Floats, half_width_m: Floats) -> None:
-        """Bodies have rows as in ``traffic``."""
+        """Take the bodies' sizes, with rows as in ``traffic``."""
         self._traffic = traffic
         self._book = book
         self.half_length_m = half_length_m
@@ -363,7 +363,7 @@ class Outlook:
 
     @cached_property
     def ways(self) -> Ways:
-        """All vehicles on their courses, row by row, with a reach of 0."""
+        """All vehicles on their courses, with a reach of 0."""
         traffic, courses = self._traffic, self._book.courses_of(self._traffic)
         places = traffic.lane, traffic.lane_position_m, traffic.lateral_offset_m
         poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
@@ -376,11 +376,11 @@ class Outlook:
         return self._book.rights_of(self._book.courses_of(self._traffic), self.signals)
 
     def rank(self, row: int, way_m: float) -> Rank:
-        """Right of way of a vehicle at a place, given by the way of its centre to it."""
+        """Right of way of a vehicle after its centre has moved a distance."""
         return Rank(rank_at(self.ways, self.rights, row, way_m))
 
     def limit_mps(self, row: int, way_m: float) -> float:
-        """Speed limit at a place of a vehicle's course."""
+        """Speed limit of a vehicle's course after its centre has moved a distance."""
         return float(limit_at_mps(self.ways, self.rights, row, way_m))
 
 

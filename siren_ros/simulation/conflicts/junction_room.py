@@ -1,4 +1,4 @@
-"""How far a vehicle may go into a junction before it stands in the way of those who may come from elsewhere."""
+"""How far a vehicle may go onto a junction before it blocks vehicles from elsewhere."""
 
 import math
 from collections.abc import Mapping
@@ -11,21 +11,23 @@ from siren_ros.simulation.conflicts.yielding import Rank, rank_of
 from siren_ros.simulation.roads.movements import movement_path
 from siren_ros.simulation.roads.road_network import Connection, RoadNetwork
 
-# No parameters: resolution and width of the ways.
+# No parameters: resolution and width of the paths.
 _SPACING_M: Final = 0.5
 _CLEAR_M: Final = 1.0
-"""Kept between a body and the edge of the way of others."""
+"""Distance kept between a body and the edge of others' paths."""
 
 
 class JunctionRoom:
-    """Where the ways of others begin on each movement of a map, each worked out once: a memory of pure results."""
+    """Caches where the paths of others begin on each movement of a map."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
         self._starts: dict[tuple[int, int], tuple[tuple[Connection, float], ...]] = {}
 
     def beyond_line_m(self, movement: Connection, signals: Mapping[str, str], occupied: AbstractSet[int]) -> float:
-        """How far beyond the stop line a vehicle's front keeps clear of others; infinite where nobody may come.
+        """Distance beyond the stop line that a vehicle's front may go without blocking others.
+
+        Infinite if none may come.
 
         Others come from other approaches. They may come where no red light holds them, or if they are on the junction
         already: ``occupied`` are the lanes with vehicles.
@@ -51,7 +53,10 @@ class JunctionRoom:
         return self._starts[key]
 
     def _start_m(self, movement: Connection, other: Connection) -> float:
-        """Where the way of another movement, as wide as its lane, begins on a movement; infinite where they part."""
+        """Where the path of another movement, as wide as its lane, begins on a movement.
+
+        Infinite if they do not meet.
+        """
         own, its = (movement_path(self._network, item).resampled(_SPACING_M) for item in (movement, other))
         apart_m = np.linalg.norm(own.points[:, None] - its.points[None], axis=-1).min(axis=1)
         near = np.flatnonzero(apart_m < 0.5 * self._network.lanes[other.to_lane].width_m + _CLEAR_M)

@@ -1,4 +1,4 @@
-"""How drivers heed people on crossings: at walking pace past those near their way, and not into those who are on it.
+"""Behaviour of drivers towards people on crossings: walking pace past people nearby, a stop for people in the way.
 
 Where somebody will be near while a vehicle is on the crossing, it comes there at walking pace; where somebody will be
 in its way, it stops before the crossing. People are expected to go on as they walk.
@@ -14,46 +14,46 @@ from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.conflicts.zones import way_point
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
-# No parameters: a driver may not choose them.
+# No parameters: no driver may choose them.
 PACE_MPS: Final = 1.6
-"""Walking pace, with what the speed control adds to it below 2 m/s."""
+"""Walking pace, which with the speed control's error stays below 2 m/s."""
 _NEAR_M: Final = 2.4
-"""From the side of the vehicle's way within which somebody is near: 2 m and how much both stray."""
+"""People within this distance of the side of the vehicle's path are near: 2 m and both sides' deviations."""
 _IN_WAY_M: Final = 0.6
-"""The same of somebody who is in the way."""
+"""People within this distance of the path's side are in the way."""
 _STANDOFF_M: Final = 1.0
-"""Distance that a vehicle which stops keeps from the crossing, or from somebody on it."""
+"""Distance that a stopping vehicle keeps from the crossing, or from a person on it."""
 _EARLY_M: Final = 0.4
-"""Drivers have slowed down so far before it: a fifth of a second at that speed, by which vehicles lag behind."""
+"""Drivers have slowed down this far before the crossing, because vehicles respond late."""
 _GENTLE_MPS2: Final = 2.0
-"""Deceleration that a driver plans with…"""
+"""Deceleration that a driver plans with."""
 _FIRM_MPS2: Final = 4.0
-"""…and the hardest for somebody who is only near."""
+"""Hardest braking for a person who is only near."""
 _FASTER_MPS: Final = 1.5
-"""By so much faster a driver may come to the crossing."""
+"""A driver may reach the crossing faster than walking pace by this."""
 _SETS_OFF_MPS: Final = 5.0
-"""Slower drivers who find a gap in time set off…"""
+"""Slower drivers who find a gap in time start to cross."""
 _SETS_OFF_MPS2: Final = 1.5
-"""…with this acceleration."""
+"""Acceleration of a driver who starts to cross."""
 _MORE_M: Final = 15.0
-"""How much farther than that takes a driver looks."""
+"""Additional distance that a driver looks ahead."""
 _LONGEST_S: Final = 6.0
-"""How long people are expected to go on as they walk."""
+"""Time for which people are expected to continue walking."""
 _BESIDE_M: Final = 2.0
-"""People this near to a crossing may step on it."""
+"""People within this distance of a crossing may step on it."""
 _STEP_M: Final = 0.5
 _LEAST_M: Final = 0.3
 
 NOBODY: Final = np.empty((7, 0))
-"""No people."""
+"""Array without people."""
 
 
 class Outlines(NamedTuple):
-    """Outlines of crossings, one after the other."""
+    """Outlines of crossings, joined in one array."""
 
     points: Points
     begins: Rows
-    """Where each begins and the last one ends."""
+    """Index at which each outline begins, and the end of the last."""
 
 
 def outlines_of(network: RoadNetwork) -> Outlines:
@@ -63,7 +63,7 @@ def outlines_of(network: RoadNetwork) -> Outlines:
 
 
 def people_at(actor_id: npt.ArrayLike, poses: tuple[Floats, Floats, Floats, Floats], outlines: Outlines) -> Floats:
-    """People for ``least_wait_for_people``, shape ``(7, P)``; ``poses`` are x, y, yaw and speed.
+    """Make the array of people for ``least_wait_for_people``, shape ``(7, P)``; ``poses`` are x, y, yaw and speed.
 
     Rows are x, y, both velocities, the crossing (−1 for none), whether they are on it or beside it, and the id.
     """
@@ -77,7 +77,7 @@ def people_at(actor_id: npt.ArrayLike, poses: tuple[Floats, Floats, Floats, Floa
 
 @compiled
 def _find_crossings(people: Any, points: Any, begins: Any) -> None:
-    """Fills in each one's crossing, and whether it is under the feet."""
+    """Find each person's crossing, and whether the person is on it."""
     for p in range(people.shape[1]):
         people[4, p], people[5, p], least = -1.0, 0.0, _BESIDE_M
         for c in range(len(begins) - 1):
@@ -116,7 +116,7 @@ def _apart_m(outline: Any, x_m: float, y_m: float) -> float:
 
 @compiled
 def _beside_way(way: Any, own: Any, reach_m: float, x_m: float, y_m: float) -> tuple[float, float, float, float]:
-    """The place on a way that is nearest to a point, the offset there (left positive), and the direction."""
+    """Place on a path nearest to a point, the offset there (positive to the left), and the direction."""
     points, first, last, spacing = way
     centre_m, left_m, half_length = own[0], own[1], own[2]
     best, nearest = centre_m, np.inf
@@ -136,7 +136,10 @@ def _beside_way(way: Any, own: Any, reach_m: float, x_m: float, y_m: float) -> t
 
 @compiled
 def _over_crossing(way: Any, own: Any, reach_m: float, outline: Any) -> tuple[float, float]:
-    """Way of a vehicle's front to a crossing, 0 on it, and of its rear until it has left it; infinite without one."""
+    """Distance of a vehicle's front to a crossing (0 on it), and of its rear until it has left it.
+
+    Infinite without one.
+    """
     points, first, last, spacing = way
     centre_m, left_m, half_length, half_width = own[0], own[1], own[2], own[3]
     enters, leaves, at_m = np.inf, np.inf, centre_m - half_length
@@ -158,7 +161,7 @@ def _over_crossing(way: Any, own: Any, reach_m: float, outline: Any) -> tuple[fl
 
 @compiled
 def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tuple[int, float, float, float]:
-    """Who restricts a driver most, the speed, the deceleration that is needed, and the free way; −1 without anybody.
+    """The person that restricts a driver most, with speed, needed deceleration and free distance; −1 without one.
 
     ``way`` holds points, where the driver's own begin and end, and their distance; ``own`` the place of the vehicle's
     centre on it and its offset to the left, half length, half width, speed, and the speed past people who stand beside
@@ -186,7 +189,7 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
         apart = _least_m(left, drift, begin, _leaves_s(speed, leaves)) - half_width
         if apart > _NEAR_M:
             continue
-        if speed > PACE_MPS:  # past somebody near it slows down, and is there longer
+        if speed > PACE_MPS:  # the vehicle slows down past a person nearby, and is there longer
             paced_s = 2.0 * enters / (speed + PACE_MPS) + (leaves - enters) / PACE_MPS
             apart = _least_m(left, drift, begin, paced_s) - half_width
         limit, brake, free = _past(enters, speed, beside_mps if not across else PACE_MPS)
@@ -202,7 +205,7 @@ def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tup
 
 @compiled
 def _leaves_s(speed_mps: float, leaves_m: float) -> float:
-    """When a vehicle has left a crossing if it goes on as it does, or sets off."""
+    """Time at which a vehicle has left a crossing if it continues, or starts."""
     going_s = leaves_m / max(speed_mps, PACE_MPS)
     if speed_mps < _SETS_OFF_MPS:
         sets_off_mps = np.sqrt(speed_mps * speed_mps + 2.0 * _SETS_OFF_MPS2 * leaves_m)
@@ -212,14 +215,14 @@ def _leaves_s(speed_mps: float, leaves_m: float) -> float:
 
 @compiled
 def _least_m(left_m: float, drift_mps: float, begin_s: float, end_s: float) -> float:
-    """Least distance of somebody who walks on from the middle of a way, between two times."""
+    """Smallest distance of a walking person from the middle of a path, between two times."""
     at_begin, at_end = left_m + drift_mps * begin_s, left_m + drift_mps * min(end_s, begin_s + _LONGEST_S)
     return 0.0 if at_begin * at_end <= 0.0 else min(abs(at_begin), abs(at_end))
 
 
 @compiled
 def _past(enters_m: float, speed_mps: float, at_mps: float) -> tuple[float, float, float]:
-    """Speed and deceleration with which a vehicle comes to a crossing at a speed, and the way to it."""
+    """Speed and deceleration with which a vehicle reaches a crossing at a speed, and the distance to it."""
     limit = np.sqrt(at_mps * at_mps + 2.0 * _GENTLE_MPS2 * max(enters_m - _EARLY_M, 0.0))
     brake = max(speed_mps * speed_mps - at_mps * at_mps, 0.0) / (2.0 * max(enters_m, _LEAST_M))
     return limit, min(brake, _FIRM_MPS2), enters_m

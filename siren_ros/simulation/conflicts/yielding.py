@@ -1,4 +1,4 @@
-"""Yielding where two ways meet: by time windows, right of way, and the ability to stop."""
+"""Decides who waits where two paths meet: by time windows, right of way, and the ability to stop."""
 
 import math
 from collections.abc import Mapping
@@ -15,13 +15,13 @@ from siren_ros.simulation.roads.road_network import Connection
 
 
 class Rank(IntEnum):
-    """The higher one has the right of way; equals go in the order in which they arrive."""
+    """Right of way; the higher rank goes first, equal ones in the order of arrival."""
 
     RED = 0
     """A vehicle that can stop will not come."""
     STOP_SIGN = 1
     CLEARING = 2
-    """Yellow: a vehicle that cannot stop goes on."""
+    """Yellow: a vehicle that cannot stop continues."""
     GIVES_WAY = 3
     """Green that gives way to oncoming traffic, or a minor road."""
     PRIORITY = 4
@@ -34,7 +34,7 @@ _OF_SIGNAL: Final[Mapping[str, Rank]] = {state: rank for rank, states in _STATES
 
 
 def rank_of(connection: Connection, signals: Mapping[str, str]) -> Rank:
-    """The present rank of a movement; the state of a signal has one character per controlled link."""
+    """Present rank of a movement; a signal's state has one character per link."""
     state = signals.get(connection.signal_id or "", "")
     if 0 <= connection.signal_link < len(state):
         return _OF_SIGNAL.get(state[connection.signal_link], Rank.RED)
@@ -50,7 +50,7 @@ _PRIORITY: Final = int(Rank.PRIORITY)
 
 @compiled
 def rank_inside(rank: int) -> int:
-    """The rank of a vehicle on the junction: others leave it clear, unless the vehicle gives way on it."""
+    """Rank of a vehicle on the junction: others leave it clear, unless the vehicle gives way there."""
     return rank if rank == _GIVES_WAY else _PRIORITY
 
 
@@ -66,62 +66,63 @@ class YieldingConfig(NamedTuple):
     """Post-encroachment time that the first vehicle keeps; conflicts below it are counted as serious (Allen, Shin and
     Cooper, "Analysis of traffic conflicts and collisions", 1978)."""
     after_s: float = 0.4
-    """The same of the second vehicle, which sees the first one leave."""
+    """Post-encroachment time of the second vehicle, which sees the first one leave."""
     merge_s: float = 1.5
-    """Headway of a vehicle that merges ahead of another one."""
+    """Headway of a vehicle that merges in front of another."""
     commit_mps2: float = 3.0
-    """A vehicle that would have to brake harder than this to stop before the zone is expected to go on."""
+    """A vehicle that would need harder braking to stop before the zone is expected to continue."""
     brake_mps2: float = 2.0
     """Deceleration that a waiting driver plans with."""
     early_mps2: float = 1.0
-    """Acceleration that another vehicle may have up to the zone."""
+    """Acceleration that another vehicle may use up to the zone."""
     standoff_m: float = 1.0
     """Distance that a waiting vehicle keeps from the zone."""
     room_m: float = 0.0
-    """More of it where that takes no hard braking: from there it is not in the zone before the other one is away."""
+    """Additional distance, if it needs no hard braking: the vehicle then reaches the zone only after the other has
+    left."""
     horizon_s: float = 8.0
     """Vehicles that arrive later do not count yet."""
     standing_mps: float = 0.3
-    """Slower vehicles stand."""
+    """Slower vehicles count as standing."""
     clearing_mps: float = 0.5
-    """A vehicle that moves at all is taken to clear a zone at this speed or faster."""
+    """A moving vehicle is assumed to clear a zone at least at this speed."""
 
 
 class Bends(NamedTuple):
-    """How long the way along a path takes at the least because of its bends."""
+    """Least time along a path because of its bends."""
 
     times_s: Floats
     """Time from the path's start to each of its points; empty without a path."""
     spacing_m: float
     place_m: float
-    """Where on the path the way begins. Beyond the path's end that of its end goes on."""
+    """Start position on the path. Beyond the path's end its last speed continues."""
 
 
 NO_BENDS: Final = Bends(np.empty(0), 1.0, 0.0)
 
 
 class Approach(NamedTuple):
-    """One of two vehicles whose ways meet."""
+    """One of two vehicles whose paths meet."""
 
     speed_mps: float
     top_mps: float
     """Speed that it will not exceed."""
     accel_mps2: float
-    """Acceleration that it may have up to that speed; negative where it slows down anyway."""
+    """Acceleration up to that speed; negative if it slows down anyway."""
     rank: int
     bends: Bends = NO_BENDS
     length_m: float = 0.0
-    """Of its body: what follows the front that merges."""
+    """Length of the body behind its front."""
 
 
 class Wait(NamedTuple):
-    """The motion of a vehicle that lets another one pass first."""
+    """Motion of a vehicle that lets another pass first."""
 
     speed_mps: float
     brake_mps2: float
-    """Deceleration needed to stop before the zone, or to come to it when the other one has left it."""
+    """Deceleration to stop before the zone, or to reach it after the other has left."""
     free_m: float
-    """Way to the zone, or to the place of the vehicle that merges ahead."""
+    """Distance to the zone, or to the place of the vehicle that merges in front."""
 
 
 _braking_distance_m = compiled(braking.braking_distance_m)
@@ -131,7 +132,7 @@ _speed_before_mps = compiled(braking.speed_before_mps)
 
 @compiled
 def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: float) -> float:
-    """Time for a way from a speed with an acceleration up to a top speed; infinite where it is never reached."""
+    """Time for a distance from a speed, with an acceleration up to a top speed; infinite if it is never reached."""
     if way_m <= 0.0:
         return 0.0
     square = speed_mps * speed_mps + 2.0 * accel_mps2 * way_m
@@ -158,7 +159,7 @@ def _time_at_s(bends: Any, s_m: float) -> float:
 
 @compiled
 def bend_time_s(bends: Any, way_m: float) -> float:
-    """Time that a way takes at the least: at the speed that the path allows everywhere."""
+    """Least time for a distance, at the path's allowed speed."""
     if len(bends.times_s) == 0:
         return 0.0
     return _time_at_s(bends, bends.place_m + way_m) - _time_at_s(bends, bends.place_m)
@@ -166,27 +167,27 @@ def bend_time_s(bends: Any, way_m: float) -> float:
 
 @compiled
 def approach_time_s(approach: Any, way_m: float) -> float:
-    """Time of an approach for a way."""
+    """Time of an approach for a distance."""
     time_s = time_to_go_s(way_m, approach.speed_mps, approach.top_mps, approach.accel_mps2)
     return max(time_s, bend_time_s(approach.bends, way_m))
 
 
 @compiled
 def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
-    """Constant deceleration that stops within a way."""
+    """Constant deceleration that stops within a distance."""
     return _needed_brake_mps2(speed_mps * speed_mps, max(way_m, LEAST_WAY_M))
 
 
 @compiled
 def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
-    """Least constant deceleration with which a way is not covered before a time."""
-    if 2.0 * way_m < speed_mps * time_s:  # stands before the time is over
+    """Least constant deceleration with which a distance is not covered before a time."""
+    if 2.0 * way_m < speed_mps * time_s:  # the vehicle stops before the time is over
         return stop_brake_mps2(speed_mps, way_m)
     return max(2.0 * (speed_mps * time_s - way_m) / (time_s * time_s), 0.0)
 
 
 def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> Wait | None:
-    """How the own vehicle has to wait for the other one, None where it need not; as ``least_wait``."""
+    """How the own vehicle must wait for the other; None if it need not. As ``least_wait``."""
     approaches = own._replace(rank=int(own.rank)), other._replace(rank=int(other.rank))
     wait = Wait(*least_wait(zone, *approaches, other.speed_mps**2, config))
     return None if math.isinf(wait.speed_mps) else wait
@@ -194,7 +195,7 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
 
 @compiled
 def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) -> tuple[float, float, float]:
-    """How the own vehicle has to wait for the other one, as a ``Wait``; of infinite speed where it need not.
+    """How the own vehicle must wait for the other, as a ``Wait``; its speed is infinite if it need not.
 
     It need not where both are in the zone at different times; where it has the right of way, or arrives first among
     equals, and the other one can still stop; and where only the other one can. A vehicle that can stop at a red signal
@@ -210,7 +211,7 @@ def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) ->
         return need_not
     leaving = max(min(other.speed_mps, other.top_mps), config.clearing_mps)
     other_last = np.inf if merges else zone.other_out_m / leaving
-    stopping = own.accel_mps2 < 0.0 and not merges  # keeps the distance of those who wait
+    stopping = own.accel_mps2 < 0.0 and not merges  # the vehicle keeps the distance of those who wait
     own_first = approach_time_s(own, zone.own_in_m - config.standoff_m if stopping else zone.own_in_m)
     if merges:
         ahead = own_first + config.merge_s < other_first
@@ -239,7 +240,7 @@ def _goes_first(zone: Any, own: Any, other: Any, own_earlier: bool, config: Any)
 
 @compiled
 def _yield_brake_mps2(way_m: float, own: Any, first_way_m: float, first: Any, merges: bool, config: Any) -> float:
-    """Deceleration with which a vehicle lets another one go first: by a stop, or by falling in behind it.
+    """Deceleration to let another vehicle go first: by a stop, or by merging behind it.
 
     Ways are those to the zone.
     """
@@ -251,12 +252,12 @@ def _yield_brake_mps2(way_m: float, own: Any, first_way_m: float, first: Any, me
 
 @compiled
 def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float:
-    """Least constant deceleration with which a gap is kept behind another vehicle at a time.
+    """Least constant deceleration that keeps a gap behind another vehicle at a time.
 
     ``gap_m`` is what is left of the way between the two, negative where it has to grow. ``time_s`` is when the other
     vehicle merges, infinite where it never does.
     """
-    if gap_m > 0.0 and 2.0 * gap_m < closing_mps * time_s:  # is as slow as the other one before
+    if gap_m > 0.0 and 2.0 * gap_m < closing_mps * time_s:  # the vehicle is as slow as the other one before that time
         return stop_brake_mps2(closing_mps, gap_m)
     if math.isinf(time_s):
         return 0.0
@@ -266,7 +267,7 @@ def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float
 
 @compiled
 def _gap_m(zone: Any, other: Any) -> float:
-    """Way that is left to the rear of the body that merges ahead; negative beside it.
+    """Distance to the rear of the body that merges in front; negative next to it.
 
     Its front comes to the zone first. What of it follows is less the more it already is in line.
     """
@@ -285,7 +286,7 @@ def _waiting(
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
         closing, time = own.speed_mps - other.speed_mps, max(approach_time_s(other, zone.other_in_m), _LEAST_TIME_S)
         brake = stop_brake_mps2(max(closing, 0.0), gap)
-        if 2.0 * gap < closing * time:  # by the time that the other one merges it may be slower than this
+        if 2.0 * gap < closing * time:  # when the other vehicle merges, it may be slower than this
             brake = min(brake, 2.0 * (closing * time - gap) / (time * time))
         return speed, brake, max(gap, 0.0)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m

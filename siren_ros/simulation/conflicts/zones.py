@@ -1,4 +1,4 @@
-"""Where the ways of two bodies meet: the compiled search along both courses."""
+"""Finds where the paths of two bodies meet, by a compiled search along both courses."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -8,41 +8,41 @@ import numpy.typing as npt
 
 from siren_ros.base.numerics.compiled import box_gap_m, compiled, wrapped_rad
 
-# No parameters: resolution of the compiled search, which holds them as constants.
+# No parameters: compiled code contains the resolution as constants.
 STEP_M: Final = 1.0
-"""Distance between the places that are looked at."""
+"""Distance between checked places."""
 SAME_DIRECTION: Final = 0.9
-"""Cosine above which two bodies go in one direction: less than about 25° apart."""
+"""Bodies with a larger cosine (less than about 25° apart) move in the same direction."""
 _ALONG_COURSE: Final = 0.9945
 _COLUMNS: Final = 8
 _BISECTIONS: Final = 3
-"""The entry into a zone is found to an eighth of a step."""
+"""Number of bisections: the entry into a zone is exact to an eighth of a step."""
 _STRAIGHT_AFTER_M: Final = 6.0
-"""Way in which a vehicle that looks elsewhere has turned into its course."""
+"""Distance after which a vehicle that points elsewhere follows its course."""
 TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading."""
 _CLOSE_M: Final = 1e-6
-"""Bodies that are this much nearer than they reach may touch; it covers rounding."""
+"""Tolerance for rounding when bounds of bodies are compared."""
 _STRAIGHT_STEP_M: Final = 0.25
-"""Distance between the places that are looked at straight ahead."""
+"""Distance between checked places straight ahead."""
 _REAR_M: Final = 1.25
-"""From a body's centre back to the middle between these points: a body turns into a bend later than its centre."""
+"""Distance from a body's centre back to the middle of these points, because bodies turn later than their centre."""
 
 
 class Way(NamedTuple):
     """A body on its course."""
 
     points: npt.NDArray[np.float64]
-    """Of the course, shape ``(K, 2)``."""
+    """Points of the course, shape ``(K, 2)``."""
     spacing_m: float
     centre_m: float
     """Arc length of the body's centre."""
     left_m: float
-    """Offset from the course that is kept up."""
+    """Offset from the course that the body keeps."""
     pose: tuple[float, float, float]
-    """x, y and yaw now; beside the course and at an angle to it, the body turns into it on its way."""
+    """Present x, y and yaw; a body off its course, or at an angle, turns onto it."""
     reach_m: float
-    """How far to look ahead."""
+    """Distance to look ahead."""
     half_length_m: float
     half_width_m: float
     cut_m: float = TRACK_M
@@ -51,29 +51,29 @@ class Way(NamedTuple):
 
 
 class Zone(NamedTuple):
-    """Where two ways meet; each distance is the way of a body's centre from now on."""
+    """Zone where two paths meet; distances are those that a body's centre drives from now."""
 
     own_in_m: float
-    """Way until the own body would touch the other one's swept area."""
+    """Distance until the own body touches the other one's swept area."""
     own_out_m: float
-    """Way until it has left that area; infinite where it does not within reach."""
+    """Distance until it has left that area; infinite if it does not within reach."""
     other_in_m: float
     other_out_m: float
     along: float
-    """Cosine between both courses at the end of the zone, or where what is looked at ends."""
+    """Cosine between both courses at the end of the zone, or at the end of the search."""
     blocked_m: float
-    """Way until the own body would touch the other one where that is now; infinite where it would not."""
+    """Distance until the own body touches the other where it is now; infinite if it does not."""
     blocked_along: float = 0.0
     """Cosine between both bodies there."""
 
     @property
     def merges(self) -> bool:
-        """Whether both go on in one direction on the same way."""
+        """Whether both continue in one direction on the same path."""
         return self.along > SAME_DIRECTION
 
     @property
     def leads(self) -> bool:
-        """Whether the other body is ahead on the same way already."""
+        """Whether the other body is already ahead on the same path."""
         return self.blocked_along > SAME_DIRECTION
 
 
@@ -81,11 +81,11 @@ class Ways(NamedTuple):
     """Several bodies on their courses, as arrays for the compiled search."""
 
     points: npt.NDArray[np.float64]
-    """Of courses, one after the other, shape ``(K, 2)``."""
+    """Points of all courses, one course after the other, shape ``(K, 2)``."""
     first: npt.NDArray[np.intp]
     """Where the course of each body begins in ``points``, shape ``(W,)``."""
     last: npt.NDArray[np.intp]
-    """Where it ends."""
+    """End of each body's course in ``points``, shape ``(W,)``."""
     bodies: npt.NDArray[np.float64]
     """Shape ``(W, 10)``: x, y, yaw, spacing, place, offset, reach, half length, half width and cut, as in ``Way``."""
 
@@ -99,7 +99,7 @@ class Ways(NamedTuple):
 
 @compiled
 def way_point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
-    """X and y at a place of ``points[first:last]``, counted in their distance; straight on before and after them."""
+    """X and y at a position of ``points[first:last]``, counted in point distances; straight at both ends."""
     i = min(max(int(place), 0), last - first - 2) + first
     f = place - (i - first)
     x, y = points[i, 0], points[i, 1]
@@ -134,7 +134,7 @@ def follows_course(ways: Any, row: int) -> bool:
 
 @compiled
 def straight_to_m(ways: Any, own: int, other: int, reach_m: float) -> float:
-    """Way of a body straight ahead, as it points, until it would touch another one where that is; infinite without."""
+    """Distance that a body drives straight ahead until it touches another one; infinite if it does not."""
     x, y, yaw_rad = ways.bodies[own, :3]
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     theirs = ways.bodies[other]
@@ -149,7 +149,7 @@ def straight_to_m(ways: Any, own: int, other: int, reach_m: float) -> float:
 
 @compiled
 def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
-    """Poses of the used bodies along their courses, ``STEP_M`` apart: all in one array, and where each body's begin."""
+    """Poses of the used bodies along their courses, ``STEP_M`` apart, in one array, and where each body's begin."""
     begins = np.zeros(ways.first.shape[0] + 1, np.intp)
     for n in used:
         begins[n + 1] = int(ways.bodies[n, 6] / STEP_M) + 1
@@ -167,7 +167,7 @@ def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
 
 @compiled
 def _off_course(ways: Any, n: int) -> tuple[float, float]:
-    """What the present pose of a body differs from its course: to the left, and in yaw."""
+    """Difference between a body's pose and its course: to the left, and in yaw."""
     body = ways.bodies[n]
     x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4], body[5], body[9])
     return cos * (body[1] - y) - sin * (body[0] - x), wrapped_rad(body[2] - np.arctan2(sin, cos))
@@ -175,7 +175,7 @@ def _off_course(ways: Any, n: int) -> tuple[float, float]:
 
 @compiled
 def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tuple[float, float, float, float]:
-    """Pose of a body after a way: what the present one differs from the course (``_off_course``) fades."""
+    """Pose of a body after a distance; its present difference from the course decreases to zero."""
     body = ways.bodies[n]
     x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4] + way_m, body[5], body[9])
     if way_m > _STRAIGHT_AFTER_M:
@@ -188,7 +188,7 @@ def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tu
 
 @compiled
 def _next_touch(own: tuple[float, float, float, float], theirs: Any, sizes: Any, j: int) -> int:
-    """The first place on another way, from place ``j`` on, where it touches a body in a pose; its length without one.
+    """First position on another path, from ``j`` on, that touches a body in a pose; the path's length if there is none.
 
     Places that are too far away to matter are stepped over: the distance changes by no more than the way does.
     """
@@ -208,7 +208,7 @@ def _next_touch(own: tuple[float, float, float, float], theirs: Any, sizes: Any,
 
 @compiled
 def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, float, float]) -> float:
-    """Way of a body until just before it would touch, between the places k − 1 and k, by bisection."""
+    """Distance of a body until just before contact, between positions k − 1 and k, by bisection."""
     low, high, off = max(k - 1, 0) * STEP_M, k * STEP_M, _off_course(ways, n)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -221,7 +221,7 @@ def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, 
 
 @compiled
 def _around(poses: Any, begins: Any) -> Any:
-    """Least and greatest x and y of each body's poses, shape ``(W, 4)``; inverted for a body without poses."""
+    """Bounding box of each body's poses, shape ``(W, 4)``; inverted for a body without poses."""
     boxes = np.empty((begins.shape[0] - 1, 4))
     for n in range(boxes.shape[0]):
         boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = np.inf, -np.inf, np.inf, -np.inf
@@ -233,7 +233,7 @@ def _around(poses: Any, begins: Any) -> Any:
 
 @compiled
 def _bounds(ways: Any, used: Any) -> Any:
-    """Least and greatest x and y to which the used bodies' edges can come on their ways, shape ``(W, 4)``."""
+    """Bounding box of each used body's edges on its path, shape ``(W, 4)``."""
     bounds = np.full((ways.first.shape[0], 4), np.nan)
     for n in used:
         if not np.isnan(bounds[n, 0]):
@@ -257,7 +257,7 @@ def _bounds(ways: Any, used: Any) -> Any:
 
 @compiled
 def _near_each_other(own: Any, others: Any, pairs: Any) -> Any:
-    """The pairs whose ways do not stay apart as a whole, by their bounds: only these need poses."""
+    """Pairs whose bounding boxes overlap; only these need poses."""
     a, b = _bounds(own, pairs[:, 0]), _bounds(others, pairs[:, 1])
     near, count = np.empty_like(pairs), 0
     for p in range(pairs.shape[0]):

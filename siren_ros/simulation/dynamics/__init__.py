@@ -1,1 +1,1 @@
-"""How a vehicle moves: vehicle models, tracking, collisions."""
+"""Motion of vehicles: vehicle model, tracking, collisions."""

@@ -1,4 +1,4 @@
-"""Contacts between vehicles: oriented boxes that overlap, each lasting contact reported once, and what it does.
+"""Finds contacts between vehicles from overlapping boxes, reports each once, and computes their effect.
 
 Two vehicles in contact go on together along the contact's normal, and do not overlap.
 """
@@ -16,10 +16,10 @@ from siren_ros.simulation.dynamics.parameters import ParameterTable
 from siren_ros.simulation.dynamics.vehicle_model import BodyState
 
 SEPARATION_GAP_M: Final = 0.1
-"""A contact ends when the boxes are this far apart; smaller gaps are the same contact still."""
+"""A contact ends when the boxes are this far apart."""
 _CLOSING_MPS: Final = 1e-6
 _LONGEST_S: Final = 0.5
-"""Bodies are moved apart at each step: no overlap lasts for so long, however slowly they close in."""
+"""Longest duration of an overlap, since bodies in contact are moved apart at each step."""
 
 Pairs: TypeAlias = tuple[tuple[int, int], ...]
 """Pairs of actor ids or of rows, the smaller first, sorted."""
@@ -39,11 +39,11 @@ class Footprints:
     length_m: Floats
     width_m: Floats
     walks: Flags
-    """Who is a pedestrian: two of them who pass each other touch nobody."""
+    """Whether an actor is a pedestrian; two pedestrians who pass each other have no contact."""
 
 
 class Contact(NamedTuple):
-    """Two vehicles that have begun to touch, the smaller id first."""
+    """Two vehicles that begin to touch, the smaller id first."""
 
     actor_id: int
     other_id: int
@@ -51,7 +51,7 @@ class Contact(NamedTuple):
     """Centroid of the overlap."""
     y_m: float
     impact_speed_mps: float
-    """Speed at which the two close in, at the place of contact and along the contact's normal."""
+    """Closing speed at the place of contact along the contact's normal."""
 
 
 def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ...], Pairs]:
@@ -76,7 +76,7 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
 
 
 def any_close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> bool:
-    """Whether any two boxes are near enough to be in contact, as ``find_contacts`` sees it."""
+    """Whether any two boxes are near enough for a contact, as in ``find_contacts``."""
     return len(_close(x_m, y_m, yaw_rad, length_m, width_m, walks)) > 0
 
 
@@ -97,14 +97,14 @@ def _close_pairs(boxes: Footprints) -> Floats:
 
 
 def _close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> Floats:
-    """``_find_close`` within the separation gap; numpy sorts, because numba's sorting takes seconds to compile."""
+    """``_find_close`` within the separation gap; numpy sorts, since numba's sorting takes seconds to compile."""
     order = np.argsort(x_m, kind="stable")
     return cast("Floats", _find_close(order, x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M))
 
 
 @compiled
 def _find_close(order: Any, x: Any, y: Any, yaw: Any, length: Any, width: Any, walks: Any, within_m: float) -> Any:
-    """The pairs whose boxes are nearer than a gap, but for those of two who walk: ``(M, 3)``, both rows and the gap.
+    """Pairs of boxes nearer than a gap, except two pedestrians: ``(M, 3)`` with both rows and the gap.
 
     Boxes are looked at in the ``order`` of x, each with those near it.
     """
@@ -169,13 +169,13 @@ def contact_normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats
 
 
 _ROUNDS: Final = 8
-"""Passes over all pairs: who is pushed may be pushed into the next one."""
+"""Number of passes over all pairs, because a pushed body may hit another one."""
 _TOUCHING_M: Final = 1e-3
-"""Overlap that is left, so that bodies in contact stay so."""
+"""Overlap that remains, so that bodies in contact stay in contact."""
 
 
 def collide(bodies: BodyState, boxes: Footprints, table: ParameterTable, pairs: Pairs, dt_s: float) -> BodyState:
-    """Bodies after the impacts of a step; a change of velocity counts into its mean acceleration.
+    """Bodies after the impacts of a step; the change of velocity is part of the mean acceleration.
 
     ``bodies`` and ``boxes`` are the vehicles at the end of the step, as if they could pass through each other, and
     ``pairs`` the rows that overlap.
@@ -191,7 +191,7 @@ def collide(bodies: BodyState, boxes: Footprints, table: ParameterTable, pairs: 
 
 
 def _separate(a: int, b: int, place: Floats, velocity: Floats, boxes: Footprints, mass_kg: Floats) -> bool:
-    """Apply one impact to ``place`` and ``velocity`` (shape ``(N, 2)``); whether the pair still overlapped."""
+    """Apply one impact to ``place`` and ``velocity`` (shape ``(N, 2)``); returns whether the pair still overlapped."""
     present = replace(boxes, x_m=place[:, 0], y_m=place[:, 1], vx_mps=velocity[:, 0], vy_mps=velocity[:, 1])
     corners = footprint_corners(present.x_m, present.y_m, present.yaw_rad, present.length_m, present.width_m)
     if separation_m(corners[[a]], corners[[b]])[0] > -_TOUCHING_M:
@@ -210,7 +210,7 @@ def _separate(a: int, b: int, place: Floats, velocity: Floats, boxes: Footprints
 
 
 def _with_motion(bodies: BodyState, place: Floats, gained: Floats, dt_s: float) -> BodyState:
-    """Bodies at other places, with velocities gained in the ``map`` frame."""
+    """Bodies at other positions, with added velocities in the ``map`` frame."""
     cos, sin = np.cos(bodies.yaw_rad), np.sin(bodies.yaw_rad)
     forward = cos * gained[:, 0] + sin * gained[:, 1]
     left = cos * gained[:, 1] - sin * gained[:, 0]

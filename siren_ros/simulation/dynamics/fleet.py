@@ -47,17 +47,17 @@ class FleetState:
     owner: Codes
     touching: Pairs
     walks: Flags
-    """Who is a pedestrian."""
+    """Whether an actor is a pedestrian."""
     stopped: tuple[int, ...] = ()
     """Actors that have been in contact, sorted: they brake to a standstill and stay."""
     sounding: tuple[int, ...] = ()
-    """Actors whose siren sounds, sorted."""
+    """Actors whose siren is on, sorted."""
     left_hand: bool = False
-    """Whether traffic keeps left: the fleet is then the mirror image of the one on the map, to the last bit."""
+    """Whether traffic keeps left; the fleet is then the exact mirror image of that on the map."""
 
     @classmethod
     def empty(cls, parameters: Mapping[ActorClass, VehicleParameters], *, left_hand: bool = False) -> "FleetState":
-        """The fleet before the first step; loads the compiled equations, which takes a while at first."""
+        """The fleet before the first step; the call also loads the compiled equations, which is slow at first."""
         none = np.empty(0)
         fleet = cls(
             step=-1,
@@ -81,7 +81,7 @@ class FleetState:
 
 
 def without_actors(fleet: FleetState, removed: Ids) -> FleetState:
-    """The fleet without the removed actors; ids that it does not hold are passed over."""
+    """The fleet without the removed actors; unknown ids are ignored."""
     if not len(removed):
         return fleet
     kept = ~np.isin(fleet.actor_id, removed)
@@ -118,7 +118,7 @@ def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, 
 
 
 def _described(fleet: FleetState, descriptions: tuple[ActorDescription, ...]) -> FleetState:
-    """The fleet with all that follows from its descriptions."""
+    """The fleet with everything that follows from its descriptions."""
     return replace(
         fleet,
         descriptions=descriptions,
@@ -133,9 +133,9 @@ def _described(fleet: FleetState, descriptions: tuple[ActorDescription, ...]) ->
 
 
 BRAKE_LIGHT_PEDAL: Final = 0.02
-"""Brake pedal from which the brake light is on."""
+"""The brake light is on from this brake pedal position."""
 BRAKE_LIGHT_DECEL_MPS2: Final = 1.3
-"""Deceleration from which the brake light is on whatever causes it (UN R13-H, 5.2.22.4)."""
+"""The brake light is on from this deceleration, whatever its cause (UN R13-H, 5.2.22.4)."""
 _SUBSTEPS: Final = substeps(STEP_S)
 _ROS: Final = np.uint8(Owner.ROS)
 _BRAKE_LIGHT: Final = np.uint8(Lights.BRAKE)
@@ -217,7 +217,7 @@ def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[Ve
 def _move(
     fleet: FleetState, traffic: TrafficState, orders: Orders, owners: tuple[Codes, Codes, Flags]
 ) -> tuple[BodyState, TrackerState]:
-    """Bodies and tracker at this step; ``owners`` are those now and before, and whom SUMO was brought back to."""
+    """Bodies and tracker at this step; ``owners`` are the present and previous ones, and who was realigned in SUMO."""
     sumo = np.array((
         *(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad, traffic.sumo_speed_mps, traffic.sumo_accel_mps2),
     ))  # fmt: skip
@@ -230,7 +230,7 @@ def _move(
 
 @compiled
 def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> tuple[Any, Any]:
-    """Columns of bodies and tracker one step later; ``how`` has the tracker's gains, substeps and who walks.
+    """Columns of bodies and tracker one step later; ``how`` has the tracker's gains, substeps, and who is a pedestrian.
 
     Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
     """
@@ -271,14 +271,14 @@ def _after_contacts(fleet: FleetState, bodies: BodyState) -> tuple[BodyState, tu
     motion = *velocity, bodies.yaw_rate_radps
     boxes = Footprints(fleet.actor_id, *places, *motion, fleet.length_m, fleet.width_m, fleet.walks)
     contacts, touching = find_contacts(boxes, fleet.touching)
-    if touching:  # those who walk are moved by SUMO alone
+    if touching:  # pedestrians are moved by SUMO alone
         after = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
         bodies = BodyState.where(fleet.walks, bodies, after) if fleet.walks.any() else after
     return bodies, contacts, touching
 
 
 def _struck(fleet: FleetState, contacts: tuple[Contact, ...]) -> set[int]:
-    """The vehicles of some contacts; people go on as SUMO says."""
+    """Vehicles in some contacts; people continue as SUMO says."""
     walkers = fleet.actor_id[fleet.walks].tolist() if contacts else ()
     return {actor for contact in contacts for actor in contact[:2]}.difference(walkers)
 
@@ -357,7 +357,7 @@ def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
 
 
 def _siren_changes(before: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], tuple[int, ...]]:
-    """Sirens that begin or end to sound, also those of actors that have left, and the actors that sound now."""
+    """Sirens that switch on or off, also those of actors that have left, and the actors with a siren on now."""
     sounding = tuple(states.actor_id[(states.lights & _SIREN) != 0].tolist())
     events = []
     for actor_id in sorted(set(sounding) ^ set(before.sounding)):

@@ -1,4 +1,4 @@
-"""The controllers' commands merged into one row per actor: one owner per actor, contradictions refused."""
+"""Merges the controllers' commands into one row per actor; contradictions are errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from siren_ros.simulation.world.traffic_state import TrafficState
 
 _SUMO: Final = np.uint8(Owner.SUMO)
 _NOMINAL: Final = np.uint8(Mode.NOMINAL)
-"""numpy takes several times as long to fill an array with the member of an enumeration."""
+"""A plain number, because numpy is several times slower with members of enumerations."""
 
 
 @dataclass(frozen=True)
 class Orders:
-    """What is asked of every actor at one step; rows as in ``TrafficState``."""
+    """Commands for all actors at one step; rows as in ``TrafficState``."""
 
     owner: Codes
     throttle: Floats
@@ -33,7 +33,7 @@ class Orders:
 
 
 def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -> Orders:
-    """All controllers' commands on the rows of ``traffic``.
+    """Merge all controllers' commands on the rows of ``traffic``.
 
     Actors without a command belong to SUMO, are in mode NOMINAL and show SUMO's lights. Commands for actors
     that were removed at this step are void.
@@ -60,7 +60,7 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
 def _take_over(
     number: int, ids: Any, asked: Any, told: Any, pedals: Any, codes: Any, hand_brake: Any, source_of: Any
 ) -> bool:
-    """Put one controller's commands on the rows of their actors; False where something about them is wrong."""
+    """Put one controller's commands on the rows of their actors; False if something is wrong."""
     (actor_id, removed, commanded), (throttle, brake, steer_rad), (hand, owner, mode, lights) = ids, asked, told
     for n in range(len(commanded)):
         if not np.isfinite(throttle[n] + brake[n] + steer_rad[n]):
@@ -80,7 +80,7 @@ def _take_over(
 
 
 def stopped_orders(orders: Orders, actor_id: Ids, stopped: Sequence[int], steer_rad: Floats) -> Orders:
-    """Orders of which those for stopped actors are replaced: full brake, wheels at present angles, hazard lights."""
+    """Orders in which stopped actors have full brake, unchanged steering angles and hazard lights."""
     rows = np.isin(actor_id, np.array(stopped, dtype=np.uint32)) if stopped else np.zeros(0, dtype=bool)
     if not rows.any():
         return orders
@@ -101,7 +101,7 @@ def _check(
     command: VehicleCommands,
     source_of: npt.NDArray[np.intp],
 ) -> None:
-    """Say what is wrong about a controller's commands; ``source_of`` holds the number of each actor's controller."""
+    """Raise an error for a controller's wrong commands; ``source_of`` has the number of each actor's controller."""
     rows = rows_of_ids(traffic.actor_id, command.actor_id)
     unknown = command.actor_id[rows < 0]
     if len(unknown) and not np.isin(unknown, traffic.removed).all():

@@ -19,7 +19,7 @@ from siren_ros.simulation.world.actors import PEOPLE_CLASSES, ActorClass
 
 @dataclass(frozen=True)
 class VehicleParameters:
-    """Parameters of the vehicle model for one actor class. Sources stand beside the numbers in the YAML files."""
+    """Parameters of the vehicle model for one actor class. The YAML files name the sources."""
 
     length_m: float
     width_m: float
@@ -32,7 +32,7 @@ class VehicleParameters:
     mass_kg: float
     yaw_inertia_kgm2: float
     cornering_stiffness_front_npr: float
-    """Of the whole axle, in newtons per radian of slip angle."""
+    """Cornering stiffness of the whole axle, in newtons per radian of slip angle."""
     cornering_stiffness_rear_npr: float
     friction_coefficient: float
     max_steer_rad: float
@@ -42,12 +42,12 @@ class VehicleParameters:
     drive_power_w: float
     """Peak power at the wheels."""
     max_drive_accel_mps2: float
-    """Full-throttle tractive force over mass, where power does not limit it."""
+    """Tractive force at full throttle divided by mass, if power does not limit it."""
     drive_front_share: float
-    """Part of the tractive force at the front axle."""
+    """Share of the tractive force at the front axle."""
     max_brake_decel_mps2: float
     hand_brake_decel_mps2: float
-    """What the hand brake asks for; it acts on the rear axle."""
+    """Deceleration that the hand brake causes; it acts on the rear axle."""
     throttle_lag_s: float
     brake_lag_s: float
     drag_area_m2: float
@@ -56,12 +56,12 @@ class VehicleParameters:
 
     @property
     def centre_ahead_of_cg_m(self) -> float:
-        """How far the footprint's centre lies ahead of the centre of gravity (negative: behind)."""
+        """Distance of the footprint's centre ahead of the centre of gravity (negative: behind)."""
         return self.front_overhang_m + self.cg_to_front_axle_m - self.length_m / 2.0
 
     @property
     def centre_ahead_of_rear_axle_m(self) -> float:
-        """How far the footprint's centre lies ahead of the rear axle."""
+        """Distance of the footprint's centre ahead of the rear axle."""
         return self.front_overhang_m + self.wheelbase_m - self.length_m / 2.0
 
     @property
@@ -72,11 +72,11 @@ class VehicleParameters:
         return front - self.mass_kg * rear_share / self.cornering_stiffness_rear_npr
 
     def curvature_rate_1pms(self, share: float) -> float:
-        """How quickly the curvature of its way can change, 1/(m s), with a share of the wheels' turning rate."""
+        """Largest change rate of the path's curvature, 1/(m s), with a share of the steering rate."""
         return share * self.max_steer_rate_radps / self.wheelbase_m
 
     def sized(self, length_m: float, width_m: float, height_m: float) -> "VehicleParameters":
-        """The parameters of a vehicle of another size: axles move with the length, and its mass stays the same."""
+        """Parameters of a vehicle of another size: axles move with the length, the mass stays."""
         if (length_m, width_m, height_m) == (self.length_m, self.width_m, self.height_m):
             return self
         return _sized(self, length_m, width_m, height_m)
@@ -150,7 +150,7 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
             line, key, value and what is allowed.
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
-    # Records of earlier episodes have no two wheels and nobody who walks.
+    # Records of earlier episodes have no two-wheelers and no pedestrians.
     names = {kind: name for kind, name in names.items() if kind not in PEOPLE_CLASSES or files.has("vehicles", name)}
     return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
 
@@ -161,7 +161,7 @@ def _parameters_in(file: InputFile) -> VehicleParameters:
 
 
 def read_vehicle_parameters(folder: Path) -> Mapping[ActorClass, VehicleParameters]:
-    """The same from the files ``<class>.yaml`` of any folder."""
+    """Parameters from the files ``<class>.yaml`` of any folder."""
     return {kind: _parameters(read_strict_yaml(folder / f"{kind.name.lower()}.yaml")) for kind in ActorClass}
 
 
@@ -182,7 +182,7 @@ def _parameters(mapping: StrictMapping) -> VehicleParameters:
 
 
 def _of_walker(mapping: StrictMapping) -> VehicleParameters:
-    """Somebody who walks has a body and a mass; the vehicle model, which needs the rest, does not move them."""
+    """Parameters of a pedestrian: body and mass; the vehicle model does not move pedestrians."""
     sizes = {name: mapping.number(name, *limits) for name, limits in _WALKER_RANGES.items()}
     mapping.finish()
     length_m, inertia = sizes["length_m"], sizes["mass_kg"] * (sizes["length_m"] ** 2 + sizes["width_m"] ** 2) / 12.0
@@ -240,7 +240,7 @@ class ParameterTable:
 
     @cached_property
     def records(self) -> npt.NDArray[np.void]:
-        """The same as one record per actor, shape ``(N,)``, as compiled loops take them."""
+        """The table as one record per actor, shape ``(N,)``, for compiled loops."""
         names = [field.name for field in fields(self)]
         table = np.empty(len(self), np.dtype([(name, np.float64) for name in names]))
         for name in names:

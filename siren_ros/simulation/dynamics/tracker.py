@@ -1,4 +1,4 @@
-"""Controls that make vehicles follow the poses that SUMO gives them, with the same vehicle model as all others.
+"""Controls vehicles so that they follow SUMO's poses, with the same vehicle model as all others.
 
 The law runs for one vehicle after the other in a compiled loop.
 """
@@ -15,54 +15,54 @@ from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, Paramete
 from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, Record
 
 _SLOWEST_STEP_M: Final = 0.01
-"""A centre that moved less than this in one step has no course of its own."""
+"""A centre that moved less than this in a step has no direction of motion."""
 _SLOWEST_MPS: Final = 0.1
 _LEAST_PACE: Final = 0.85
 _MOST_PACE: Final = 1.1
-"""Ratios of the centre's and the front bumper's speed that a vehicle can drive; beyond, SUMO's rod swings or jumps."""
+"""Largest ratio of the centre's and the front bumper's speed that a vehicle can drive; above it SUMO's pose jumps."""
 _STRAIGHT_PM: Final = 1e-3
-"""Curvatures below this, in 1/m, limit no speed."""
+"""Smaller curvatures, in 1/m, do not limit the speed."""
 _FULL_LOCK_RAD: Final = 1.4
-"""Beyond any steering angle, and below the right angle at which the tangent ends."""
+"""Larger than any steering angle, but below 90°, where the tangent ends."""
 
 
 class TrackerGains(NamedTuple):
-    """Tuning of the tracker."""
+    """Gains of the tracker."""
 
     lateral_per_s: float = 3.5
-    """Stanley gain: lateral error is worked off with this rate, beyond the speed of town traffic with a lower one,
-    because long vehicles answer late to their steering."""
+    """Stanley gain: rate of lateral correction. Above town speeds it is lower, because long vehicles respond late to
+    steering."""
     lateral_soft_mps: float = 1.0
-    """Added to the speed in the Stanley law, so that steering stays calm near standstill."""
+    """Speed added in the Stanley law, so that steering stays calm near standstill."""
     along_per_s: float = 2.0
     """Speed correction per metre of distance along the path."""
     along_most_mps: float = 3.0
     """Largest speed correction."""
     speed_time_s: float = 0.2
-    """Time in which a difference of speeds is to be closed."""
+    """Time in which a speed difference is corrected."""
     quickness: float = 2.0
-    """How much quicker than a driver's the pedals and the steering are: SUMO's path is not known ahead."""
+    """Factor on the quickness of pedals and steering compared with a driver, because SUMO's path is not known ahead."""
     drive_factor: float = 1.5
-    """How much more than full throttle the drive may give: SUMO's acceleration knows no engine power."""
+    """Factor on full throttle, because SUMO's acceleration ignores engine power."""
     pace_time_s: float = 0.2
-    """Time constant of the ratio between the centre's speed and SUMO's speed of the front bumper."""
+    """Time constant of the ratio between the centre's speed and SUMO's front bumper speed."""
     accel_time_s: float = 0.2
-    """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
+    """Time constant of smoothing SUMO's acceleration before it is fed forward."""
     grip_share: float = 0.8
-    """Part of the tyres' grip that steering and speed may ask for in a turn."""
+    """Share of the tyres' grip that steering and speed may use in a turn."""
     swerve_share: float = 0.4
-    """The same of the steering up to the speed of town traffic, where SUMO's path turns aside at once: a driver swerves
-    with less than half of what the tyres give."""
+    """Share of grip for steering up to town speeds, where SUMO's path can turn suddenly: drivers swerve with less than
+    half of the grip."""
     town_mps: float = 14.0
-    """50 km/h."""
+    """Town speed, 50 km/h."""
     standing_mps: float = 0.05
-    """Wanted speeds below this mean: hold the vehicle with the brake."""
+    """Below this wanted speed the brake holds the vehicle."""
     holding_brake: float = 0.3
 
 
 @compiled
 def _quickest_turn_in(vehicle: Record, speed: float, curvature: float, grip: float) -> float:
-    """How quickly the curvature may grow, 1/(m s), so that the centre of gravity gets no more than ``grip`` in m/s².
+    """Largest growth of curvature, 1/(m s), for which the centre of gravity stays within ``grip`` in m/s².
 
     Rolling without slip it has v² κ + v l_r dκ/dt: it goes aside already while the wheels are turning.
     """
@@ -77,7 +77,7 @@ def _steer(
     dt_s: float,
     gains: Any,
 ) -> tuple[float, float]:
-    """Wanted road-wheel angle, and the curvature that it steers.
+    """Steering angle to command, and the resulting curvature.
 
     ``pose`` holds x, y, yaw, forward speed and road-wheel angle, ``goal`` x, y, yaw and curvature of the reference.
     """
@@ -115,7 +115,7 @@ def _before_lag(wanted: float, present: float, lag_s: float, dt_s: float) -> flo
 def _pedals(
     vehicle: Record, motion: tuple[float, float, float], wanted_mps: float, accel_mps2: float, dt_s: float, gains: Any
 ) -> tuple[float, float]:
-    """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds who waits.
+    """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds a waiting vehicle.
 
     ``motion`` holds forward speed, throttle and brake; ``wanted_mps`` is the speed at the end of the step.
     """
@@ -135,7 +135,7 @@ def _pedals(
 def follow(
     bodies: Array, tracker: Array, reference: Array, records: Array, walks: Array, dt_s: float, gains: Any, out: Array
 ) -> None:
-    """The controls of all vehicles, and of nobody who walks, for one step.
+    """Controls of all vehicles for one step; pedestrians have none.
 
     They follow from the columns of ``BodyState``, ``TrackerState`` and ``Reference``. Result in ``out``: throttle,
     brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the step, shape ``(6, N)``.
@@ -173,7 +173,7 @@ def follow(
 
 @dataclass(frozen=True)
 class Reference(Columns):
-    """SUMO's vehicles at one step, ``map`` frame, each array of shape ``(N,)``; positions are footprint centres."""
+    """SUMO's vehicles at one step, ``map`` frame; arrays of shape ``(N,)``; positions are footprint centres."""
 
     x_m: Floats
     y_m: Floats
@@ -184,19 +184,19 @@ class Reference(Columns):
 
 @dataclass(frozen=True)
 class TrackerState(Columns):
-    """Reference of the step before: SUMO's centre, and the yaw of a car whose centre takes SUMO's path."""
+    """Reference of the last step: SUMO's centre, and the yaw of a car whose centre follows SUMO's path."""
 
     x_m: Floats
     y_m: Floats
     yaw_rad: Floats
     pace: Floats
-    """Speed of the centre over SUMO's speed, which is the front bumper's: below 1 in turns."""
+    """Speed of the centre divided by SUMO's (front bumper) speed; below 1 in turns."""
     accel_mps2: Floats
     """SUMO's acceleration, smoothed."""
 
     @classmethod
     def at(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> "TrackerState":
-        """Actors whose tracking begins, or begins anew, at these poses."""
+        """State of actors whose tracking begins, or begins again, at these poses."""
         return cls(x_m, y_m, yaw_rad, np.ones(len(x_m)), np.zeros(len(x_m)))
 
 
@@ -211,7 +211,7 @@ def track(
     dt_s: float,
     gains: TrackerGains = DEFAULT_GAINS,
 ) -> tuple[Controls, TrackerState]:
-    """Controls for the step that ends when SUMO's vehicles are at ``reference``, and the tracker's state then.
+    """Controls for the step that ends with SUMO's vehicles at ``reference``, and the tracker's state then.
 
     ``state`` and ``tracker`` are of the step's start; rows of ``table`` are those of ``state``.
     """

@@ -18,23 +18,23 @@ from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, Paramete
 Record = Any
 """One vehicle's row of ``ParameterTable.records``."""
 _LONGITUDINAL_SHARE: Final = 0.95
-"""Anti-lock and traction control keep the longitudinal force below this part of an axle's grip."""
+"""Share of an axle's grip to which anti-lock brakes and traction control limit the longitudinal force."""
 _REAR_BRAKE_SHARE: Final = 0.7
-"""Brake force distribution follows the axle loads and keeps the rear axle to this part of its share."""
+"""Share to which brake force distribution, which follows the axle loads, limits the rear axle."""
 _LEAST_LOAD_MPS2: Final = 0.1
-"""Either axle carries at least the vehicle's mass times this."""
+"""Least load of an axle: the vehicle's mass multiplied by this."""
 _POWER_FROM_MPS: Final = 0.1
 _FULL_PULL_MPS: Final = 0.1
-"""Below this speed the sideways pull of a steered and braked wheel fades: static friction balances it at rest."""
+"""Below this speed the lateral force of a steered and braked wheel decreases: static friction balances it at rest."""
 _STILL: Final = 0.01
-"""A vehicle that stopped rolling and drifts or turns slower than this (m/s, rad/s) stands still."""
+"""A stopped vehicle that drifts or turns slower than this (m/s, rad/s) stands still."""
 _SLOWEST_MPS: Final = 1e-9
-"""Keeps slip defined at standstill; far below any speed that matters."""
+"""Keeps slip defined at standstill; far below any relevant speed."""
 
 
 @compiled
 def _lagged(wanted: float, present: float, elapsed_s: float, lag_s: float) -> float:
-    """A pedal behind its first-order lag."""
+    """Pedal position after its first-order lag."""
     wanted = within(wanted, 0.0, 1.0)
     return wanted + (present - wanted) * np.exp(-elapsed_s / lag_s)
 
@@ -51,7 +51,7 @@ def _axle_loads_n(vehicle: Record, accel_mps2: float) -> tuple[float, float]:
 
 @compiled
 def _secant(stiffness: float, limit_n: float, slip: float, cos: float) -> float:
-    """Force over slip of a Fiala tyre (secant stiffness), of an axle steered by an angle of that cosine."""
+    """Force over slip of a Fiala tyre (secant stiffness), for an axle steered by an angle with that cosine."""
     z = stiffness * cos * cos / (3.0 * limit_n) * slip
     inner = min(z, 1.0)
     return stiffness * cos * cos * cos * (1.0 - inner + inner * inner / 3.0) / max(z, 1.0)
@@ -105,7 +105,7 @@ def _newton(
 def _tyre_forces_n(
     vehicle: Record, loads_n: tuple[float, float], drive_n: float, braking_n: float, hand_n: float
 ) -> tuple[float, float, float, float]:
-    """Longitudinal forces of the front and the rear axle, and what the friction circle leaves for the lateral ones."""
+    """Longitudinal forces of the front and the rear axle, and the remaining lateral grip by the friction circle."""
     front_load, rear_load = loads_n
     rear_braking = braking_n * (_REAR_BRAKE_SHARE * rear_load / (front_load + rear_load))
     front = drive_n * vehicle.drive_front_share - (braking_n - rear_braking)
@@ -118,7 +118,7 @@ def _tyre_forces_n(
 
 @compiled
 def advance(before: Array, controls: Array, records: Array, walks: Array, count: int, h: float, after: Array) -> None:
-    """Move all vehicles, and nobody who walks, by ``count`` substeps of ``h`` seconds.
+    """Move all vehicles by ``count`` substeps of ``h`` seconds; pedestrians do not move.
 
     ``before`` and the result, ``after``, are ``BodyState.columns``, shape ``(11, N)``; ``controls`` are
     ``Controls.columns``, shape ``(6, N)``, and ``records`` those of ``ParameterTable``.
@@ -202,7 +202,7 @@ class BodyState(Columns):
 
 @dataclass(frozen=True)
 class Controls(Columns):
-    """What the drivers ask of the actuators during one step, each array of shape ``(N,)``."""
+    """Drivers' commands to the actuators in one step, arrays of shape ``(N,)``."""
 
     throttle: Floats
     """0–1."""
@@ -211,13 +211,13 @@ class Controls(Columns):
     steer_rad: Floats
     hand_brake: npt.NDArray[np.bool_]
     quickness: Floats
-    """1 for a driver; more divides the lags of pedals and steering and multiplies the steering rate's limit."""
+    """Quickness of the actuators: 1 for a driver; more divides the lags and multiplies the steering rate's limit."""
     drive_factor: Floats
-    """1 for a driver; more raises what full throttle gives, within the tyres' grip."""
+    """Drive factor: 1 for a driver; more increases full throttle, within the tyres' grip."""
 
 
 def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_s: float) -> BodyState:
-    """Vehicles one step later under constant controls; rows of ``table`` are those of ``state``.
+    """Vehicles one step later with constant controls; rows of ``table`` are those of ``state``.
 
     The step is cut into equal substeps of at most ``SUBSTEP_S``. Controls beyond the actuators' ranges saturate. A
     vehicle at rest without throttle stays where it is to the last bit; brakes never move a vehicle backwards.

@@ -1,4 +1,4 @@
-"""How people walk: after SUMO's pose, without its jumps.
+"""Moves pedestrians: they follow SUMO's pose without its jumps.
 
 SUMO's pedestrians change stripes and corners from one step to the next, by up to a metre. People do so within a step or
 two. They keep SUMO's pace, so they do not lag behind.
@@ -10,21 +10,21 @@ import numpy as np
 
 from siren_ros.base.numerics.compiled import compiled, within, wrapped_rad
 
-# No parameters: how jumps of SUMO's model are smoothed.
+# No parameters: they only smooth jumps of SUMO's model.
 _CATCH_UP_S: Final = 0.5
-"""Time in which a distance from SUMO's place is made up."""
+"""Time in which the distance from SUMO's position is corrected."""
 _FASTER_MPS: Final = 0.8
-"""By so much people walk faster than SUMO's, at most, in order to make it up."""
+"""Largest additional speed for this correction."""
 _ACCEL_MPS2: Final = 2.5
-"""With which people start, stop and step aside (typical value of healthy adults)."""
+"""Acceleration with which people start, stop and step aside (typical value of healthy adults)."""
 _TURN_RADPS: Final = 4.0
 _STEADY_MPS: Final = 0.4
-"""Slower people face as SUMO's do; faster ones where they go."""
+"""Slower people have SUMO's heading; faster ones that of their motion."""
 
 
 @compiled
 def walk(bodies: Any, sumo: Any, walks: Any, step_s: float, after: Any) -> None:
-    """Move those who walk by one step: from ``bodies`` towards SUMO's x, y, yaw and speed into ``after``.
+    """Move pedestrians by one step: from ``bodies`` towards SUMO's x, y, yaw and speed into ``after``.
 
     Bodies have the columns of ``BodyState``: pose, speed ahead and to the left, turn rate and accelerations first.
     """

@@ -47,12 +47,12 @@ from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
 _INDICATORS: Final = int(Lights.INDICATORS)
 _EMV_ROOM_M: Final = 2.0
-"""An EMV stops so much farther before a zone: from there it needs the time that it leaves behind others."""
+"""Additional distance of a stopped EMV from a zone: it needs the time that it leaves behind others."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """Half the size of a footprint."""
+    """Half length and half width of a footprint."""
 
     half_length_m: float
     half_width_m: float
@@ -60,7 +60,7 @@ class Body:
 
 @dataclass(frozen=True)
 class ActorTable:
-    """Descriptions of the actors in the simulation; arrays sorted by id."""
+    """Descriptions of all present actors; arrays sorted by id."""
 
     by_id: Mapping[int, ActorDescription]
     actor_id: Ids
@@ -69,11 +69,11 @@ class ActorTable:
     is_emv: npt.NDArray[np.bool_]
     walks: npt.NDArray[np.bool_]
     rides: npt.NDArray[np.bool_]
-    """Cyclists and motorcyclists."""
+    """Whether an actor is a cyclist or motorcyclist."""
 
     @classmethod
     def of(cls, descriptions: Mapping[int, ActorDescription]) -> "ActorTable":
-        """The table of some descriptions."""
+        """Make the table from descriptions."""
         rows = [descriptions[actor_id] for actor_id in sorted(descriptions)]
         return cls(
             by_id=dict(descriptions),
@@ -88,7 +88,7 @@ class ActorTable:
     @classmethod
     @cache
     def empty(cls) -> "ActorTable":
-        """No actors yet."""
+        """Make a table without actors."""
         return cls.of({})
 
     def updated(self, traffic: TrafficState) -> "ActorTable":
@@ -115,9 +115,9 @@ class Surroundings:
     half_width_m: Floats
     is_emv: npt.NDArray[np.bool_]
     outlook: Outlook | None = None
-    """Where everybody will go; straight on without it."""
+    """Predicted paths of all vehicles; None means straight ahead."""
     people: Floats = field(default_factory=lambda: NOBODY)
-    """People on foot, as ``people_at`` gives them."""
+    """Pedestrians, as ``people_at`` gives them."""
     riders: Rows = field(default_factory=lambda: np.empty(0, np.intp))
     """Rows of cyclists and motorcyclists."""
 
@@ -139,7 +139,7 @@ class Surroundings:
         book: CourseBook | None = None,
         crossings: Outlines | None = None,
     ) -> "Surroundings":
-        """The actors of a step, with an outlook on where they go where the courses of the map are given.
+        """Actors of a step; with the map's courses, also an outlook on their paths.
 
         People on foot count where the crossings are given.
 
@@ -166,7 +166,7 @@ class Surroundings:
         )
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
-        """Rows of the actors within a radius, without row ``but``."""
+        """Rows of the actors within a radius, except row ``but``."""
         return cast("npt.NDArray[np.intp]", _near(self.x_m, self.y_m, x_m, y_m, radius_m, but))
 
 
@@ -183,12 +183,12 @@ def _near(xs_m: Array, ys_m: Array, x_m: float, y_m: float, radius_m: float, but
 
 
 STEER_RATE_SHARE: Final = 0.8
-"""Part of the vehicle's steering rate that a path may ask for."""
+"""Share of the vehicle's steering rate that a path may need."""
 
 
 @dataclass(frozen=True)
 class BehaviourWorld:
-    """Everything that does not change during an episode."""
+    """Constant facts of an episode."""
 
     network: RoadNetwork
     policy: LevelPolicy
@@ -196,21 +196,21 @@ class BehaviourWorld:
     preset: DriverPreset
     seed: int
     av_id: int = NO_ACTOR
-    """A civilian that an external controller drives: it does not yield by itself."""
+    """A civilian with an external controller; it does not yield by itself."""
     constants: ControlConstants = PAPER_CONSTANTS
     speeds: TargetSpeeds = PAPER_SPEEDS
     duty: bool = False
     """Whether drivers keep a rescue lane open in slow traffic out of town."""
     config: DriverParameters = field(default_factory=DriverParameters)
     left_hand: bool = False
-    """Whether traffic keeps left: ``network`` is then the map's mirror image, in which all drivers decide."""
+    """Whether traffic keeps left; ``network`` is then the map's mirror image, in which all drivers decide."""
 
     def seen(self, traffic: TrafficState) -> TrafficState:
-        """Traffic as the drivers see it, given that of the map."""
+        """Traffic of the map in the drivers' view (mirrored for left-hand traffic)."""
         return mirror_image(traffic) if self.left_hand else traffic
 
     def said(self, commands: VehicleCommands) -> VehicleCommands:
-        """Commands in the frame of the map, given the drivers'."""
+        """Drivers' commands in the frame of the map."""
         return mirror_image(commands) if self.left_hand else commands
 
     @cached_property
@@ -220,7 +220,7 @@ class BehaviourWorld:
 
     @cached_property
     def rescue_sides(self) -> npt.NDArray[np.int8]:
-        """Side to which drivers in each lane keep for a rescue lane."""
+        """Side to which drivers of each lane move for a rescue lane."""
         return rescue_sides(self.network)
 
     @cached_property
@@ -235,7 +235,7 @@ class BehaviourWorld:
 
     @cached_property
     def junction_room(self) -> JunctionRoom:
-        """Where the ways of others begin on the junctions of the network."""
+        """Places on the map's junctions where the paths of others begin."""
         return JunctionRoom(self.network)
 
     @cached_property
@@ -249,23 +249,23 @@ class BehaviourWorld:
 
     @cached_property
     def civilian_navigator(self) -> Navigation:
-        """How civilians drive."""
+        """Navigation of civilians."""
         return Navigation.by(self.config.civilian_driver.driving)
 
     @cached_property
     def room_navigator(self) -> Navigation:
-        """How a civilian moves up close behind others to make room."""
+        """Navigation of a civilian that moves up close behind others to make way."""
         civilian = self.config.civilian_driver
         return Navigation.by(civilian.driving, standstill_gap_m=civilian.pull_over.room_standstill_gap_m)
 
     @cached_property
     def lines(self) -> LineBook:
-        """How EMVs come to lines at which others have the right of way."""
+        """Speeds of EMVs at lines at which others have the right of way."""
         return LineBook(self.network, self.config.emv_driver.lines, self.preset.attention, self.seed)
 
     @cached_property
     def drivers(self) -> Mapping[tuple[ActorClass, bool], Navigation]:
-        """The navigator's parameters by class and by whether it is an EMV, with the limit of the vehicle's steering."""
+        """Navigation by class and by whether it is an EMV, with the limit of the vehicle's steering."""
         drivers = {}
         for actor_class, vehicle in self.vehicles.items():
             for is_emv in (False, True):
@@ -279,7 +279,7 @@ class BehaviourWorld:
         return []
 
     def view(self, traffic: TrafficState, before: ActorTable) -> "StepView":
-        """The step as every guard sees it, with the actors that were there before it.
+        """View of a step for all guards, given the actors that were present before.
 
         The last one is remembered: the controllers of EMVs and of civilians share it where they share the world.
         """
@@ -292,19 +292,19 @@ class BehaviourWorld:
 
     @cached_property
     def hold_navigator(self) -> Navigation:
-        """How a civilian who has pulled over brakes to the hold: comfortably."""
+        """Navigation of a civilian that brakes to the hold: comfortable."""
         driver = self.config.civilian_driver.driving
         return Navigation.by(driver, ease_off_mps2=driver.comfort_brake_mps2)
 
     @property
     def cooldown_steps(self) -> int:
-        """Steps between two forced lane changes of one vehicle."""
+        """Least number of steps between two forced lane changes of one vehicle."""
         return steps_from_s(self.constants.lane_change_cooldown_s)
 
 
 @dataclass(frozen=True, eq=False)
 class StepView:
-    """One step as every guard sees it."""
+    """View of one step for all guards."""
 
     world: BehaviourWorld
     traffic: TrafficState
@@ -332,7 +332,7 @@ class StepView:
         return self.world.config.civilian_driver
 
     def ego(self, row: int) -> "Ego":
-        """The step as the driver in a row sees it."""
+        """View of the driver in a row."""
         seen = self.seen
         x, y, yaw, cos, sin, speed, *size, _ = seen.bodies[:, row].tolist()
         known = int(seen.actor_id[row]), bool(seen.is_emv[row]), int(self.traffic.lane[row])
@@ -340,26 +340,27 @@ class StepView:
 
 
 _FAR_BRAKE_MPS2: Final = 1.8
-"""A fast EMV looks as far ahead as it takes to stop with this: above 61 km/h farther than the paper's 80 m."""
+"""Deceleration for the range of a fast EMV: it looks as far as it needs to stop, above 61 km/h farther than the paper's
+80 m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ego(StepView):
-    """One step as one driver sees it: the vehicle in a row, and all others."""
+    """View of one driver on a step: its own vehicle, and all others."""
 
     row: int
     actor_id: int
     is_emv: bool
     lane: int
-    """The lane on which SUMO has the front bumper; ``NO_LANE`` off the road."""
+    """Lane of the front bumper in SUMO; ``NO_LANE`` off the road."""
     pose: tuple[float, float, float]
     """x, y and yaw of the footprint's centre."""
     direction: tuple[float, float]
     """Cosine and sine of the yaw."""
     speed_mps: float
-    """Over ground."""
+    """Speed over ground."""
     half_length_m: float
-    """Of the footprint."""
+    """Half length of the footprint."""
     half_width_m: float
 
     @property
@@ -374,7 +375,7 @@ class Ego(StepView):
 
     @property
     def route(self) -> Indices:
-        """Edges from the present one (or the one before the junction) on."""
+        """Edges of the route from the present one (or the one before the junction)."""
         return self.traffic.route_of_row(self.row)
 
     @property
@@ -384,7 +385,7 @@ class Ego(StepView):
         return self.world.vehicles[own.actor_class].sized(own.length_m, own.width_m, own.height_m)
 
     def indicators(self, side: int) -> int:
-        """What the vehicle indicates: a move to the left (1) or right (−1), else the next turn, as SUMO shows it."""
+        """Indicators: a move to the left (1) or right (−1), otherwise the next turn, as SUMO shows it."""
         return indicator_to(side) if side else int(self.traffic.lights[self.row]) & _INDICATORS
 
     @property
@@ -393,7 +394,7 @@ class Ego(StepView):
         return self.world.drivers[self.actors.by_id[self.actor_id].actor_class, self.is_emv]
 
     def far_m(self, least_m: float) -> float:
-        """How far ahead an EMV looks at its speed, at least some distance."""
+        """Distance that an EMV looks ahead at its speed, at least ``least_m``."""
         return max(least_m, braking_distance_m(self.speed_mps * self.speed_mps, _FAR_BRAKE_MPS2))
 
     def near(self, radius_m: float) -> Rows:
@@ -418,7 +419,7 @@ class Ego(StepView):
         civilian: bool = False,
         through_junctions: bool = True,
     ) -> LanePath:
-        """The reference line from the vehicle on, along a lane and the lanes of the route that follow it.
+        """Reference line from the vehicle along a lane and the following lanes of the route.
 
         It looks ``ahead_m`` far, begins ``behind_m`` behind the vehicle and is at most ``length_m`` long (``ahead_m``
         by default); arguments otherwise as for ``lanes_along``.

@@ -1,4 +1,4 @@
-"""The EMV's per-step control (paper, Algorithm 1): guarded overrides, evaluated top to bottom over latched flags."""
+"""Control of the EMV at each step (paper, Algorithm 1): guards, evaluated from top to bottom."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ SOURCE: Final = "emv_controller"
 
 @dataclass(frozen=True, eq=False)
 class EmvState:
-    """All emergency vehicles, by id, and the descriptions of all actors."""
+    """State of all emergency vehicles by id, and the descriptions of all actors."""
 
     units: Mapping[int, EmvUnit] = field(default_factory=dict)
     actors: ActorTable = field(default_factory=ActorTable.empty)
@@ -67,7 +67,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
 
 
 def mode_of(unit: EmvUnit) -> Mode:
-    """The active behaviour, by priority."""
+    """Active behaviour, by priority."""
     if unit.gap_escape_active:
         return Mode.GAP_ESCAPE
     if unit.corridor:
@@ -106,15 +106,15 @@ def waypoints(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 _REBUILD_BELOW_M: Final = 80.0
-"""The path is extended when less than this is left of it."""
+"""The path is extended if less than this remains."""
 OFF_PATH_M: Final = 1.5
-"""Distance from the path at which it is planned anew from the present pose."""
+"""Beyond this distance from the path it is planned again from the present pose."""
 _REPLAN_S: Final = 1.0
-"""Least time between two plans where SUMO's route and the path disagree."""
+"""Least time between two plans if SUMO's route and the path disagree."""
 
 
 def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """The EMV with a path along its route: the present one while it serves, else a new one from the present pose."""
+    """Give the EMV a path along its route: the present one while it is useful, otherwise a new one."""
     navigator = unit.navigator
     plan, path = unit.plan, navigator.path
     events: tuple[Event, ...] = ()

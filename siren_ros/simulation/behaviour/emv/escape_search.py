@@ -1,4 +1,4 @@
-"""Search of a drivable path through free space: a lattice of offsets and directions beside a reference line."""
+"""Searches a drivable path through free space on a lattice of offsets and directions along a reference line."""
 
 import math
 from dataclasses import dataclass
@@ -16,75 +16,75 @@ from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
 # No parameter: a tolerance of the measurement.
 _NEAR_M: Final = 0.3
-"""Vehicles nearer than this at the start count only at poses that are nearer still."""
+"""Vehicles nearer than this at the start count only at poses that are even nearer."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoadSpace:
-    """The road beside a reference line at stations ``s_m``; offsets left positive, each of shape ``(S,)``."""
+    """The road along a reference line at stations ``s_m``; offsets are positive to the left, each of shape ``(S,)``."""
 
     s_m: Floats
     right_m: Floats
     driving_right_m: Floats
     left_m: Floats
     opposite_left_m: Floats
-    """Left edge of the opposite lane that may be used at a price."""
+    """Left edge of the opposite lane, which may be used at a cost."""
     middle_m: Floats
-    """Line that is preferred where all else is equal."""
+    """Preferred line if all else is equal."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """How the vehicle stands against the reference line, and what it can steer."""
+    """Pose of the vehicle relative to the reference line, and its steering limits."""
 
     left_m: float
-    """Of the rear axle, whose direction of motion is the vehicle's."""
+    """Offset of the rear axle, which moves in the vehicle's direction."""
     slope: float
     body: Body
     centre_ahead_m: float
-    """From the rear axle to the footprint's centre."""
+    """Distance from the rear axle to the footprint's centre."""
     wheelbase_m: float
     sharpest_1pm: float
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Nodes are offsets ``left_m`` (D) times slopes (H), one layer per station (S)."""
+    """Lattice whose nodes are offsets ``left_m`` (D) and slopes (H), one layer per station (S)."""
 
     curve: Curve
     """Reference line."""
     road: RoadSpace
-    """Stations at multiples of ``STATION_M`` from the rear axle's place on."""
+    """Stations at multiples of ``STATION_M`` from the rear axle's position."""
     vehicle: Start
     obstacles: Obstacles
-    """Vehicles, swept along their motion."""
+    """Vehicles, extended along their motion."""
     config: GapEscapeConfig
     left_m: Floats
     slope: Floats
     start: tuple[int, tuple[int, ...]]
-    """Offset, and the slopes on both sides of the vehicle's."""
+    """Start node: offset, and the slopes on both sides of the vehicle's slope."""
     present_m: Floats
-    """Distance from each obstacle at the start, infinite from those that are not near, shape ``(M,)``."""
+    """Distance from each obstacle at the start, infinite for distant ones, shape ``(M,)``."""
     clearance_m: Floats
-    """Shape ``(S, D, H)``; −inf beyond the road."""
+    """Distance from obstacles at each node, shape ``(S, D, H)``; −inf outside the road."""
     between_m: Floats
-    """The same half way from each station to the next one."""
+    """The same distance half way from each station to the next."""
     price: Floats
-    """Per station and offset, shape ``(S, D)``."""
+    """Cost per station and offset, shape ``(S, D)``."""
     turns: tuple[range, ...]
-    """Changes of slope, in steps, that can be steered from each station to the next."""
+    """Changes of slope, in steps, that the vehicle can steer from each station to the next."""
 
 
 STATION_M: Final = 1.5
-"""Distance between the stations of the search."""
+"""Distance between stations of the search."""
 SLOPE_STEP: Final = 0.1
-"""Steps in the direction of a path, relative to the road."""
+"""Step of the path's slope relative to the road."""
 _STEEPEST: Final = 0.8
 """Largest slope of a path against the reference line."""
 
 
 def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig) -> Lattice:
-    """The lattice at the stations of a road, with the clearance of each node."""
+    """Make the lattice at the stations of a road, with the clearance of each node."""
     step = STATION_M
     grain = 0.5 * step * SLOPE_STEP
     reach = start.body.half_width_m
@@ -152,18 +152,18 @@ def _clearances(
 
 
 def _wheels_m(start: Start, turned_rad: Floats) -> tuple[Floats, Floats]:
-    """How far wheels lie to the right and to the left of the rear axle's middle, at angles to the road."""
+    """Distances of the wheels to the right and left of the rear axle's middle, at angles to the road."""
     half = start.body.half_width_m * np.cos(turned_rad)
     front = start.wheelbase_m * np.sin(turned_rad)
     return half + np.maximum(-front, 0.0), half + np.maximum(front, 0.0)
 
 
 OFFSET_COST: Final = 0.02
-"""Price of a metre beside the preferred line, per station."""
+"""Cost per metre of distance from the preferred line, per station."""
 
 
 def _prices(road: RoadSpace, left: Floats, body: Body, config: GapEscapeConfig) -> Floats:
-    """Price of a station at every offset, in metres of way."""
+    """Cost of a station at every offset, in metres of distance."""
     half = body.half_width_m
     on_shoulder = left - half < road.driving_right_m[:, None] - 1e-6
     beyond = np.clip(left + half - road.left_m[:, None], 0.0, 1.0)
@@ -173,7 +173,7 @@ def _prices(road: RoadSpace, left: Floats, body: Body, config: GapEscapeConfig) 
     return np.asarray(share * (config.shoulder_cost_m * on_shoulder + config.opposite_cost_m * opposite) + aside)
 
 
-# No parameter: distance of the samples of a path.
+# No parameter: distance between samples of a path.
 _FINE_M: Final = 0.5
 
 Ints = npt.NDArray[np.intp]
@@ -181,14 +181,14 @@ Ints = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class EscapePath:
-    """A path beside the reference line: offsets ``left_m`` of the rear axle at arc lengths ``s_m``."""
+    """A path relative to the reference line: offsets ``left_m`` of the rear axle at arc lengths ``s_m``."""
 
     s_m: Floats
     left_m: Floats
     clearance_m: float
-    """Margin that was kept."""
+    """Margin that the path keeps."""
     complete: bool
-    """Whether it reaches the horizon."""
+    """Whether the path reaches the horizon."""
 
     @property
     def length_m(self) -> float:
@@ -196,20 +196,20 @@ class EscapePath:
         return float(self.s_m[-1] - self.s_m[0])
 
     def centre_line(self, curve: Curve, centre_ahead_m: float) -> Floats:
-        """The way of the footprint's centre, shape ``(K, 2)``, which runs wide of the rear axle's in bends."""
+        """Path of the footprint's centre, shape ``(K, 2)``; in bends it is outside the rear axle's path."""
         rear = curve.offset_at(self.s_m, self.left_m)
         along = np.gradient(rear, axis=0)
         return rear + centre_ahead_m * along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
 _SQUEEZE_COST_M: Final = 6.0
-"""Way that a tighter margin must gain."""
+"""Additional distance that a smaller margin must gain."""
 
 
 def search_lattice(
     curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig
 ) -> EscapePath | None:
-    """The cheapest path that the footprint clears, by dynamic programming from station to station.
+    """Find the cheapest path that the footprint clears, by dynamic programming from station to station.
 
     Paths change their slope against the reference line by what the vehicle can steer; between two stations the
     offset is a parabola. Wider margins are preferred to tight ones, long paths to short ones, the EMV's road to the
@@ -234,11 +234,11 @@ def search_lattice(
 
 
 _ATTEMPTS: Final = 5
-"""Paths with one margin that are looked at as a whole before the next margin is tried."""
+"""Number of paths with one margin that are checked as a whole before the next margin."""
 
 
 def _cheapest_clear(lattice: Lattice, clearance_m: float) -> tuple[float, EscapePath] | None:
-    """The cheapest path with a margin that is also clear between the nodes, where the search has not looked."""
+    """Find the cheapest path with a margin that is also clear between the nodes."""
     between = lattice.between_m.copy()
     for _ in range(_ATTEMPTS):
         cheapest = _cheapest(lattice, between, clearance_m)
@@ -255,7 +255,7 @@ def _cheapest_clear(lattice: Lattice, clearance_m: float) -> tuple[float, Escape
 
 
 def _blocked_cell(lattice: Lattice, path: EscapePath) -> int | None:
-    """The station after which a path first comes so near to an obstacle that it counts as blocked; None without one."""
+    """First station after which a path is too near to an obstacle; None if it is clear."""
     centre = path.centre_line(lattice.curve, lattice.vehicle.centre_ahead_m)
     ahead = centre - lattice.curve.offset_at(path.s_m, path.left_m)
     yaw, others = np.arctan2(ahead[:, 1], ahead[:, 0]), (lattice.obstacles, lattice.present_m)
@@ -267,19 +267,19 @@ def _blocked_cell(lattice: Lattice, path: EscapePath) -> int | None:
 
 
 _PROGRESS_MIN_M: Final = 8.0
-"""Shortest free path worth driving."""
+"""Length of the shortest free path that is worth driving."""
 WAY_WORTH: Final = 2.0
-"""What a metre of way is worth against the prices below."""
+"""Value of a metre of distance, compared with the costs below."""
 _SLOPE_COST: Final = 0.5
-"""Price of a slope against the road, per station."""
+"""Cost of a slope relative to the road, per station."""
 _TURN_COST: Final = 0.15
-"""Price of a change of it, in steps."""
+"""Cost of a change of slope, per step."""
 _LEVEL: Final = 0.11
-"""A path that ends before the horizon may end with this slope at most, so that it can be continued."""
+"""Largest slope at the end of a path that stops before the horizon, so that it can be continued."""
 
 
 def _cheapest(lattice: Lattice, between_m: Floats, clearance_m: float) -> tuple[float, Ints, EscapePath] | None:
-    """The cheapest path with a margin: its price less what its length is worth, its nodes, and itself."""
+    """Cheapest path with a margin: its cost minus the value of its length, its nodes, and the path."""
     road = lattice.road
     stations, offsets, slopes = lattice.clearance_m.shape
     cost = np.full((offsets, slopes), np.inf)
@@ -318,7 +318,7 @@ def _cheapest(lattice: Lattice, between_m: Floats, clearance_m: float) -> tuple[
 
 
 def _path_through(lattice: Lattice, way: Ints, clearance_m: float) -> EscapePath:
-    """The parabolas between the nodes of a way, sampled finely, with the vehicle's direction at their start."""
+    """The path through lattice nodes as parabolas, finely sampled, with the vehicle's direction at its start."""
     s, left, slope = lattice.road.s_m[: len(way)], lattice.left_m[way[:, 0]], lattice.slope[way[:, 1]]
     fine = np.linspace(s[0], s[-1], max(3, round((s[-1] - s[0]) / _FINE_M) + 1))
     cell = np.clip(np.searchsorted(s, fine, side="right") - 1, 0, len(s) - 2)
@@ -329,7 +329,7 @@ def _path_through(lattice: Lattice, way: Ints, clearance_m: float) -> EscapePath
 
 
 def _moved(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
-    """Costs after one station with a change of slope: nodes move by the mean of both slopes, in grains of offset.
+    """Costs after one station with a change of slope: nodes move by the mean of both slopes, in steps of offset.
 
     Half way they have moved by their first slope, and a quarter of the change that is less than a grain; there they
     must not be ``blocked``, at neither of the two slopes between which theirs is.

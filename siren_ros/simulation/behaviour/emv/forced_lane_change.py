@@ -1,4 +1,4 @@
-"""Guard 3 of the EMV: forced lane changes by SUMO's lateral intent and by the route's own need."""
+"""Guard 3 of the EMV: forced lane changes, by SUMO's lateral intent and for the route."""
 
 import math
 from typing import Final
@@ -34,17 +34,17 @@ from siren_ros.simulation.world.traffic_state import EventKind
 
 SUMO: Final = "sumo"
 _REASONS: Final = {LaneKind.SHOULDER: "shoulder", LaneKind.DRIVING: "free_lane"}
-"""Kinds of lanes that the EMV takes past slow traffic, with the name of the request."""
+"""Names of requests by the kind of lane that the EMV uses to pass slow traffic."""
 
 
 _STRATEGIC_DISTANCE_M: Final = 200.0
-"""Distance before the end of a lane that leads astray at which the EMV wants to leave it…"""
+"""Distance before the end of a lane that does not follow the route at which the EMV wants to leave it."""
 _STRATEGIC_S: Final = 10.0
-"""…and the time before it, which is more above 72 km/h."""
+"""The same as a time, which is the larger distance above 72 km/h."""
 
 
 def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
-    """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: the route first, then past slow traffic.
+    """Side to which the EMV wants to go (+1 left, −1 right, 0 none) and why: first the route, then slow traffic.
 
     It wants no lane change before its first plan, and none to the side to which the vehicle ahead makes way for it.
     """
@@ -61,7 +61,7 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
 
 
 def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
-    """Whether the next vehicle on the EMV's path drives off it to that side, where it would be ahead again."""
+    """Whether the next vehicle on the EMV's path moves to that side, where it would be ahead of the EMV again."""
     path, seen = unit.navigator.path, ego.seen
     rows = ego.near(ego.emv_driver.pass_from_m)
     if path is None or len(rows) == 0:
@@ -77,7 +77,7 @@ def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
 
 
 def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
-    """Side of the lane or shoulder that is free where slow traffic ahead holds up the EMV, and its name; 0 for none.
+    """Side of a free lane or shoulder if slow traffic ahead delays the EMV, and its name; 0 if there is none.
 
     A lane that does not lead on along the route is of use only where it leads past the slow traffic and some way on. At
     a stop line at which it ends, the EMV would stand next to the first vehicle of the queue.
@@ -98,7 +98,7 @@ def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
 
 
 def _leads_past(ego: Ego, lane: int, beside: int, side: int, free_m: float) -> bool:
-    """Whether a lane is free that far, and lasts or leads past the slow traffic with enough left for the way back."""
+    """Whether a lane is free for a distance, and long enough to pass the slow traffic and return."""
     network, config, seen = ego.network, ego.emv_driver, ego.seen
     reference = ego.line_along(beside, PATH_AHEAD_M)
     others = ego.near(PATH_AHEAD_M)
@@ -115,7 +115,7 @@ def _leads_past(ego: Ego, lane: int, beside: int, side: int, free_m: float) -> b
 
 
 def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """Starts the requested lane change if it is feasible, and defers it if it is not.
+    """Start the requested lane change if it is feasible, otherwise defer it.
 
     The cooldown is the least time between the starts of two forced lane changes. A deferred request is reconsidered at
     every step.
@@ -135,7 +135,7 @@ def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
         side=request.side,
         target_mps=ego.world.speeds.emv_lane_change_mps,
         civilian=False,
-        # Otherwise the EMV would stand for ever at the end of a short lane that leads astray.
+        # Otherwise the EMV would stand forever at the end of a short lane that does not follow the route.
         ends_on_junction=request.reason == ROUTE,
     )
     verdict = assess(query)
@@ -152,7 +152,7 @@ def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 def complete_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """``RestoreLaneChange`` when the footprint has entered the target lane or the path has been driven."""
+    """``RestoreLaneChange``: when the footprint is in the target lane, or the path is completed."""
     if not unit.lane_change_forced:
         return unit, ()
     lane = present_lane(ego, unit.navigator)
@@ -163,7 +163,7 @@ def complete_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 def cancel_lane_change(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
-    """``RestoreLaneChange`` before the change is finished: the next waypoints replace its path."""
+    """``RestoreLaneChange`` before the end: the next waypoints replace the path."""
     if not unit.lane_change_forced:
         return unit, ()
     cancelled = event_of(ego, EventKind.LANE_CHANGE_CANCELLED, side=unit.change_side, reason=reason)
@@ -171,7 +171,7 @@ def cancel_lane_change(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
 
 
 _BEND_MAX_1PM: Final = 0.02
-"""Difference between the curvatures of path and target lane above which the EMV is still turning onto the road."""
+"""Curvature difference between path and target lane above which the EMV still turns onto the road."""
 
 
 def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
@@ -184,7 +184,7 @@ def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
 
 
 _INTENT_PAUSE_S: Final = 1.0
-"""SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
+"""SUMO's intent varies from step to step; a request ends after a pause of this length."""
 
 
 def _note_intent(unit: EmvUnit, ego: Ego) -> GuardResult:

@@ -34,25 +34,25 @@ from siren_ros.simulation.world.actors import NO_ACTOR
 from siren_ros.simulation.world.traffic_state import EventKind
 
 _BEHIND_M: Final = 5.0
-"""The reference line begins this far behind the EMV's centre, beyond its rear axle."""
+"""The reference line begins this far behind the EMV's centre, behind its rear axle."""
 
 
 def reference_line(ego: Ego, lane: int) -> LanePath:
-    """The line along the lanes of the route that the search measures from."""
+    """Reference line of the search, along the lanes of the route."""
     length = ESCAPE_HORIZON_M + 10.0
     return ego.line_along(best_lane(ego.network, lane, ego.route), length, _BEHIND_M)
 
 
 _SWEEP_S: Final = 1.5
-"""Time over which moving vehicles are swept ahead in the search."""
+"""Time for which moving vehicles are extrapolated in the search."""
 _ONCOMING_M: Final = 90.0
-"""How far beyond the horizon vehicles are looked for in the search: 50 km/h for that time."""
+"""Distance beyond the horizon within which oncoming vehicles are considered: 50 km/h for that time."""
 _STEER_RANGE_SHARE: Final = 0.85
-"""Part of the steering range that an escape path may use."""
+"""Share of the steering range that an escape path may use."""
 
 
 def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
-    """The best path beside a reference line that the EMV's footprint clears with a margin.
+    """Find the best path along a reference line that the EMV's footprint clears with a margin.
 
     Vehicles are swept along their motion, those that cross the EMV's direction for longer. Oncoming ones are swept for
     as long as the EMV needs to the end of the path: it takes their lane only if nobody comes there meanwhile.
@@ -83,7 +83,7 @@ def search_gap(reference: LanePath, ego: Ego) -> EscapePath | None:
 
 
 def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSpace:
-    """The edges of the road beside a reference line, bridged across junctions."""
+    """Edges of the road along a reference line, interpolated across junctions."""
     lane_of = reference.lane_at(s_m)
     edges = np.full((5, len(s_m)), np.nan)
     for lane in dict.fromkeys(lane_of.tolist()):
@@ -118,7 +118,7 @@ def gap_escape_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 def lane_change_stuck(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """Where no corridor opens, an EMV escapes only from a forced lane change that stands still.
+    """Without corridors, an EMV escapes only from a forced lane change that stands still.
 
     It may stand too close behind a vehicle for the path of a lane change, with a free lane beside it.
     """
@@ -128,11 +128,11 @@ def lane_change_stuck(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 _BLOCKER_RANGE_M: Final = 15.0
-"""While the escape is active: free way in the EMV's lane below which the vehicle ahead still blocks it."""
+"""During an escape, a vehicle ahead in the EMV's lane blocks it if the free distance is smaller."""
 
 
 def blocker_of(unit: EmvUnit, ego: Ego) -> int:
-    """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's blocker.
+    """The actor that blocks the EMV: SUMO's leader within the query range, otherwise the navigator's blocker.
 
     A leader that drives faster than the escape's own target speed does not block. While the escape is active, the
     navigator's collision handling is off: the blocker is then the vehicle ahead in the EMV's lane, or one that closes
@@ -160,7 +160,7 @@ def blocker_of(unit: EmvUnit, ego: Ego) -> int:
 
 
 def on_opposite_lane(ego: Ego, lane: int) -> bool:
-    """Whether the EMV reaches over the left edge of its direction's road, seen from a lane of that road."""
+    """Whether the EMV reaches over the left edge of its direction's part of the road."""
     if ego.network.lanes[lane].kind is LaneKind.INTERNAL:
         return False
     road, left_m = road_limits(ego.network, lane), ego.place_on(lane)[1]
@@ -168,7 +168,7 @@ def on_opposite_lane(ego: Ego, lane: int) -> bool:
 
 
 def in_the_way(ego: Ego, other: int, lane: int) -> bool:
-    """Whether the EMV would meet another vehicle if it kept its present lateral offset on the road."""
+    """Whether the EMV would meet another vehicle if it kept its lateral offset."""
     seen, both = ego.seen, np.array([ego.row, other])
     curve = reference_line(ego, lane).curve
     _, left, nearest = curve.project(seen.x_m[both], seen.y_m[both])
@@ -180,15 +180,15 @@ def in_the_way(ego: Ego, other: int, lane: int) -> bool:
 _REPLAN_S: Final = 0.5
 """Time between two searches."""
 _REPLAN_BELOW_M: Final = 15.0
-"""A free path is kept while more than this is left of it."""
+"""A free path is kept while more than this remains."""
 _USABLE_M: Final = 1.0
-"""Free way with which the present path is driven on where no other one is found."""
+"""Without another path, the present one is followed while this distance is free."""
 _OFF_PATH_M: Final = 0.3
-"""Distance from the path at which another one is looked for."""
+"""Distance from the path above which another one is searched."""
 
 
 def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """``BuildGapEscapeWaypoints``: the EMV with a path through free space, planned again from time to time.
+    """``BuildGapEscapeWaypoints``: give the EMV a path through free space, planned again at intervals.
 
     A path that is free to its end and still long enough is kept. If no other path is found, the present one is driven
     as far as it is free.
@@ -214,11 +214,11 @@ def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
 
 
 _STEER_SHARE: Final = 0.5
-"""Part of the steering's rate that an escape path may ask for, relative to other paths."""
+"""Share of the steering rate that an escape path may need, relative to other paths."""
 _SAME_OFFSET_M: Final = 0.5
-"""Two paths that lead nearer to each other than this lead to the same place."""
+"""Paths whose ends are nearer than this lead to the same place."""
 _SMOOTHING_M: Final = 0.7
-"""Standard deviation of the Gaussian that rounds the steps in a path's curvature."""
+"""Standard deviation of the Gaussian that smooths a path's curvature."""
 
 
 def _following(unit: EmvUnit, escape: EscapePath, reference: LanePath, ego: Ego) -> GuardResult:

@@ -37,7 +37,7 @@ from siren_ros.simulation.world.traffic_state import EventKind, Indices
 
 
 def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """Latches ``copy_sumo``: it begins when vehicles form a rescue lane or brake ahead of the EMV.
+    """Set the flag ``copy_sumo``: it begins when vehicles form a rescue lane or brake ahead of the EMV.
 
     It ends when neither has been the case for a while. Entering cancels a forced lane change. Traffic that flows out of
     town forms no rescue lane.
@@ -60,11 +60,11 @@ def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
 _CORRIDOR_M: Final = 80.0
 """Length of the corridor ahead of the EMV."""
 _ALONG_COSINE: Final = 0.5
-"""Cosine above which a vehicle counts as one of the EMV's own direction."""
+"""Vehicles with a larger cosine to the EMV's direction count as the same direction."""
 
 
 def _flows(ego: Ego) -> bool:
-    """Whether the EMV is on a road out of town, and is fast itself or has nobody slow near ahead."""
+    """Whether the EMV is on a road out of town and is fast, or has no slow vehicle near ahead."""
     if ego.lane == NO_LANE or ego.world.rescue_sides[ego.lane] == 0:
         return False
     if ego.speed_mps > TOWN_LIMIT_MPS:
@@ -76,13 +76,13 @@ def _flows(ego: Ego) -> bool:
 
 
 _STANDING_MPS: Final = 0.5
-"""Slower vehicles stand."""
+"""Slower vehicles count as standing."""
 _ROAD_HALF_WIDTH_M: Final = 8.0
-"""Vehicles farther from the reference line are on another road."""
+"""Vehicles farther than this from the reference line are on another road."""
 
 
 def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
-    """The paper's ``brakingAhead``: a civilian that yields brakes or holds on the road ahead, within the corridor.
+    """The paper's ``brakingAhead``: a yielding civilian brakes or holds on the road ahead, within the corridor.
 
     Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
     corridor, so they do not count.
@@ -103,17 +103,17 @@ def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
 _REPLAN_S: Final = 0.4
 """Time between two plans."""
 _STRAIGHT_BELOW_M: Final = 25.0
-"""Free way along the corridor below which the EMV looks at its present path and at the way straight on."""
+"""With less free distance along the corridor, the EMV also considers its present path and going straight on."""
 _KEEP_GAIN_M: Final = 3.0
-"""Free way that keeping the present path must gain: a new one turns into the corridor later."""
+"""Free distance that keeping the present path must gain, because a new path turns into the corridor later."""
 _KEEP_ABOVE_MPS: Final = 1.0
-"""Slower, a new path is taken in any case: stopping for it needs no hard braking."""
+"""Below this speed a new path is always taken, since stopping for it needs no hard braking."""
 _STRAIGHT_GAIN_M: Final = 8.0
-"""Free way that going straight on must gain."""
+"""Free distance that going straight on must gain."""
 
 
 def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
-    """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
+    """Give the EMV the copied corridor as path, planned again as neighbouring vehicles move.
 
     A present path that stays free for longer than a new one is kept: each new one begins to turn into the corridor
     where the EMV is now. So is one that gets farther without a touch, where the EMV cannot stop. Where a lane begins on
@@ -143,14 +143,14 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
 
 
 def _open_m(unit: EmvUnit, ego: Ego) -> float:
-    """How far the EMV's footprint gets along its path, at most to the path's end."""
+    """Distance that the EMV's footprint can drive on its path, at most to the path's end."""
     way, config = free_way(unit, ego), ego.emv_driver.corridor
     free = math.inf if way is None else way.limit(0.0, config.squeezes, 0.0, 1.0, config.clearance_m).free_m
     return min(free, unit.navigator.remaining_m)
 
 
 def _touches_m(unit: EmvUnit, ego: Ego) -> float:
-    """How far the EMV gets along its path before it would touch somebody."""
+    """Distance that the EMV can drive on its path before it touches another actor."""
     way = free_way(unit, ego)
     return math.inf if way is None else way.free_m
 
@@ -158,11 +158,11 @@ def _touches_m(unit: EmvUnit, ego: Ego) -> float:
 _MERGE_MIN_M: Final = 8.0
 """Least length of the lateral move into the corridor."""
 _SAME_OFFSET_M: Final = 0.5
-"""Two corridors that lie nearer to each other than this lead to the same place."""
+"""Corridors nearer to each other than this lead to the same place."""
 
 
 def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
-    """The EMV with the corridor that is measured from a lane as its path."""
+    """Give the EMV the corridor relative to a lane as path."""
     config = ego.emv_driver.corridor
     reference = ego.line_along(lane, _CORRIDOR_M, 2.0, length_m=_CORRIDOR_M + 2.0)
     s0, d0 = reference.curve.project_one(*ego.place)
@@ -172,7 +172,7 @@ def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
     slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
-    # Who points elsewhere has to turn back too: as much as from beside the place that the direction leads to.
+    # A vehicle that points elsewhere must turn back, too; this counts like a lateral distance.
     aside = abs(d0 - float(target[0])) + _MERGE_MIN_M * abs(slope)
     blend = blend_length_m(aside, ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
     merge = max(_MERGE_MIN_M, min(blend, _merging_m(unit, reference, s, target, _SAME_OFFSET_M)))
@@ -185,7 +185,7 @@ def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
 
 
 def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats, same_m: float) -> float:
-    """What is left of the lateral move of the present path; infinite where that leads elsewhere than the new one."""
+    """Remaining length of the present path's lateral move; infinite if it leads elsewhere than the new path."""
     path = unit.navigator.path
     if path is None or unit.corridor_planned_step < 0:
         return math.inf
@@ -196,14 +196,14 @@ def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats
 
 
 def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: float) -> int:
-    """The lane whose line the corridor is measured from.
+    """Lane whose line the corridor is relative to.
 
     If a shoulder leads into the next right turn, here or along the next edges, the corridor is that shoulder, because
     the other vehicles stand in the driving lanes. Otherwise it is the lane that serves the route best. The right turn
     is at most ``reach_m`` beyond the present edge.
     """
     shoulder = shoulder_into_turn(network, route, reach_m)
-    # On the way across a junction, the edge is the one from which the way comes.
+    # On a junction, the edge is the one from which the path comes.
     before = [movement.from_lane for movement in network.connections_over.get(lane, ())] or [lane]
     if shoulder is None or int(route[0]) not in {network.lanes[item].edge for item in before}:
         return best_lane(network, lane, route)
@@ -213,13 +213,13 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: floa
 
 
 _INFLUENCE_M: Final = 6.0
-"""Distance along the road over which a vehicle shapes the corridor before and behind itself."""
+"""Distance along the road over which a vehicle shapes the corridor in front of and behind itself."""
 _AMID_M: Final = 0.5
-"""A vehicle whose centre is nearer to the corridor's line stands in its middle."""
+"""A vehicle whose centre is nearer than this to the corridor's line stands in its middle."""
 
 
 def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_m: float | None = None) -> Floats:
-    """Where the corridor's middle lies beside a reference line.
+    """Offsets of the corridor's middle from a reference line.
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
@@ -266,18 +266,18 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
 
 
 def _on_cycle_lanes(ego: Ego) -> list[int]:
-    """Rows of the riders there."""
+    """Rows of the riders on cycle lanes."""
     lanes, lane_of = ego.network.lanes, ego.traffic.lane
     known = [row for row in ego.seen.riders.tolist() if lane_of[row] != NO_LANE]
     return [row for row in known if lanes[lane_of[row]].kind is LaneKind.CYCLE]
 
 
 _LINE_SMOOTHING_M: Final = 5.0
-"""Way before and after the place where a lane begins over which the corridor's line moves aside, at least."""
+"""Least distance before and after the beginning of a lane over which the corridor's line moves sideways."""
 
 
 def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
-    """Offset of the line between the two leftmost lanes, bridged across junctions; 0 on roads of one lane.
+    """Offset of the line between the two leftmost lanes, interpolated across junctions; 0 on roads with one lane.
 
     Where a lane begins or ends, the line moves aside over as long a way as a move into the corridor takes.
     """

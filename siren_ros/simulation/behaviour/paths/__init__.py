@@ -1,1 +1,1 @@
-"""Paths to drive: curves along lanes, blends from one to another, the nearest place on a lane."""
+"""Paths of vehicles: curves along lanes, transitions between them, nearest positions on lanes."""

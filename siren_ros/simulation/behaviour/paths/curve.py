@@ -10,28 +10,28 @@ from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.geometry import Polyline
 
-# No parameters: resolution of curves, which compiled loops hold as constants.
+# No parameters: compiled loops contain the resolution of curves as constants.
 SPACING_M: Final = 1.0
 """Distance between the points of a curve."""
 SMOOTHING_M: Final = 1.5
-"""Standard deviation of the Gaussian that rounds the corners of lane centre lines."""
+"""Standard deviation of the Gaussian that smooths the corners of lane centre lines."""
 _NEAREST_ITERATIONS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Points of shape ``(K, 2)`` at a uniform ``spacing_m``; arrays of shape ``(K,)`` belong to the points."""
+    """Points of shape ``(K, 2)`` at a uniform ``spacing_m``; arrays of shape ``(K,)`` have a value per point."""
 
     points: npt.NDArray[np.float64]
     spacing_m: float
     heading_rad: Floats
-    """Unwrapped, so that it can be interpolated."""
+    """Heading without jumps of 2π, so that it can be interpolated."""
     curvature_1pm: Floats
-    """Left turns positive."""
+    """Curvature, positive in left turns."""
 
     @classmethod
     def through(cls, points: npt.NDArray[np.float64], smoothing_m: float = 0.0) -> "Curve":
-        """The curve through points (shape ``(N, 2)``), resampled and smoothed with both ends kept.
+        """Make the curve through points (shape ``(N, 2)``), resampled and smoothed; both ends stay.
 
         Raises:
             ValueError: fewer than two distinct points.
@@ -48,7 +48,7 @@ class Curve:
 
     @property
     def line(self) -> tuple[npt.NDArray[np.float64], Floats, Floats, float]:
-        """Points, headings, curvatures and spacing, as compiled loops take them."""
+        """Points, headings, curvatures and spacing as arguments of compiled loops."""
         return self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
 
     def place(self, s_m: float) -> tuple[float, float, float, float]:
@@ -63,7 +63,7 @@ class Curve:
         return start + (place - i)[..., None] * (self.points[i + 1] - start)
 
     def heading_at(self, s_m: Floats) -> Floats:
-        """Headings at arc lengths, unwrapped."""
+        """Headings at arc lengths, without jumps of 2π."""
         return np.interp(s_m, self.spacing_m * np.arange(len(self.points)), self.heading_rad)
 
     def offset_at(self, s_m: Floats, left_m: Floats) -> npt.NDArray[np.float64]:
@@ -74,7 +74,7 @@ class Curve:
     def project(
         self, x_m: Floats, y_m: Floats, first: int = 0, last: int | None = None
     ) -> tuple[Floats, Floats, npt.NDArray[np.intp]]:
-        """Nearest place of each point: arc length, offset (left positive) and index of the nearest curve point.
+        """Nearest place for each point: arc length, offset (positive to the left), index of the nearest curve point.
 
         Only curve points ``first`` to ``last`` (excluded) are looked at; beyond them the curve goes straight on.
         """
@@ -90,7 +90,7 @@ class Curve:
         return self.nearest_to(nearest * self.spacing_m, x_m, y_m)
 
     def nearest_to(self, guess_m: float, x_m: float, y_m: float) -> tuple[float, float]:
-        """Arc length and offset (left positive) of the place nearest to a point, searched near a guess."""
+        """Arc length and offset (positive to the left) of the place nearest to a point, searched from a guess."""
         return _nearest(self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, guess_m, x_m, y_m)
 
 
@@ -104,7 +104,7 @@ def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np
 
 @compiled
 def _reflected(points: Any, radius: int) -> Any:
-    """X and y of the points, shape ``(2, K)``, and of as many beyond both ends as the radius, mirrored at the ends."""
+    """X and y of the points, shape ``(2, K)``, extended at both ends by mirrored points."""
     n = len(points)
     padded = np.empty((2, n + 2 * radius))
     for axis in range(2):
@@ -128,7 +128,7 @@ def _shape_of(points: Any) -> tuple[float, Any, Any]:
         first, last = max(k - 1, 0), min(k + 1, n - 1)
         heading[k] = np.arctan2(points[last, 1] - points[first, 1], points[last, 0] - points[first, 0])
     spacing, turns, before = length / (n - 1), 0.0, heading[0]
-    for k in range(1, n):  # without jumps by a full turn
+    for k in range(1, n):  # removes jumps by a full turn
         change = heading[k] - before
         before = heading[k]
         if abs(change) >= np.pi:
@@ -145,7 +145,7 @@ def _shape_of(points: Any) -> tuple[float, Any, Any]:
 def curve_place(
     points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, s_m: float
 ) -> tuple[float, float, float, float]:
-    """``Curve.place`` for compiled loops: x, y, heading and curvature at an arc length."""
+    """``Curve.place`` for compiled loops."""
     place = s_m / spacing_m
     i = min(max(int(place), 0), points.shape[0] - 2)
     fraction = place - i
@@ -160,7 +160,7 @@ def curve_place(
 def _nearest(
     points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, guess_m: float, x_m: float, y_m: float
 ) -> tuple[float, float]:
-    """Arc length and offset of the place nearest to a point, searched near a guess."""
+    """Arc length and offset of the place nearest to a point, searched from a guess."""
     s, left = guess_m, 0.0
     for _ in range(_NEAREST_ITERATIONS):
         px, py, heading, curvature = curve_place(points, heading_rad, curvature_1pm, spacing_m, s)
@@ -189,6 +189,6 @@ def nearest_point(line: Any, x_m: float, y_m: float, first: int, end: int) -> tu
 
 @compiled
 def _project(line: Any, xs_m: Any, ys_m: Any, first: int, end: int, s_m: Any, left_m: Any, nearest: Any) -> None:
-    """Fill in arc length, offset and nearest curve point of each place."""
+    """Compute arc length, offset and nearest curve point of each place."""
     for n in range(nearest.shape[0]):
         s_m[n], left_m[n], nearest[n] = nearest_point(line, xs_m[n], ys_m[n], first, end)

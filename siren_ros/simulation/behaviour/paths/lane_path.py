@@ -21,52 +21,52 @@ from siren_ros.simulation.roads.movements import is_plain_joint, movement_turn_r
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.world.traffic_state import Indices
 
-# No parameters: bounds of the search along a route, which no behaviour depends on.
+# No parameters: these limit the search along a route; no behaviour depends on them.
 _EDGES_AHEAD: Final = 8
-"""How many edges of a route the choice of lanes looks at."""
+"""Number of edges of a route that the choice of lanes considers."""
 _FAR: Final = 99
 _SAME_TURN_RAD: Final = 0.35
-"""Movements whose turns differ by less than about 20° are equally straight."""
+"""Movements whose turns differ by less than this (about 20°) are equally straight."""
 _LIMITS_KEPT: Final = 1024
-"""Lanes whose road's limits are remembered."""
+"""Number of lanes whose road's limits are cached."""
 
 
 SHOULDER_REACH_M: Final = 160.0
-"""How far beyond the present edge a right turn may be for which the EMV takes the shoulder that leads into it."""
+"""Distance beyond the present edge within which a right turn lets the EMV use the shoulder that leads into it."""
 
 
 class LaneEnd(StrEnum):
-    """Why a reference line ends where it ends."""
+    """Reason why a reference line ends."""
 
     HORIZON = "horizon"
-    """Far enough."""
+    """It reaches the requested distance."""
     ROUTE = "route"
     """The route ends."""
     ASTRAY = "astray"
     """The lane does not lead to the route's next edge."""
     JUNCTION = "junction"
-    """A junction begins at which the traffic rules would decide."""
+    """A junction begins at which traffic rules decide."""
 
 
 @dataclass(frozen=True, eq=False)
 class LanePath:
-    """A reference line along consecutive lanes, internal ones included."""
+    """A reference line along consecutive lanes, including internal ones."""
 
     lanes: tuple[int, ...]
-    """From the first lane on."""
+    """Lanes in order."""
     start_m: Floats
-    """Arc length on the curve at which each lane begins, shape of ``lanes``; negative where it begins before."""
+    """Arc length on the curve at which each lane begins; negative if it begins before the curve."""
     curve: Curve
     end: LaneEnd
 
     def lane_at(self, s_m: Floats) -> Indices:
-        """Lanes below arc lengths."""
+        """Lanes at arc lengths."""
         order = np.clip(np.searchsorted(self.start_m, s_m, side="right") - 1, 0, len(self.lanes) - 1)
         return np.asarray(self.lanes, dtype=np.int32)[order]
 
 
 def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list[dict[int, int]]:
-    """How many lane changes each lane of each of the route's next edges needs to follow the route.
+    """Number of lane changes that each lane of the route's next edges needs to follow the route.
 
     Returns:
         For each of the first edges a mapping from lane index to the number of changes; lanes from which the route
@@ -81,7 +81,7 @@ def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list
 _CHANGES: Final[WeakKeyDictionary[RoadNetwork, dict[tuple[tuple[int, ...], bool], list[dict[int, int]]]]] = (
     WeakKeyDictionary()
 )
-"""A memory of pure results."""
+"""Cache of pure results."""
 
 
 def _changes_needed(network: RoadNetwork, route: tuple[int, ...], civilian: bool) -> list[dict[int, int]]:
@@ -112,7 +112,7 @@ def _changes_needed(network: RoadNetwork, route: tuple[int, ...], civilian: bool
 def connection_along(
     network: RoadNetwork, lane: int, next_edge: int, needed_after: dict[int, int]
 ) -> Connection | None:
-    """The movement from a lane to the next edge that needs the fewest lane changes afterwards.
+    """Movement from a lane to the next edge that needs the fewest lane changes afterwards.
 
     Of equals it is the straightest, where a lane fans out into several, and then the one to the rightmost lane.
     """
@@ -127,7 +127,7 @@ def connection_along(
 
 
 def connection_of_internal(network: RoadNetwork, lane: int, route: Indices) -> Connection | None:
-    """The movement that an internal lane belongs to, the one along the route where several share it."""
+    """Movement that an internal lane belongs to; if several share it, the one along the route."""
     edges = set(route[:3].tolist())
     movements = network.connections_over.get(lane, ())
     along = (movement for movement in movements if network.lanes[movement.to_lane].edge in edges)
@@ -143,7 +143,7 @@ def lanes_along(
     civilian: bool = False,
     through_junctions: bool = True,
 ) -> tuple[tuple[int, ...], LaneEnd]:
-    """Lanes to drive on along a route from a place on a lane, which may be internal, as far as ``ahead_m``.
+    """Lanes along a route from a position on a lane, which may be internal, for ``ahead_m``.
 
     The route has the edges from the present one (or the one before the junction, or the one that follows) on. With
     ``civilian``, only lanes open to civilians are used; ``through_junctions`` says whether to go on beyond joints that
@@ -161,7 +161,7 @@ def lanes_along(
         left += network.length_m(rest)
     while left < ahead_m:
         present = network.lanes[lanes[-1]].edge
-        step = edges.index(present) + 1 if present in edges else 0  # the front is on the next edge already
+        step = edges.index(present) + 1 if present in edges else 0  # the front is already on the next edge
         if step >= len(edges):
             return tuple(lanes), LaneEnd.ROUTE
         edges, needed = edges[step:], needed[step:]
@@ -193,7 +193,7 @@ def path_on_lanes(
 
 @lru_cache(maxsize=256)
 def _joined(parts: tuple[Polyline, ...]) -> tuple[Polyline, Floats]:
-    """The centre lines of consecutive lanes as one, and where each begins on it."""
+    """Centre lines of consecutive lanes as one curve, and where each begins on it."""
     whole = Polyline.joined(parts)
     lengths = np.array([part.length_m for part in parts])
     starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
@@ -201,29 +201,29 @@ def _joined(parts: tuple[Polyline, ...]) -> tuple[Polyline, Floats]:
 
 
 def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:
-    """Index of the lane beside a lane (+1 left, −1 right), ``NO_LANE`` where there is none."""
+    """Index of the neighbouring lane (+1 left, −1 right); ``NO_LANE`` if there is none."""
     beside = network.neighbour(network.lanes[lane], side)
     return NO_LANE if beside is None else beside.index
 
 
 @dataclass(frozen=True)
 class RoadLimits:
-    """Sides of the road beside a lane's centre line, left positive."""
+    """Edges of the road relative to a lane's centre line, positive to the left."""
 
     right_m: float
     """Right edge of all lanes that an EMV may use."""
     driving_right_m: float
-    """Right edge without a shoulder."""
+    """Right edge of the road without its shoulder."""
     left_m: float
     opposite_m: float
-    """Width of the nearest opposite lane, 0 without one."""
+    """Width of the nearest opposite lane; 0 if there is none."""
     opposite_road_m: float
     """Width of all opposite driving lanes."""
 
 
 @lru_cache(maxsize=_LIMITS_KEPT)
 def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
-    """How far the road reaches to both sides of a lane."""
+    """How far the road reaches on both sides of a lane."""
     here = network.lanes[lane]
     edge = network.edges[here.edge]
     lanes = [network.lanes[item] for item in edge.lanes if network.lanes[item].emergency_allowed]
@@ -238,7 +238,7 @@ def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
 
 
 def nearest_on_lane(centre: Polyline, x_m: float, y_m: float) -> tuple[float, float, float]:
-    """Arc length, offset (left positive) and heading at the place of a centre line nearest to a point.
+    """Arc length, offset (positive to the left) and heading at the place of a centre line nearest to a point.
 
     The first and last segments are extended straight on, as by ``Polyline.project``.
     """
@@ -284,18 +284,18 @@ _RIGHT_TURNS: Final = frozenset({"r", "R"})
 
 @dataclass(frozen=True)
 class ShoulderWay:
-    """A way along a shoulder into a right turn."""
+    """A path along a shoulder into a right turn."""
 
     lane: int
     """The shoulder of the route's first edge."""
     onward: Connection
-    """The movement out of it."""
+    """Movement at its end."""
     edges: tuple[int, ...]
-    """Edges on whose shoulders the way leads, up to the turn."""
+    """Edges whose shoulders belong to the path, up to the turn."""
 
 
 def shoulder_into_turn(network: RoadNetwork, route: Indices, reach_m: float) -> ShoulderWay | None:
-    """The shoulder of a route's first edge that leads into the next right turn, here or along the next edges.
+    """Shoulder of the route's first edge that leads into the next right turn, here or on later edges.
 
     The turn is at most ``reach_m`` beyond the first edge. None where no shoulder leads there.
     """
@@ -309,7 +309,7 @@ def shoulder_into_turn(network: RoadNetwork, route: Indices, reach_m: float) -> 
 
 
 def _onward(network: RoadNetwork, shoulder: int, route: Indices) -> Connection | None:
-    """The movement from a shoulder of a route's first edge to the second one: a right turn, or on to its shoulder."""
+    """Movement from a shoulder of the route's first edge to the second: a right turn, or to its shoulder."""
     for movement in network.connections_from.get(shoulder, ()):
         target = network.lanes[movement.to_lane]
         if target.edge == int(route[1]) and (movement.direction in _RIGHT_TURNS or target.kind is LaneKind.SHOULDER):
@@ -320,7 +320,7 @@ def _onward(network: RoadNetwork, shoulder: int, route: Indices) -> Connection |
 def _edges_to_turn(
     network: RoadNetwork, movement: Connection | None, route: Indices, reach_m: float
 ) -> tuple[int, ...]:
-    """Edges before the right turn; empty where the shoulder ends, or the turn is too far away."""
+    """Edges before the right turn; empty if the shoulder ends, or the turn is too far."""
     way_m = 0.0
     for ahead in range(1, len(route)):
         if movement is None or way_m > reach_m:

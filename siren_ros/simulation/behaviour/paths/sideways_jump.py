@@ -1,23 +1,23 @@
-"""Lanes that begin beside the end of the lane before: the line along them moves over gently, as a driver does."""
+"""Smooths lines along lanes that begin with a lateral jump: the line moves sideways gently, as drivers do."""
 
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 
-# No parameters: bounds of what is a fault of the map's geometry and no bend of the road.
+# No parameters: limits between a fault of the map's geometry and a bend of the road.
 _HALF_BLEND_M = 15.0
-"""Way before and after a jump over which the line moves over: with 1.75 m, half a lane, 2.3 m/s² at 50 km/h."""
+"""Distance before and after a jump over which the line moves: for 1.75 m (half a lane) 2.3 m/s² at 50 km/h."""
 _MOST_M = 2.5
-"""Lines that move over by more than this are bends."""
+"""Larger lateral moves are bends."""
 _PARALLEL_RAD = 0.15
-"""Before and after a jump the road has the same direction within this."""
+"""The road's directions before and after a jump differ by at most this."""
 _SWERVE_RAD = 0.2
-"""Lines that turn aside by less than this have no jump."""
+"""Lines that turn by less than this have no jump."""
 
 
 def without_jumps(line: Polyline, starts_m: Floats) -> tuple[Polyline, Floats]:
-    """A line along consecutive lanes without its sideways jumps, and the arc lengths at which the lanes then begin.
+    """A line along consecutive lanes without lateral jumps, and the arc lengths at which the lanes then begin.
 
     ``starts_m`` are those on the given line, shape ``(L,)``.
     """
@@ -47,7 +47,7 @@ def _jumps(line: Polyline, from_m: float, to_m: float) -> bool:
 
 
 def _moved_over(line: Polyline, from_m: float, to_m: float) -> Points:
-    """Points of the cubic between two places of a line that has its directions there."""
+    """Points of the cubic curve between two places of a line, with the line's directions there."""
     ends_m = np.array([from_m, to_m - 1e-6])
     (first, last), headings = line.at(ends_m), line.heading_rad(ends_m)
     way_m = float(np.linalg.norm(last - first))

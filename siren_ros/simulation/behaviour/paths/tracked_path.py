@@ -1,4 +1,4 @@
-"""A path that the navigator can follow, with lanes and speed limit, and how it leads from a pose onto a line."""
+"""A path for the navigator, with lanes and speed limit, and how it leads from a pose onto a line."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,36 +16,36 @@ from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.driver_parameters import NavigatorConfig
 from siren_ros.simulation.world.traffic_state import Indices
 
-# No parameters: taps of a mean, and a speed that keeps times finite.
+# No parameters: weights of a mean, and a speed that keeps times finite.
 _THREE: Final = np.full(3, 1.0 / 3.0)
 _LEAST_MPS: Final = 0.5
-"""Towards its end, where a path stops, it is driven no slower than this."""
+"""Near its end, where a path stops, the speed for timing is at least this."""
 
 
 @dataclass(frozen=True)
 class Navigation(NavigatorConfig):
-    """How one vehicle is driven: its driver's parameters, and what does not depend on the driver."""
+    """How one vehicle is driven: parameters of its driver, and values that do not depend on the driver."""
 
     curvature_rate_1pms: float = 0.1
-    """Limit of the change of curvature per time, of the vehicle's steering."""
+    """Largest change of curvature per time, from the vehicle's steering."""
     conflicts: YieldingConfig = field(default_factory=YieldingConfig)
-    """Where the ways of others meet the path."""
+    """Parameters for places where paths of others meet the own path."""
 
     @classmethod
     def by(cls, driver: NavigatorConfig, **others: Any) -> Self:
-        """The navigation of a driver, with ``others`` of its fields."""
+        """Navigation of a driver, with ``others`` as further fields."""
         return cls(**{**vars(driver), **others})
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedPath:
-    """Where the footprint's centre shall go."""
+    """A path of the footprint's centre."""
 
     curve: Curve
     lane: Indices
-    """Lane below each point of the curve, ``NO_LANE`` off the lanes; shape ``(K,)``."""
+    """Lane at each point of the curve, ``NO_LANE`` off the lanes; shape ``(K,)``."""
     speed_cap_sq: Floats
-    """Square of the speed that curves ahead and the path's end allow, shape ``(K,)``, m²/s²."""
+    """Square of the speed allowed by curves ahead and the path's end, shape ``(K,)``, m²/s²."""
     settled_m: float
     """Arc length from which the path follows its reference line without lateral movement."""
 
@@ -55,15 +55,15 @@ class TrackedPath:
         return self.curve.length_m
 
     def index_at(self, s_m: float) -> int:
-        """The point of the curve that is nearest to an arc length."""
+        """Point of the curve nearest to an arc length."""
         return min(max(round(s_m / self.curve.spacing_m), 0), len(self.lane) - 1)
 
     def lane_at(self, s_m: float) -> int:
-        """Lane below an arc length."""
+        """Lane at an arc length."""
         return int(self.lane[self.index_at(s_m)])
 
     def speed_cap_mps(self, s_m: float) -> float:
-        """Speed allowed at an arc length; beyond the end that of the end."""
+        """Speed allowed at an arc length; beyond the end the value at the end."""
         place = min(max(s_m / self.curve.spacing_m, 0.0), len(self.speed_cap_sq) - 1.0)
         i = min(int(place), len(self.speed_cap_sq) - 2)
         low, high = self.speed_cap_sq[i : i + 2].tolist()
@@ -71,7 +71,7 @@ class TrackedPath:
 
     @cached_property
     def times_s(self) -> Floats:
-        """Time from the path's start to each point at the speed that is allowed there, shape ``(K,)``."""
+        """Time from the path's start to each point at the allowed speed, shape ``(K,)``."""
         speed = np.sqrt(np.maximum(self.speed_cap_sq, _LEAST_MPS**2))
         slowness = 0.5 * (1.0 / speed[1:] + 1.0 / speed[:-1])
         return np.concatenate(([0.0], np.cumsum(slowness) * self.curve.spacing_m))
@@ -85,7 +85,7 @@ class TrackedPath:
         settled_m: float = 0.0,
         stop_at_end: bool = True,
     ) -> "TrackedPath":
-        """The path along a curve, slow enough for its bends and, with ``stop_at_end``, to stop at its end.
+        """Make a path along a curve, slow enough for its bends and, with ``stop_at_end``, for a stop at its end.
 
         The speed limit solves v² ≤ a_lat/κ, v ≤ κ̇/κ' (what the steering can follow) and
         v²(s) ≤ v²(s') + 2·b·(s' − s) for all s' ≥ s.
@@ -109,7 +109,7 @@ PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
 
 
 def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats:
-    """Lateral offsets of a blend between two straight lines; at its end it is parallel to the reference.
+    """Lateral offsets of a transition between two straight lines; at its end it is parallel to the reference.
 
     It is the quintic polynomial of the place ``u`` along the blend (0–1; beyond 1 the end value) with the given offsets
     at both ends and the given slope at 0, with no slope at 1 and no second derivative at both ends.
@@ -123,13 +123,13 @@ def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats
 
 
 _WINDING: Final = 40.0
-"""Change of curvature that the length of a lateral move is laid out for, times length³ over lateral distance."""
+"""Curvature change for which the length of a lateral move is planned, multiplied by length³ over lateral distance."""
 
 
 def blend_length_m(
     offset_change_m: float, speed_mps: float, duration_s: float, least_m: float, config: Navigation
 ) -> float:
-    """Length of a lateral move. ``duration_s`` and ``least_m`` are those of a move over a lane's width (3.5 m).
+    """Length of a lateral move. ``duration_s`` and ``least_m`` are for a lane's width (3.5 m).
 
     It is no shorter than the steering can follow: the curvature of a quintic changes by up to 60·d/l³ per metre at its
     ends, where the path's speed limit takes care of it, and by a third less on the way.
@@ -141,7 +141,7 @@ def blend_length_m(
 
 
 _STEEPEST: Final = 0.6
-"""Largest tangent of the angle between pose and reference line with which a lateral move starts."""
+"""Largest tangent of the angle between pose and reference line at the start of a lateral move."""
 
 
 def path_onto(
@@ -153,7 +153,7 @@ def path_onto(
     stop_at_end: bool = True,
     shorten_m: float = 0.0,
 ) -> TrackedPath:
-    """The path from a pose (x, y, yaw) onto a line beside a reference line, and along it.
+    """Path from a pose (x, y, yaw) onto a line parallel to a reference line, and along it.
 
     The line lies ``offset_m`` to the left, and the lateral move is ``merge_m`` long. ``shorten_m`` is left out at the
     end of the reference line (the front of the vehicle).
@@ -171,7 +171,7 @@ def path_onto(
 
 
 def on_reference(reference: LanePath, config: Navigation, stop_at_end: bool, shorten_m: float) -> TrackedPath:
-    """The reference line itself as a path, ``shorten_m`` left out at its end."""
+    """The reference line itself as a path; its last ``shorten_m`` are left out."""
     curve = reference.curve
     end_m = max(curve.length_m - shorten_m, 2.0)
     s = np.linspace(0.0, end_m, max(3, math.ceil(end_m / SPACING_M) + 1))

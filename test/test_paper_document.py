@@ -25,7 +25,7 @@ from siren_ros.simulation.scenario.paper import (
 )
 from siren_ros.simulation.scenario.presets import load_preset
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.config import CautionConfig
+from siren_ros.simulation.traffic.sumo.caution import MOST_BRAKE_MPS2
 
 
 def shown(page: str) -> str:
@@ -137,7 +137,7 @@ def test_levels_are_those_of_the_page() -> None:
 def test_speeds_and_brakes_are_those_of_the_page() -> None:
     (around_kmh,) = numbers_in(r"drawn per driver, around (\d+) km/h, or less where it cannot see")
     assert around_kmh == pytest.approx(3.6 * load_preset("paper").attention.emv_line_mps.mean, abs=0.01)
-    assert numbers_in(r"their ways meet, with up to (\d+) m/s²") == [CautionConfig().most_brake_mps2]
+    assert numbers_in(r"their ways meet, with up to (\d+) m/s²") == [MOST_BRAKE_MPS2]
 
 
 def test_versions_and_steps_are_those_of_the_page() -> None:

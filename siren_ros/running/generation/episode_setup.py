@@ -142,14 +142,15 @@ def set_up_episode(
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
         for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
+    drivers = driver_parameters(preset.drivers, template.drivers)
+    population = load_drivers(files=noted).by(drivers.traffic)
     sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
     lasting = replace(template, duration_s=max(template.lasting_s, request.duration_s))
     spread = template.demand.variety.size_spread
     planned_for = largest(dimensions, spread) if spread else dimensions
-    site, plan = plan_at_site(driven, sites, lasting, request.seed, load_drivers(files=noted), planned_for)
+    site, plan = plan_at_site(driven, sites, lasting, request.seed, population, planned_for)
     if spread:
         plan = with_sizes(plan, dimensions, spread, request.seed)
-    drivers = driver_parameters(preset.drivers, template.drivers)
     plan = with_emv_drivers(with_responses(plan, preset, request.seed), drivers.sumo)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))

@@ -16,7 +16,6 @@ from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.simulation.roads.site_finder import find_sites
 from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
 from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
@@ -31,8 +30,7 @@ vehicles with 8 m between them, 30 m to the EMV, and some distance to roll to th
 _MOTORWAY_M: Final = 750.0
 """Least length of motorway stretches: a queue of 350 m, 250 m before it and 150 m on which its head moves on."""
 _NO_BRIDGE_M: Final = 300.0
-"""No bridge may be this near to a motorway stretch; traffic starts within this distance
-(``DemandConfig.district_m``)."""
+"""No bridge may be this near to a motorway stretch; traffic starts within this distance (``DISTRICT_M``)."""
 _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
@@ -170,7 +168,7 @@ def _usable_m(network: RoadNetwork, site: Site) -> float:
 
 def _approach(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
     try:
-        return approach_to(network, site, emv, DemandConfig())
+        return approach_to(network, site, emv)
     except MapError as error:
         return Approach(_UNREACHABLE, error.allowed)
 

@@ -281,12 +281,30 @@ class SumoEmvDriver:
 
 
 @dataclass(frozen=True)
+class TrafficDrivers:
+    """All that SUMO drives."""
+
+    headway_factor: float = number(1.0, 0.5, 3, "factor on the drivers' time headways (`tau_s` in `params/drivers`)")
+    gap_factor: float = number(1.0, 0.5, 3, "factor on the standing distances of civilians (`min_gap_m` there)")
+    accel_factor: float = number(1.0, 0.5, 2, "factor on the accelerations of civilians")
+    decel_factor: float = number(1.0, 0.5, 2, "factor on the comfortable decelerations of civilians")
+    waiting_pace: float = number(
+        1.2, 0.8, 1.5, "share of the speed limit, at least, of a driver who waits for a gap to leave the EMV's lane"
+    )
+    cleared_pace: float = number(0.7, 0.3, 1, "share of the wished speed of a driver who has left it")
+    """So gaps come up for those who still have to leave it."""
+    spacing_spread: float = number(0.15, 0, 0.5, "fraction by which gaps within a group vary")
+    speed_spread: float = number(0.05, 0, 0.3, "fraction by which wished speeds within a group vary")
+
+
+@dataclass(frozen=True)
 class DriverParameters:
     """All parameters of drivers. The names of the fields, joined by dots, are those that users write."""
 
     emv_driver: EmvDriver = field(default_factory=EmvDriver)
     civilian_driver: CivilianDriver = field(default_factory=CivilianDriver)
     sumo: SumoEmvDriver = field(default_factory=SumoEmvDriver)
+    traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
 
     def with_values(self, values: Mapping[str, float]) -> "DriverParameters":
         """The parameters with other values, by their dotted names.

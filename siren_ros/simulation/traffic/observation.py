@@ -16,7 +16,6 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan
 from siren_ros.simulation.traffic.sumo.readings import Readings, ahead_on_route, intent_flags
 from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, ActorStates, Owner
@@ -134,14 +133,18 @@ def _detail(connection: Connection, speed_mps: float, signals: Mapping[str, str]
     }
 
 
+ADVICE_RANGE_M: Final = 80.0
+"""Lane-change intent of civilians is read within this distance of an EMV."""
+
+
 class Reactions:
     """Derives reactions and flags of one step; holds nothing from step to step."""
 
-    def __init__(self, network: RoadNetwork, plan: TrafficPlan, level: EmergencyLevel, config: TrafficConfig) -> None:
+    def __init__(self, network: RoadNetwork, plan: TrafficPlan, level: EmergencyLevel) -> None:
         self._internal = np.array([lane.kind is LaneKind.INTERNAL for lane in network.lanes])
         self._emvs = tuple(vehicle.name for vehicle in plan.emvs)
         self._reach_m = plan.response_distance_m
-        self._advice_range_m = config.advice_range_m
+        self._advice_range_m = ADVICE_RANGE_M
         self._siren = LEVEL_POLICIES[level].siren
 
     def rescued(

@@ -18,13 +18,17 @@ from siren_ros.errors import EpisodeError, MapError
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, mirrored_map
 from siren_ros.simulation.roads.mirror_image import right_hand_image
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.simulation.traffic.config import TrafficConfig
+from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.simulation.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.simulation.traffic.sumo.mirror import Mirror
 from siren_ros.simulation.traffic.sumo.nearby import Point
-from siren_ros.simulation.traffic.sumo.population import SumoPopulation, route_id, vehicle_types_xml
+from siren_ros.simulation.traffic.sumo.population import (
+    REPLACEMENT_DISTANCE_M,
+    SumoPopulation,
+    route_id,
+    vehicle_types_xml,
+)
 from siren_ros.simulation.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Rule, Setting, acts_of
 from siren_ros.simulation.traffic.sumo.signal_timing import time_signal
@@ -67,6 +71,13 @@ class _Table:
         return {name: row for row, name in enumerate(self.names)}
 
 
+_LATERAL_RESOLUTION_M: Final = 0.6
+"""Width of SUMO's sublanes; rescue corridors need the sublane model."""
+_JUMP_M: Final = 1.0
+"""A vehicle that moves further than its speed explains by more than this has been teleported."""
+_ROUTE_EDGES_AHEAD: Final = 6
+
+
 class SumoSimulation:
     """One running SUMO simulation; a process holds one at a time (libsumo is global).
 
@@ -84,7 +95,6 @@ class SumoSimulation:
         network: RoadNetwork,
         plan: TrafficPlan,
         level: EmergencyLevel,
-        config: TrafficConfig | None = None,
         seed: int = 0,
     ) -> None:
         """Start SUMO, run the warm-up and place the EMVs and their groups.
@@ -102,12 +112,11 @@ class SumoSimulation:
             compiled_map, network = mirrored_map(compiled_map), right_hand_image(network)
         self._network, self._plan, self._level = network, plan, level
         self._siren = LEVEL_POLICIES[level].siren
-        self._config = config or TrafficConfig()
-        self._population = SumoPopulation(network, plan, self._config)
-        self._mirror = Mirror(network, self._config, self._population)
+        self._population = SumoPopulation(network, plan)
+        self._mirror = Mirror(network, self._population, plan.traffic)
         self._crossings = CrossingWatch(network)
-        self._walkers = Walkers(network, plan, self._config) if plan.walkers else None
-        self._reactions = Reactions(network, plan, level, self._config)
+        self._walkers = Walkers(network, plan) if plan.walkers else None
+        self._reactions = Reactions(network, plan, level)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
         self._keeping = frozenset(first)
         """Vehicles that yield to nobody."""
@@ -122,7 +131,7 @@ class SumoSimulation:
         self._table = _Table.of({})
         self._route_rows: tuple[list[tuple[int, ...]], tuple[Indices, Indices]] = [], joined_rows([])
         self._signals: tuple[SignalState, ...] = ()
-        self._acts = acts_of(Setting(network, plan, level, self._config), self._rules)
+        self._acts = acts_of(Setting(network, plan, level), self._rules)
         try:
             self._start(compiled_map, seed)
             self._columns = SumoColumns(network, self._population.length_scale)
@@ -198,14 +207,14 @@ class SumoSimulation:
         if not points:
             return []
         if self._walkers is not None:
-            self._walkers.exchange(points, 0.0 if first else self._config.replacement_distance_m)
+            self._walkers.exchange(points, 0.0 if first else REPLACEMENT_DISTANCE_M)
         left = self._population.exchange_riders(points) if self._plan.riders and not first else []
         self._columns.leave_out(left)
         return left
 
     def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
         """The vehicle types that SUMO loads."""
-        return vehicle_types_xml(vehicles, self._level, self._config, walker_types_xml(self._plan.walkers))
+        return vehicle_types_xml(vehicles, self._level, walker_types_xml(self._plan.walkers))
 
     def _more_options(self) -> Mapping[str, str]:
         """Further options of SUMO."""
@@ -221,7 +230,7 @@ class SumoSimulation:
                 "--net-file": str(compiled_map.net_path),
                 "--additional-files": str(types_file),
                 "--step-length": f"{STEP_S:g}",
-                "--lateral-resolution": f"{self._config.lateral_resolution_m:g}",
+                "--lateral-resolution": f"{_LATERAL_RESOLUTION_M:g}",
                 "--seed": str(seed % _LARGEST_SEED),
                 "--collision.action": "none",
                 "--time-to-teleport": "-1",
@@ -358,7 +367,7 @@ class SumoSimulation:
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
         """SUMO's advice for every EMV on the map; the civilians that ROS drives yield, and those who wait for a gap."""
         yielding = (self._mirror.places.keys() | self._mirror.deferred()) - self._keeping
-        reach_m = self._config.leader_range_m
+        reach_m = PAPER_CONSTANTS.leader_query_m
         return tuple(
             emv_advice(emv.name, self._ids, yielding, reach_m, emv.driver.driving.min_gap_m, len(rescued[emv.name]))
             for emv in self._plan.emvs
@@ -401,16 +410,16 @@ class SumoSimulation:
             reached = before
         if before != reached:
             self._reached[name] = reached
-            self._ahead[name] = self._routes[name][max(reached, 0) :][: self._config.route_edges_ahead]
+            self._ahead[name] = self._routes[name][max(reached, 0) :][:_ROUTE_EDGES_AHEAD]
         return self._ahead[name]
 
     def _events(self, step: int, readings: Readings, owner: Codes, speed_mps: Floats) -> tuple[Event, ...]:
         """Events of the step, given the simulated speeds."""
         ids, lengths_m = self._table.actor_id, self._table.length_m
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
-        jump_m, back = self._config.jump_m, self._mirror.realigned
+        back = self._mirror.realigned
         events: list[Event] = find_teleports(
-            step, ids, readings, lengths_m, owner, started, back, self._road.last, jump_m
+            step, ids, readings, lengths_m, owner, started, back, self._road.last, _JUMP_M
         )
         looked_at = self._crossings.elsewhere(ids, readings.lane)
         if back:

@@ -5,7 +5,6 @@ from repository import shared_file
 
 from siren_ros.base.numerics.units import mps_from_kmh
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
-from siren_ros.simulation.traffic.config import TrafficConfig
 
 
 def test_control_constants_are_the_papers():
@@ -24,10 +23,6 @@ def test_target_speeds_are_the_papers():
     assert speeds.civilian_yield_lane_change_mps * 3.6 == pytest.approx(10.0)
     assert speeds.civilian_pull_over_mps * 3.6 == pytest.approx(15.0)
     assert speeds.civilian_yield_speed_difference == 0.5
-
-
-def test_sumo_is_run_with_the_papers_numbers():
-    assert TrafficConfig().leader_range_m == PAPER_CONSTANTS.leader_query_m
 
 
 def test_tables_in_the_papers_source_agree():

@@ -21,6 +21,7 @@ from siren_ros.simulation.roads.road_network import (
     RoadNetwork,
 )
 from siren_ros.simulation.roads.sites import Site, SiteKind
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import (
     DemandGroup,
     EmvDemand,
@@ -30,7 +31,6 @@ from siren_ros.simulation.scenario.scenario import (
     Template,
 )
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.emv_start import EmvStart
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, load_drivers
 from siren_ros.simulation.world.actors import ActorClass
@@ -45,7 +45,7 @@ STRAIGHT, STRAIGHT_LEFT, TURN, CROSSING = 2, 3, 4, 5
 STOP_LINE_M: Final = 310.0
 """Of J, from the beginning of the first road."""
 CAR_M: Final = 4.6
-CONFIG: Final = DemandConfig(spacing_spread=0.0, speed_spread=0.0)
+CONFIG: Final = TrafficDrivers(spacing_spread=0.0, speed_spread=0.0)
 
 _ROADS: Final[tuple[tuple[str, tuple[tuple[tuple[float, float], tuple[float, float]], ...]], ...]] = (
     ("a", (((-310.0, -5.25), (-110.0, -5.25)), ((-310.0, -1.75), (-110.0, -1.75)))),

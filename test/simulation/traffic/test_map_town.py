@@ -10,7 +10,6 @@ from siren_ros.simulation.roads.maps.netconvert import sumo_home
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.vehicle_factory import RouteChooser
 
 
@@ -96,7 +95,7 @@ def _street(town, connection):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_random_traffic_flows_without_teleports_or_collisions(compiled, town, tmp_path, seed):
     graph = EdgeGraph.of(town)
-    chooser = RouteChooser(town, graph, DemandConfig())
+    chooser = RouteChooser(town, graph)
     rng = np.random.default_rng(seed)
     starts = [edge.index for edge in town.edges if driving_lanes(town, edge.index) and graph.successors[edge.index]]
     rows = ['<vType id="car" vClass="passenger"/>']

@@ -17,8 +17,8 @@ from siren_ros.errors import EpisodeError
 from siren_ros.simulation.roads.road_network import Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic import observation as reactions_module
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.observation import (
+    ADVICE_RANGE_M,
     CrossingWatch,
     Mover,
     Reactions,
@@ -183,8 +183,7 @@ def test_a_junction_is_left_once() -> None:
 
 
 NETWORK_REACTIONS = crossing()
-CONFIG = TrafficConfig()
-NEAR_M = CONFIG.advice_range_m - 1.0
+NEAR_M = ADVICE_RANGE_M - 1.0
 NAMES = ["emv0", "emv1", "by0", "by1", "between"]
 X_M = np.array([0.0, 1000.0, NEAR_M, 1000.0 - NEAR_M, 500.0])
 ROAD = next(lane.index for lane in NETWORK_REACTIONS.lanes if lane.kind is LaneKind.DRIVING)
@@ -201,15 +200,15 @@ def flagged(flags: Codes, mask: int) -> list[str]:
     return [name for name, flag in zip(NAMES, flags.tolist(), strict=True) if flag & mask]
 
 
-def reactions_to(*emvs: str, config: TrafficConfig = CONFIG) -> Reactions:
+def reactions_to(*emvs: str) -> Reactions:
     plan: Any = SimpleNamespace(emvs=tuple(SimpleNamespace(name=emv) for emv in emvs), response_distance_m=30.0)
-    return Reactions(NETWORK_REACTIONS, plan, EmergencyLevel.L2, config)
+    return Reactions(NETWORK_REACTIONS, plan, EmergencyLevel.L2)
 
 
 @pytest.fixture(name="reactions")
 def _reactions(monkeypatch: pytest.MonkeyPatch) -> Reactions:
     """Two EMVs; everybody wants to the left."""
-    assert CONFIG.advice_range_m < 490.0
+    assert ADVICE_RANGE_M < 490.0
     monkeypatch.setattr(reactions_module, "intent_flags", lambda _name: TrafficFlags.WANTS_LEFT)
     return reactions_to("emv0", "emv1")
 

@@ -9,12 +9,12 @@ from traffic_helpers import MAPS, named_map, plan_s2, states_of
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.errors import EpisodeError, InputError
+from siren_ros.errors import EpisodeError
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.roads.routing import path_centre, route_path
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import standoff
@@ -229,7 +229,7 @@ def test_vehicle_that_cleared_the_lane_keeps_its_lane_more_slowly_and_is_freed(
         here = rows_of_ids(state.actor_id, np.array([actor_id], dtype=np.uint32))[0]
         lanes.append((town[1].lanes[state.lane[here]].edge, int(state.lane[here])))
     assert len({lane for _, lane in lanes}) == len({edge for edge, _ in lanes})
-    assert libsumo.vehicle.getSpeedFactor(name) == pytest.approx(TrafficConfig().cleared_speed_share * speed_factor)
+    assert libsumo.vehicle.getSpeedFactor(name) == pytest.approx(TrafficDrivers().cleared_pace * speed_factor)
     assert libsumo.vehicle.getLaneChangeMode(name) == KEEP_LANE_CHANGE_MODE
     row["mode"] = int(Mode.NOMINAL)
     sumo.step(200, states_of(199, [row]))
@@ -308,11 +308,6 @@ def test_steps_come_in_order_and_one_simulation_at_a_time(sumo: SumoSimulation, 
         sumo.step(3, None)
     with pytest.raises(EpisodeError, match="already running"):
         SumoSimulation(*town, EmergencyLevel.L2)
-
-
-def test_config_refuses_a_resolution_of_zero() -> None:
-    with pytest.raises(InputError, match="lateral_resolution_m"):
-        TrafficConfig(lateral_resolution_m=0.0)
 
 
 def test_after_a_failed_start_another_simulation_can_start(town: Town) -> None:

@@ -12,7 +12,6 @@ from traffic_helpers import states_of
 
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic import simulation as simulation_module
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.observation import CrossingWatch
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import rules
@@ -85,7 +84,6 @@ class Stage:
             "left_hand": False,
             "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, jam=None, riders=()),
             "level": EmergencyLevel.L2,
-            "config": TrafficConfig(),
             "population": SimpleNamespace(
                 vehicles={name: planned(name) for name in (EMV, AV, CAR)},
                 length_scale=defaultdict(lambda: 1.0),
@@ -122,7 +120,7 @@ class Stage:
         }
         road = Road(*(parts[name] for name in ("columns", "population", "mirror", "walkers", "reported")))
         corrections = [rule for rule in RULES if rule.moment is Moment.CORRECTION]
-        acts = acts_of(Setting(NETWORK, parts["plan"], parts["level"], parts["config"]), corrections)
+        acts = acts_of(Setting(NETWORK, parts["plan"], parts["level"]), corrections)
         for name, value in {**parts, "road": road, "acts": acts}.items():
             setattr(simulation, f"_{name}", value)
         return simulation

@@ -21,8 +21,8 @@ from siren_ros.errors import InputError, MapError
 from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes, path_centre, route_path
 from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.emv_start import (
     EmvStart,
     behind_queue_mps,
@@ -33,6 +33,7 @@ from siren_ros.simulation.traffic.demand.further_emvs import arrival_s, crossing
 from siren_ros.simulation.traffic.demand.group_demand import (
     BRAKE_MPS2,
     LATERAL_MPS2,
+    STAGE_BEHIND_M,
     GroupPlan,
     plan_groups,
     route_length_m,
@@ -40,6 +41,7 @@ from siren_ros.simulation.traffic.demand.group_demand import (
 from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.traffic.demand.pedestrians import plan_walkers
 from siren_ros.simulation.traffic.demand.plan import (
+    PLACEMENT_GAP_M,
     RED_BEHIND_S,
     DriverPopulation,
     LaneInterval,
@@ -48,6 +50,7 @@ from siren_ros.simulation.traffic.demand.plan import (
     Spot,
     TrafficPlan,
     chain_along,
+    least_gap_m,
 )
 from siren_ros.simulation.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
 from siren_ros.simulation.world.actors import ActorClass
@@ -57,6 +60,10 @@ _EDGES_AHEAD: Final = 4
 """Of a vehicle's route, whose bends count for its first speed."""
 
 
+EMV_ROUTE_SLACK_S: Final = 5.0
+"""The EMV's route is this much longer than the episode takes at its target speed."""
+
+
 def plan_traffic(
     network: RoadNetwork,
     site: Site,
@@ -64,7 +71,6 @@ def plan_traffic(
     seed: int,
     drivers: DriverPopulation,
     dimensions: Mapping[ActorClass, Dimensions],
-    config: DemandConfig | None = None,
 ) -> TrafficPlan:
     """Plan all vehicles of an episode.
 
@@ -75,16 +81,36 @@ def plan_traffic(
         MapError: the map is too small for the civilians, or the site's approach too short for the EMVs.
         InputError: dimensions of a vehicle class are missing.
     """
-    config = config or DemandConfig()
-    factory = VehicleFactory(network, drivers, dimensions, config)
+    factory = VehicleFactory(network, drivers, dimensions)
     emv = template.emv
     headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
     starts = following_starts(network, site, emv, headway_m)
-    needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + config.emv_route_slack_s)
+    needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + EMV_ROUTE_SLACK_S)
     way = starts[0].route
     route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
     starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
-    return _Planner(network, site, starts, template, seed, factory, config).plan()
+    return _Planner(network, site, starts, template, seed, factory, drivers.traffic).plan()
+
+
+NEIGHBOURHOOD_M: Final = 150.0
+"""Background traffic starts within this of the EMV's way to the site and through it, where there is road enough.
+The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
+DISTRICT_M: Final = 300.0
+"""The streets around them, to this distance from that way, have the density of ``demand.district_per_lane_km``."""
+NEIGHBOURHOOD_AFTER_M: Final = 250.0
+"""How far the EMV's way counts beyond the site."""
+BACKGROUND_SPACING_M: Final = 40.0
+"""Lane length that background traffic needs, per vehicle; with less near the EMV's way the whole map is used."""
+_STAGE_AHEAD_M: Final = 35.0
+"""…and off this stretch ahead of the foremost vehicle of the groups."""
+RESERVE_FACTOR: Final = 4.0
+"""Replacement vehicles in reserve, per civilian of the volume."""
+_PEOPLE_RESERVE_FACTOR: Final = 10.0
+"""Pedestrians and riders in reserve, per one that is kept near the EMV: they start along its whole way."""
+_DEPART_SPEED_SHARE: Final = 0.7
+"""Speed at the first placement, as a share of the wished speed."""
+_COMFORTABLE_DECEL_MPS2: Final = 2.5
+"""With which a vehicle that has just been placed must be able to stop."""
 
 
 @dataclass
@@ -95,7 +121,7 @@ class _Planner:
     _template: Template
     _seed: int
     _factory: VehicleFactory
-    _config: DemandConfig
+    _traffic: TrafficDrivers
     _lane_chances: dict[tuple[int, ...], Floats] = field(default_factory=dict)
     """For ``drawn``, by the lanes."""
 
@@ -105,7 +131,7 @@ class _Planner:
 
     def plan(self) -> TrafficPlan:
         groups = plan_groups(
-            self._network, self._site, self._start, self._template, self._seed, self._factory, self._config
+            self._network, self._site, self._start, self._template, self._seed, self._factory, self._traffic
         )
         emvs = self._emvs(groups, self._starts)
         crossing, crossed = self._crossing((*emvs, *groups.vehicles))
@@ -114,17 +140,17 @@ class _Planner:
         stage = self._stage(groups, crossing)
         near, demand = self._near_lanes, self._template.demand
         taken = {lane.index for lane in near}
-        around_m = self._config.district_m if demand.district_per_lane_km else 0.0
+        around_m = DISTRICT_M if demand.district_per_lane_km else 0.0
         district = [lane for lane in self._lanes_within(around_m) if lane.index not in taken]
         around = round(demand.district_per_lane_km * 1e-3 * sum(lane.length_m for lane in district))
         civilians = demand.background_vehicles + groups.on_top + around
-        spares = round(self._config.reserve_factor * civilians)
+        spares = round(RESERVE_FACTOR * civilians)
         volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
         background = self._scattered("background", volume, near, (), disjoint=True)
         background += self._scattered("district", around, district, (), disjoint=True)
         walkers, walkers_kept = plan_walkers(
             *(self._network, self._around_way, demand.people.pedestrians),
-            *(self._config.people_reserve_factor, self._seed, self._factory),
+            *(_PEOPLE_RESERVE_FACTOR, self._seed, self._factory),
         )
         return TrafficPlan(
             emvs=emvs,
@@ -143,6 +169,7 @@ class _Planner:
             riders_kept=self._wanted,
             walkers=walkers,
             walkers_kept=walkers_kept,
+            traffic=self._traffic,
         )
 
     def _jam(self, groups: GroupPlan) -> JamHead | None:
@@ -153,7 +180,7 @@ class _Planner:
     def _around_way(self) -> list[Lane]:
         """The driving lanes near the whole way that the EMV may take during the episode."""
         way_m = self._template.emv.speed_mps * self._template.duration_s
-        return self._lanes_within(self._config.neighbourhood_m, way_m) or self._leading_on
+        return self._lanes_within(NEIGHBOURHOOD_M, way_m) or self._leading_on
 
     @property
     def _wanted(self) -> Mapping[ActorClass, int]:
@@ -162,7 +189,7 @@ class _Planner:
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
         """Cyclists and motorcyclists near the EMV's way, more than enter at once; none before the stage's vehicles."""
-        near, spares = self._around_way, 1.0 + self._config.people_reserve_factor
+        near, spares = self._around_way, 1.0 + _PEOPLE_RESERVE_FACTOR
         stage = [replace(area, to_m=self._network.lanes[area.lane].length_m) for area in stage]
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
         return tuple(
@@ -219,7 +246,7 @@ class _Planner:
 
     def _arrival_s(self, edge: int) -> float:
         """When the first EMV would come unhindered to the end of an edge of its way."""
-        return arrival_s(self._network, self._site, self._start, edge, self._template.emv, self._config)
+        return arrival_s(self._network, self._site, self._start, edge, self._template.emv)
 
     def _crossing(self, placed: Sequence[PlannedVehicle]) -> tuple[list[EmvStart], str]:
         """Starts of the EMVs that cross the first one's way, and the junction where they do."""
@@ -229,8 +256,8 @@ class _Planner:
         ways, edge = crossing_ways(self._network, self._site, self._start)
         wanted_s = self._arrival_s(edge) + emv.crossing_after_s
         others = [vehicle for vehicle in placed if not vehicle.name.startswith(self._crossing_groups)]
-        way, start = crossing_start(self._network, ways, emv, wanted_s, others, self._config)
-        needed_m = start.front_m + emv.speed_mps * (self._template.duration_s + self._config.emv_route_slack_s)
+        way, start = crossing_start(self._network, ways, emv, wanted_s, others)
+        needed_m = start.front_m + emv.speed_mps * (self._template.duration_s + EMV_ROUTE_SLACK_S)
         rng = random_stream(self._seed, "demand/crossing_route")
         route = long_enough_route(self._factory, start.route, way, needed_m, rng)
         return [replace(start, route=route)], way.junction or ""
@@ -256,8 +283,8 @@ class _Planner:
             limit = self._network.lanes[start.lane].speed_limit_mps
             driver = replace(driver, speed_factor=demand.speed_mps / limit)
             depart_mps = min(
-                depart_speed_mps(self._network, start, demand, self._config),
-                behind_queue_mps(self._network, start, groups.vehicles, self._config),
+                depart_speed_mps(self._network, start, demand),
+                behind_queue_mps(self._network, start, groups.vehicles),
             )
             spot = Spot(start.lane, start.front_m, depart_mps)
             emvs.append(self._factory.emv(f"{name}{number}", demand.actor_class, driver, route, spot))
@@ -270,15 +297,15 @@ class _Planner:
         """
         rearmost = self._starts[-1]
         between_m = self._factory.length_m(rearmost.route[: len(rearmost.route) - len(self._start.route)])
-        rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - self._config.stage_behind_m
+        rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - STAGE_BEHIND_M
         foremost = max(self._start.front_m, groups.foremost_m)
-        reach = between_m + foremost + self._config.stage_ahead_m
+        reach = between_m + foremost + _STAGE_AHEAD_M
         stage: list[LaneInterval] = []
         for lane in driving_lanes(self._network, rearmost.route[0]):
             stage += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
         stage += self._sharing_junction_paths(stage)
         for start in crossing:
-            rear, reach = start.front_m - self._config.stage_behind_m, start.front_m + self._config.stage_ahead_m
+            rear, reach = start.front_m - STAGE_BEHIND_M, start.front_m + _STAGE_AHEAD_M
             for lane in driving_lanes(self._network, start.route[0]):
                 stage += chain_along(self._network, lane, start.route).intervals(self._network, rear, reach)
         return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
@@ -315,7 +342,7 @@ class _Planner:
         Their class is drawn from the template's shares, unless it is given.
         """
         rng = random_stream(self._seed, f"demand/{purpose}")
-        route_m = route_length_m(self._template, self._config)
+        route_m = route_length_m(self._template)
         by_index = {lane.index: lane for lane in lanes}
         candidates = tuple(by_index)
         occupied: dict[int, list[tuple[float, float]]] = {}
@@ -331,7 +358,7 @@ class _Planner:
             route = self._factory.draw_route((lane.edge,), route_m, rng, lane.index, actor_class)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
             safe_mps = self._safe_mps(lane, front, route)
-            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, safe_mps))
+            spot = Spot(lane.index, front, min(_DEPART_SPEED_SHARE * wished, safe_mps))
             vehicles.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
         return tuple(vehicles)
 
@@ -341,10 +368,10 @@ class _Planner:
         It can still stop before the lane's end, or behind another one at the least gap. Out of town it goes on beyond
         the lane's end, and can brake for the bends ahead.
         """
-        gap_m, network = self._config.gap_m(lane.speed_limit_mps), self._network
-        fast = gap_m > self._config.placement_gap_m
+        gap_m, network = least_gap_m(lane.speed_limit_mps), self._network
+        fast = gap_m > PLACEMENT_GAP_M
         free_m = gap_m if fast else min(lane.length_m - front_m, gap_m)
-        stoppable_mps = speed_before_mps(0.0, self._config.comfortable_decel_mps2, free_m)
+        stoppable_mps = speed_before_mps(0.0, _COMFORTABLE_DECEL_MPS2, free_m)
         if not fast:
             return stoppable_mps
         lanes = chain_along(network, lane, [network.edge_by_id[edge].index for edge in route[:_EDGES_AHEAD]]).lanes
@@ -362,7 +389,7 @@ class _Planner:
 
     def _lanes_within(self, distance_m: float, beyond_m: float | None = None) -> list[Lane]:
         """Those of them whose middle is within a distance of the EMV's way to the site and beyond."""
-        after_m = self._config.neighbourhood_after_m if beyond_m is None else beyond_m
+        after_m = NEIGHBOURHOOD_AFTER_M if beyond_m is None else beyond_m
         around = LineString(self._way_points(after_m)).buffer(distance_m)
         middles = np.array([lane.centre.at(0.5 * lane.length_m) for lane in self._leading_on])
         return [*compress(self._leading_on, contains_xy(around, *middles.T))]
@@ -370,8 +397,8 @@ class _Planner:
     @cached_property
     def _near_lanes(self) -> list[Lane]:
         """The lanes of the volume: those near the EMV's way, or all where these are too short."""
-        near = self._lanes_within(self._config.neighbourhood_m)
-        needed_m = self._template.demand.background_vehicles * self._config.background_spacing_m
+        near = self._lanes_within(NEIGHBOURHOOD_M)
+        needed_m = self._template.demand.background_vehicles * BACKGROUND_SPACING_M
         return near if sum(lane.length_m for lane in near) >= needed_m else self._leading_on
 
     def _way_points(self, after_m: float) -> npt.NDArray[np.float64]:
@@ -399,7 +426,7 @@ class _Planner:
             self._lane_chances[key] = chances(lane.length_m for lane in lanes)
         for _ in range(_PLACEMENT_TRIES):
             lane = lanes[drawn(self._lane_chances[key], rng)]
-            gap = self._config.gap_m(lane.speed_limit_mps)
+            gap = least_gap_m(lane.speed_limit_mps)
             front = float(rng.uniform(0.0, lane.length_m))
             taken = occupied.get(lane.index, ())
             free = all(front + gap < rear or front - length_m - gap > other for rear, other in taken)
@@ -407,7 +434,7 @@ class _Planner:
             if front >= length_m and free and off:
                 return lane, front
         value = f"{self._template.demand.background_vehicles} civilians"
-        gap_m = self._config.placement_gap_m
+        gap_m = PLACEMENT_GAP_M
         raise MapError(value, f"a map with room for them at gaps of {gap_m:g} m, or a smaller volume")
 
 

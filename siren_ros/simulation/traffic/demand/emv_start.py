@@ -17,7 +17,6 @@ from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.scenario import EmvDemand, StartReference
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, chain_along
 from siren_ros.simulation.traffic.demand.vehicle_factory import VehicleFactory
 
@@ -44,6 +43,10 @@ _LEAST_EXIT_M: Final = 100.0
 """Road behind the site without which the EMV soon stands at the end of its route: 7 s at 50 km/h."""
 LITTLE_BEHIND: Final = "hardly any road behind it"
 _CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
+
+
+EMV_CLEARANCE_M: Final = 10.0
+"""Least gap between the EMV's front and the rear of a vehicle in its lane at the start."""
 
 
 @dataclass(frozen=True)
@@ -142,22 +145,26 @@ def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
     return network.length_m(start.lanes_to_site) - start.front_m
 
 
-def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
+def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> float:
     """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends."""
-    way_m, speed = _speeds_mps(network, start, emv, config)
+    way_m, speed = _speeds_mps(network, start, emv)
     driven_m = np.minimum(SAMPLE_M, way_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
     return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
 
 
-def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
+def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> float:
     """The template's speed at the start, or the one that the bends ahead allow there."""
-    _, speed = _speeds_mps(network, start, emv, config)
+    _, speed = _speeds_mps(network, start, emv)
     return float(speed[0]) if len(speed) else emv.depart_speed_mps
 
 
-def behind_queue_mps(
-    network: RoadNetwork, start: EmvStart, standing: Sequence[PlannedVehicle], config: DemandConfig
-) -> float:
+_EMV_QUEUE_BRAKE_MPS2: Final = 2.5
+"""With which it can stop behind vehicles that stand ahead of it at its start."""
+_EMV_QUEUE_GAP_M: Final = 4.0
+"""The gap that it leaves to them."""
+
+
+def behind_queue_mps(network: RoadNetwork, start: EmvStart, standing: Sequence[PlannedVehicle]) -> float:
     """The largest speed at the start from which an EMV stops gently behind vehicles that stand in its lanes.
 
     Infinite where nobody stands ahead of it on the way to the site.
@@ -170,10 +177,18 @@ def behind_queue_mps(
         if vehicle.spot.lane in begins_m and vehicle.spot.speed_mps == 0.0
     ]
     gap_m = min((rear_m - start.front_m for rear_m in rears_m if rear_m > start.front_m), default=math.inf)
-    return speed_before_mps(0.0, config.emv_queue_brake_mps2, max(gap_m - config.emv_queue_gap_m, 0.0))
+    return speed_before_mps(0.0, _EMV_QUEUE_BRAKE_MPS2, max(gap_m - _EMV_QUEUE_GAP_M, 0.0))
 
 
-def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> tuple[float, Floats]:
+EMV_ACCEL_MPS2: Final = 2.0
+"""With which an EMV comes to its target speed, for the time of its unhindered arrival."""
+_EMV_BRAKE_MPS2: Final = 3.5
+"""With which it brakes before bends, for the same."""
+_EMV_LATERAL_ACCEL_MPS2: Final = 3.0
+"""With which it drives through bends, for the same."""
+
+
+def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> tuple[float, Floats]:
     """Length of the lanes to the stop line, and the largest speeds at samples of the way from the start on.
 
     They keep the target speed and the limits of lateral acceleration, speeding up and braking; none beyond the line.
@@ -182,10 +197,8 @@ def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: D
     if start.front_m >= way.length_m:
         return way.length_m, np.empty(0)
     ahead = way.cut(start.front_m, way.length_m)
-    speed = with_braking(
-        np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2)), config.emv_brake_mps2
-    )
-    return way.length_m, with_accelerating(speed, emv.depart_speed_mps, config.emv_accel_mps2)
+    speed = with_braking(np.minimum(emv.speed_mps, bend_speeds_mps(ahead, _EMV_LATERAL_ACCEL_MPS2)), _EMV_BRAKE_MPS2)
+    return way.length_m, with_accelerating(speed, emv.depart_speed_mps, EMV_ACCEL_MPS2)
 
 
 class Approach(NamedTuple):
@@ -198,7 +211,7 @@ class Approach(NamedTuple):
     """What it lacks; empty for rank 0."""
 
 
-def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand, config: DemandConfig) -> Approach:
+def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
     """How well an EMV can drive up to a site.
 
     At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
@@ -217,7 +230,7 @@ def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand, config: Demand
         return Approach()
     start = emv_start(network, site, start_m_of(network, site, emv))
     way_m = way_to_stop_line_m(network, start)
-    pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
+    pace_mps = way_m / max(unhindered_arrival_s(network, start, emv), SAMPLE_M)
     queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
     at_entry = start.front_m < min(ENTRY_M, network.lanes[start.lane].length_m)

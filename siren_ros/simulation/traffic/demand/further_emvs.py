@@ -13,8 +13,14 @@ from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, dr
 from siren_ros.simulation.roads.site_finder import junction_site
 from siren_ros.simulation.roads.sites import Site, way_back
 from siren_ros.simulation.scenario.scenario import EmvDemand
-from siren_ros.simulation.traffic.config import DemandConfig
-from siren_ros.simulation.traffic.demand.emv_start import ENTRY_M, EmvStart, emv_start, start_m_of, unhindered_arrival_s
+from siren_ros.simulation.traffic.demand.emv_start import (
+    EMV_CLEARANCE_M,
+    ENTRY_M,
+    EmvStart,
+    emv_start,
+    start_m_of,
+    unhindered_arrival_s,
+)
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 
 _NO_CROSSING: Final = "a side street at its junction with enough road for another EMV (emv.crossing is above 0)"
@@ -48,9 +54,7 @@ def prolonged(network: RoadNetwork, site: Site, approach_m: float) -> Site:
     return replace(site, route=(*before, *site.route), site_position=len(before) + site.site_position)
 
 
-def arrival_s(
-    network: RoadNetwork, site: Site, start: EmvStart, edge: int, emv: EmvDemand, config: DemandConfig
-) -> float:
+def arrival_s(network: RoadNetwork, site: Site, start: EmvStart, edge: int, emv: EmvDemand) -> float:
     """Time from step 0 to the end of an edge of the way through a site, on a free road."""
     route = start.route
     last = route.index(edge)
@@ -58,7 +62,7 @@ def arrival_s(
     reached = route.index(site.site_edge) if site.site_edge in route[: last + 1] else 0
     further = route[reached + 1 : last + 1]
     way_m = sum(driving_lanes(network, beyond)[-1].length_m for beyond in further)
-    return unhindered_arrival_s(network, start, emv, config) + way_m / emv.speed_mps
+    return unhindered_arrival_s(network, start, emv) + way_m / emv.speed_mps
 
 
 def crossing_ways(network: RoadNetwork, site: Site, start: EmvStart) -> tuple[tuple[Site, ...], int]:
@@ -106,7 +110,6 @@ def crossing_start(
     emv: EmvDemand,
     wanted_s: float,
     placed: Sequence[PlannedVehicle],
-    config: DemandConfig,
 ) -> tuple[Site, EmvStart]:
     """The start from which an EMV comes unhindered to a junction nearest to a time.
 
@@ -116,7 +119,6 @@ def crossing_start(
         emv: Speeds of the EMV.
         wanted_s: Time from step 0.
         placed: Vehicles that are there already; the EMV starts clear of them.
-        config: What counts as clear.
 
     Raises:
         MapError: No way has a place for the start, or the road of all is too short.
@@ -124,9 +126,9 @@ def crossing_start(
     found: list[tuple[float, int, Site, EmvStart]] = []
     for number, site in enumerate(sites):
         way = prolonged(network, site, emv.speed_mps * max(wanted_s, 0.0))
-        for start in _starts_back(network, way, config):
-            late_s = unhindered_arrival_s(network, start, emv, config) - wanted_s
-            if start.front_m >= ENTRY_M and _is_clear(start, placed, config):
+        for start in _starts_back(network, way):
+            late_s = unhindered_arrival_s(network, start, emv) - wanted_s
+            if start.front_m >= ENTRY_M and _is_clear(start, placed):
                 if abs(late_s) < _MOST_OFF_S:
                     found.append((abs(late_s) + _NEXT_WAY_S * number, len(found), way, start))
                 if late_s > 0.0:
@@ -136,15 +138,15 @@ def crossing_start(
     return min(found)[2:]
 
 
-def _starts_back(network: RoadNetwork, site: Site, config: DemandConfig) -> Iterator[EmvStart]:
+def _starts_back(network: RoadNetwork, site: Site) -> Iterator[EmvStart]:
     """Starts before a stop line, farther and farther back, as far as the approach reaches."""
     line_m = network.lanes[site.approach_lane].length_m
     with suppress(MapError):
-        for before_m in count(config.emv_clearance_m):
+        for before_m in count(EMV_CLEARANCE_M):
             yield emv_start(network, site, line_m - before_m)
 
 
-def _is_clear(start: EmvStart, placed: Sequence[PlannedVehicle], config: DemandConfig) -> bool:
+def _is_clear(start: EmvStart, placed: Sequence[PlannedVehicle]) -> bool:
     """Whether nobody stands in the start's lane, up to a clearance ahead and behind."""
     near = (vehicle for vehicle in placed if vehicle.spot.lane == start.lane)
-    return all(abs(vehicle.spot.front_m - start.front_m) > 2.0 * config.emv_clearance_m for vehicle in near)
+    return all(abs(vehicle.spot.front_m - start.front_m) > 2.0 * EMV_CLEARANCE_M for vehicle in near)

@@ -16,9 +16,10 @@ from siren_ros.simulation.roads.movements import quiet_reach_m
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.emv_start import (
+    EMV_CLEARANCE_M,
     ONTO_SHOULDER_M,
     SHORT_QUEUE_M,
     EmvStart,
@@ -34,7 +35,7 @@ from siren_ros.simulation.traffic.demand.plan import (
     chain_along,
     chain_of,
 )
-from siren_ros.simulation.traffic.demand.vehicle_factory import Shares, VehicleFactory
+from siren_ros.simulation.traffic.demand.vehicle_factory import LONG_VEHICLE_M, Shares, VehicleFactory
 
 # No parameters: the templates are laid out with these lengths, and their own values vary around them.
 _FOLLOWING_M: Final = 6.0
@@ -282,7 +283,7 @@ def plan_groups(
     template: Template,
     seed: int,
     factory: VehicleFactory,
-    config: DemandConfig,
+    traffic: TrafficDrivers,
 ) -> GroupPlan:
     """Place the groups of a template.
 
@@ -292,12 +293,12 @@ def plan_groups(
     Raises:
         MapError: The lanes of a group are too short for most of its vehicles.
     """
-    planner = _GroupPlanner(network, start, template, factory, config, _through(network, site))
+    planner = _GroupPlanner(network, start, template, factory, traffic, _through(network, site))
     vehicles: list[PlannedVehicle] = []
     crossing: dict[int, None] = {}
     heads: dict[int, str] = {}
     on_top = 0
-    arrival_s = unhindered_arrival_s(network, start, template.emv, config)
+    arrival_s = unhindered_arrival_s(network, start, template.emv)
     for group in template.demand.groups:
         rng = random_stream(seed, f"demand/group/{group.name}")
         rows = group_rows(network, site, start, group, arrival_s, rng)
@@ -340,9 +341,18 @@ def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
         raise MapError(f"group {group.name}", f"a place with road for {cars}; {placed} would fit")
 
 
-def route_length_m(template: Template, config: DemandConfig) -> float:
+ROUTE_SLACK_S: Final = 20.0
+"""Routes are this much longer than warm-up and episode take at ``route_speed_mps``."""
+ROUTE_SPEED_MPS: Final = 16.0
+
+
+def route_length_m(template: Template) -> float:
     """Length of civilians' routes, for warm-up and episode."""
-    return config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+    return ROUTE_SPEED_MPS * (template.warm_up_s + template.duration_s + ROUTE_SLACK_S)
+
+
+STAGE_BEHIND_M: Final = 25.0
+"""Background traffic is kept off this stretch behind the rearmost EMV at the start…"""
 
 
 @dataclass
@@ -351,7 +361,7 @@ class _GroupPlanner:
     start: EmvStart
     template: Template
     factory: VehicleFactory
-    config: DemandConfig
+    traffic: TrafficDrivers
     through: tuple[int, ...]
     """Edges from the site's on to some way behind it."""
     foremost_m: float = 0.0
@@ -367,8 +377,8 @@ class _GroupPlanner:
         driving = tuple(index for index, kind in kinds.items() if kind is LaneKind.DRIVING)
         actor_class = self.factory.draw_class(self._classes(group, row), rng, driving)
         length = self.factory.size(actor_class)[0]
-        spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
-        speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))
+        spacing = group.spacing_m * (1.0 + self.traffic.spacing_spread * rng.uniform(-1.0, 1.0))
+        speed = group.speed_mps * (1.0 + self.traffic.speed_spread * rng.uniform(-1.0, 1.0))
         nearest = group.anchor is GroupAnchor.ARRIVAL
         place = self._place(row, group.first_gap_m, spacing, length, nearest=nearest)
         if place is None:
@@ -385,7 +395,7 @@ class _GroupPlanner:
         if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold it up
             driver = replace(driver, speed_gain_eagerness=0.0)
         speed = min(speed, driver.speed_factor * limit)
-        route = self.factory.draw_route(edges, route_length_m(self.template, self.config), rng, lane, actor_class)
+        route = self.factory.draw_route(edges, route_length_m(self.template), rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 
@@ -400,7 +410,7 @@ class _GroupPlanner:
         if group.placement is Placement.EVERY_LANE:
             lane = self.network.lanes[row.chain.lanes[0]]
             if lane != driving_lanes(self.network, lane.edge)[0]:
-                most_m = self.config.long_vehicle_m
+                most_m = LONG_VEHICLE_M
                 return [share for share in shares if self.factory.size(share[0])[0] <= most_m] or shares
         if group.placement not in _WITH_EMV:
             return shares
@@ -411,7 +421,7 @@ class _GroupPlanner:
         for row in rows:
             line_m = row.chain.end_m
             rear_m, _ = self._reached_m.get((row.chain.lanes, row.forwards), (line_m, line_m))
-            behind_m = rear_m - self.config.stage_behind_m
+            behind_m = rear_m - STAGE_BEHIND_M
             self.crossing_stage += row.chain.intervals(self.network, behind_m, line_m)
 
     def _place(
@@ -436,7 +446,7 @@ class _GroupPlanner:
     def _first_place(
         self, row: GroupRow, front_m: float, length_m: float, step_m: float
     ) -> tuple[float, int, float] | None:
-        least_m = row.least_m + self.config.emv_clearance_m if row.least_m > 0.0 else 0.0
+        least_m = row.least_m + EMV_CLEARANCE_M if row.least_m > 0.0 else 0.0
         while front_m < min(row.chain.end_m, row.most_m) and front_m - length_m >= least_m:
             place = row.chain.place(self.network, front_m)
             if place is not None and place[1] >= min(length_m, 0.5 * self.network.lanes[place[0]].length_m):

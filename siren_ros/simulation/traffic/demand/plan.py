@@ -14,12 +14,24 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.base.params.strict_yaml import StrictMapping
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver
+from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
+from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver, TrafficDrivers
 from siren_ros.simulation.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
 from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
+
+
+PLACEMENT_GAP_M: Final = 9.0
+"""Least gap between a vehicle's front and the rear of the next one at its first placement."""
+_FAST_GAP_S: Final = 2.0
+"""On roads out of town the same gap is at least this time at the limit: nobody can be put right before another."""
+
+
+def least_gap_m(limit_mps: float) -> float:
+    """Least gap before and behind a vehicle that is put on a lane with a speed limit."""
+    return max(PLACEMENT_GAP_M, _FAST_GAP_S * limit_mps if limit_mps > TOWN_LIMIT_MPS else 0.0)
 
 
 @dataclass(frozen=True)
@@ -43,6 +55,23 @@ class DriverPopulation:
     speed_gain_eagerness: float
     cooperation: float
     classes: Mapping[ActorClass, ClassDriving]
+    traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
+    """Parameters that are the same for all."""
+
+    def by(self, traffic: TrafficDrivers) -> "DriverPopulation":
+        """The population with the factors of some parameters, which it also keeps."""
+        classes = {
+            member: driving
+            if member.is_emergency
+            else replace(
+                driving,
+                accel_mps2=driving.accel_mps2 * traffic.accel_factor,
+                decel_mps2=driving.decel_mps2 * traffic.decel_factor,
+                min_gap_m=driving.min_gap_m * traffic.gap_factor,
+            )
+            for member, driving in self.classes.items()
+        }
+        return replace(self, tau_s=self.tau_s.scaled(traffic.headway_factor), classes=classes, traffic=traffic)
 
     def draw(self, actor_class: ActorClass, rng: np.random.Generator, speed_scale: float = 1.0) -> "DriverModel":
         """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
@@ -222,6 +251,8 @@ class TrafficPlan:
     walkers: tuple[PlannedWalker, ...] = ()
     """The first ``walkers_kept`` enter at step 0, others when one has arrived."""
     walkers_kept: int = 0
+    traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
+    """Parameters of all drivers."""
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 

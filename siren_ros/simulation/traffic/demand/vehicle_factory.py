@@ -16,7 +16,6 @@ from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, Connection, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.plan import DriverModel, DriverPopulation, PlannedVehicle, Spot
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -42,13 +41,24 @@ class _Way:
     """Radius of the tightest bend, on the widest of the paths."""
 
 
+_TURN_WEIGHT: Final = 0.35
+"""Chance of a turn at a junction, per lane that leads there, relative to straight on: about three of four drivers
+go straight on where three lanes lead straight, left and right (typical value of urban turning counts)."""
+_CAR_RADIUS_M: Final = 5.5
+"""No vehicle takes a tighter bend than this where there is another way: the turning circle of cars."""
+LONG_VEHICLE_M: Final = 8.0
+"""Longer vehicles…"""
+LONG_VEHICLE_RADIUS_M: Final = 12.5
+"""…take no bend tighter than this: the centre of a turning lane that a 12 m bus follows without swinging out
+(Directive 97/27/EC: outer turning radius of 12.5 m at most)."""
+
+
 class RouteChooser:
     """Draws routes; the ways from each edge are looked up once."""
 
-    def __init__(self, network: RoadNetwork, graph: EdgeGraph, config: DemandConfig) -> None:
+    def __init__(self, network: RoadNetwork, graph: EdgeGraph) -> None:
         self._network = network
         self._graph = graph
-        self._config = config
         self._ways: dict[int, tuple[_Way, ...]] = {}
         self._lasting: dict[float, frozenset[int]] = {}
         self._choices: dict[tuple[int, bool, int | None, float, bool], tuple[tuple[int, ...], list[float], Floats]] = {}
@@ -62,7 +72,7 @@ class RouteChooser:
         Other vehicles lead on from everywhere: what is too tight for them, they drive slowly.
         """
         edge = self._network.lanes[lane].edge
-        if vehicle_m <= self._config.long_vehicle_m or not self._ways_from(edge):
+        if vehicle_m <= LONG_VEHICLE_M or not self._ways_from(edge):
             return True
         return any(lane in way.lanes for way in self._wide_ways(edge, vehicle_m))
 
@@ -98,9 +108,9 @@ class RouteChooser:
         """
         route = list(start)
         driven_m = self._graph.route_length_m(start)
-        turn_weight = self._config.turn_weight if turn_weight is None else turn_weight
+        turn_weight = _TURN_WEIGHT if turn_weight is None else turn_weight
         while driven_m < length_m:
-            key = route[-1], vehicle_m > self._config.long_vehicle_m, lane, turn_weight, turns_left
+            key = route[-1], vehicle_m > LONG_VEHICLE_M, lane, turn_weight, turns_left
             if key not in self._choices:
                 ways = self._open_ways(route[-1], vehicle_m, lane)
                 ways = tuple(way for way in ways if turns_left or not way.left) or ways
@@ -135,7 +145,7 @@ class RouteChooser:
         """The ways that are wide enough, and lead to others that are."""
         least_m = self._least_radius_m(vehicle_m)
         wide = tuple(way for way in self._ways_from(edge) if way.radius_m >= least_m)
-        if vehicle_m <= self._config.long_vehicle_m:
+        if vehicle_m <= LONG_VEHICLE_M:
             return wide
         return tuple(way for way in wide if way.edge in self._lasting_edges(least_m))
 
@@ -156,8 +166,7 @@ class RouteChooser:
         return self._lasting[least_m]
 
     def _least_radius_m(self, vehicle_m: float) -> float:
-        config = self._config
-        return config.long_vehicle_radius_m if vehicle_m > config.long_vehicle_m else config.car_radius_m
+        return LONG_VEHICLE_RADIUS_M if vehicle_m > LONG_VEHICLE_M else _CAR_RADIUS_M
 
     def _ways_from(self, edge: int) -> tuple[_Way, ...]:
         if edge not in self._ways:
@@ -216,8 +225,15 @@ _EMV_PAINT: Final = (240, 240, 236)
 
 
 @lru_cache(maxsize=MAPS_KEPT)
-def _route_chooser(network: RoadNetwork, config: DemandConfig) -> RouteChooser:
-    return RouteChooser(network, EdgeGraph.of(network), config)
+def _route_chooser(network: RoadNetwork) -> RouteChooser:
+    return RouteChooser(network, EdgeGraph.of(network))
+
+
+_LASTING_SHARE: Final = 0.5
+"""Part of a route within which it leaves the map only where there is no other way: what is driven at 30 km/h. Who
+leaves the map earlier is gone before the EMV's eyes."""
+_EMV_TURN_WEIGHT: Final = 0.1
+"""The same of an EMV beyond the site: the fastest way to where it is called follows main roads."""
 
 
 class VehicleFactory:
@@ -228,14 +244,12 @@ class VehicleFactory:
         network: RoadNetwork,
         drivers: DriverPopulation,
         dimensions: Mapping[ActorClass, Dimensions],
-        config: DemandConfig,
     ) -> None:
         self._network = network
         self._drivers = drivers
         self._dimensions = dimensions
-        self._config = config
         self._graph = EdgeGraph.of(network)
-        self._routes = _route_chooser(network, config)
+        self._routes = _route_chooser(network)
         self._suited: dict[tuple[ActorClass, tuple[int, ...]], tuple[int, ...]] = {}
         self._classes: dict[tuple[Shares, tuple[int, ...]], tuple[list[ActorClass], Floats]] = {}
 
@@ -281,7 +295,7 @@ class VehicleFactory:
 
     def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
         """A random way for an EMV of at least ``length_m`` (or to a dead end) that begins with the given edges."""
-        turn_weight = self._config.emv_turn_weight
+        turn_weight = _EMV_TURN_WEIGHT
         return self._routes.draw(start, length_m, rng, 0.0, turn_weight=turn_weight, lasting_m=length_m)
 
     def draw_route(
@@ -298,7 +312,7 @@ class VehicleFactory:
             if not self._routes.fits(edge, following, lane if len(kept) == 1 else None, vehicle_m):
                 break
             kept.append(following)
-        first, lasting_m = lane if len(kept) == 1 else None, self._config.lasting_share * length_m
+        first, lasting_m = lane if len(kept) == 1 else None, _LASTING_SHARE * length_m
         left = actor_class is not ActorClass.BICYCLE
         way = self._routes.draw(kept, length_m, rng, vehicle_m, first, lasting_m=lasting_m, turns_left=left)
         return tuple(self._network.edges[edge].edge_id for edge in way)

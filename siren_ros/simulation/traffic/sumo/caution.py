@@ -19,7 +19,7 @@ from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
 from siren_ros.simulation.conflicts.people import NOBODY, least_wait_for_people, outlines_of
-from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, least_wait
+from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, YieldingConfig, least_wait
 from siren_ros.simulation.conflicts.zones import (
     SAME_DIRECTION,
     STEP_M,
@@ -30,7 +30,6 @@ from siren_ros.simulation.conflicts.zones import (
     straight_to_m,
 )
 from siren_ros.simulation.roads.road_network import RoadNetwork
-from siren_ros.simulation.traffic.config import CautionConfig
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.world.actors import TWO_WHEELED, Owner, rows_of_ids
 from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
@@ -56,10 +55,38 @@ class Caution:
     wait: Wait
 
 
+_TOWARDS_OUTSIDERS: Final = YieldingConfig(after_s=1.0)
+"""Margins to vehicles that are driven from outside: behind an EMV, too, nobody passes in less than a second."""
+AMONG_THEMSELVES: Final = YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=1.3)
+"""Among themselves SUMO's drivers keep its own margins; only contact is avoided. The tail of a bus cuts a tight
+bend by 1.24 m, which its way along its lane does not show: who waits keeps this distance from it."""
+_MARGIN_M: Final = 0.2
+"""Added to each side of a vehicle that is driven from outside."""
+WAYS_AHEAD_S: Final = 4.0
+"""How far ahead the ways are looked at, at the present speeds…"""
+WAYS_MORE_M: Final = 12.0
+"""…with this much more…"""
+WAYS_FAR_M: Final = 70.0
+"""…and this much at most."""
+_SUMO_ACCEL_MPS2: Final = 2.0
+"""Acceleration of SUMO's drivers."""
+ROLLING_MPS: Final = 0.3
+"""Slower vehicles stand."""
+BESIDE_M: Final = 3.0
+"""Distance beside the own middle within which bodies ahead count."""
+_BEHIND_M: Final = 0.3
+"""Distance kept at least from a body ahead; SUMO's own is larger."""
+_FIRM_MPS2: Final = 2.5
+"""SUMO's drivers brake by themselves until more than this is needed."""
+_GENTLE_MPS2: Final = 0.5
+"""A driver who brakes for a body ahead goes on braking while more than this is needed."""
+_SLOWING_MPS2: Final = -0.3
+"""A driver who brakes harder is taken to go on braking."""
+
+
 def cautions(
     traffic: TrafficState,
     outlook: Outlook,
-    config: CautionConfig,
     waiting: Collection[int] = (),
     inattentive: Collection[int] = (),
     riders: Collection[int] = (),
@@ -80,10 +107,10 @@ def cautions(
     drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
     speeds = traffic.speed_mps, traffic.sumo_speed_mps, traffic.sumo_accel_mps2
     state = traffic.owner, traffic.flags, (traffic.x_m, traffic.y_m, traffic.yaw_rad), speeds
-    near = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
-    late = config.behind_m, config.firm_mps2, config.gentle_mps2
-    across = config.margin_m, config.accel_mps2, config.slowing_mps2
-    limits = near, late, across, (config.yielding, config.among)
+    near = WAYS_AHEAD_S, WAYS_MORE_M, WAYS_FAR_M, ROLLING_MPS, BESIDE_M
+    late = _BEHIND_M, _FIRM_MPS2, _GENTLE_MPS2
+    across = _MARGIN_M, _SUMO_ACCEL_MPS2, _SLOWING_MPS2
+    limits = near, late, across, (_TOWARDS_OUTSIDERS, AMONG_THEMSELVES)
     order = np.argsort(traffic.x_m, kind="stable")
     pairs, waits = _strictest_waits(state, order, drivers, outlook.ways, outlook.rights, limits, 2.0)
     found = zip(ids[pairs].tolist(), waits.tolist(), strict=True) if len(pairs) else ()
@@ -105,7 +132,7 @@ def _near_pairs(
 ) -> Any:
     """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
 
-    ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` the fields of ``CautionConfig`` that count here.
+    ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` those of the drivers.
     Vehicles are looked at in the ``order`` of x, so that the work grows with the neighbours and not with all.
     """
     x_m, y_m, cos, sin = poses
@@ -224,7 +251,7 @@ def _strictest_waits(
     A rider and another one who are beside each other do not go on together where their ways lead to the same place.
 
     ``state`` and ``drivers`` hold arrays over all vehicles, ``order`` their rows by x, ``limits`` fields of
-    ``CautionConfig``. ``square`` is 2: by a constant, speeds would be squared with another last bit than Python's.
+    ``cautions``. ``square`` is 2: by a constant, speeds would be squared with another last bit than Python's.
     """
     owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
     half_length_m, held, blind, rides = drivers
@@ -280,12 +307,15 @@ def _strictest_waits(
     return found[:count], waits[:count]
 
 
+MOST_BRAKE_MPS2: Final = 8.0
+"""An emergency brake on a dry road."""
+
+
 class CautiousDrivers:
     """The speeds that are imposed on SUMO's drivers."""
 
-    def __init__(self, network: RoadNetwork, config: CautionConfig) -> None:
+    def __init__(self, network: RoadNetwork) -> None:
         self._book, self._crossings = CourseBook(network), outlines_of(network)
-        self._config = config
         self._slowed: dict[str, int] = {}
         self._drivers: tuple[Ids, Floats, Floats, list[int], list[int]] | None = None
 
@@ -336,7 +366,7 @@ class CautiousDrivers:
         _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
         speeds: dict[str, tuple[int, float]] = {}
-        found = cautions(traffic, outlook, self._config, self._slowed.values(), inattentive, riders)
+        found = cautions(traffic, outlook, self._slowed.values(), inattentive, riders)
         if people.shape[1]:
             found = *found, *self._for_people(traffic, outlook, people)
         for caution in found:
@@ -345,8 +375,8 @@ class CautiousDrivers:
             vehicle = vehicles[caution.actor_id]
             brake = vehicle.driver.driving.decel_mps2
             if caution.wait.brake_mps2 > brake:
-                brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)
-            if caution.wait.speed_mps < speed + self._config.accel_mps2 * STEP_S:
+                brake = min(caution.wait.brake_mps2, MOST_BRAKE_MPS2)
+            if caution.wait.speed_mps < speed + _SUMO_ACCEL_MPS2 * STEP_S:
                 scale = scale_of(int(traffic.lane[row]))
                 speed_mps = scale * max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
                 _, other_mps = speeds.get(vehicle.name, (0, np.inf))

@@ -17,7 +17,7 @@ from siren_ros.base.numerics.compiled import compiled, within, wrapped_rad
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.traffic.config import TrafficConfig
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.traffic.sumo.population import SumoPopulation, route_id
 from siren_ros.simulation.traffic.sumo.readings import SumoColumns, sumo_from_map
@@ -204,13 +204,22 @@ class Place:
     match: LaneMatch
 
 
+_STILL_M: Final = 0.01
+"""A mirrored pose that moved less than this is held, because SUMO may snap to another lane on creeping back."""
+_PLACED_M: Final = 0.05
+"""A mirrored actor has to stand within this of where it was put."""
+_REALIGN_M: Final = 1.5
+"""A simulated vehicle farther than this from its pose in SUMO cannot follow: SUMO's is brought back to it."""
+_REALIGN_STANDING_M: Final = 0.4
+"""The same where both stand: the simulated vehicle came to a stop later and will not make up for it."""
+
+
 class Mirror:
     """Remembers which vehicles are moved from outside, and what has to be restored in SUMO afterwards."""
 
-    def __init__(self, network: RoadNetwork, config: TrafficConfig, population: SumoPopulation) -> None:
+    def __init__(self, network: RoadNetwork, population: SumoPopulation, drivers: TrafficDrivers) -> None:
         self._network = network
-        self._population = population
-        self._config = config
+        self._population, self._drivers = population, drivers
         self._matcher = LaneMatcher(network)
         self.places: dict[str, Place] = {}
         """Vehicles that were put somewhere at this step."""
@@ -234,7 +243,7 @@ class Mirror:
         before, self.places = self.places, {}
         known = np.array([ids[name] for name in {*before, *self._bound}], np.uint32)
         owners = states.actor_id, states.owner, states.mode
-        limits_m = self._config.realign_standing_m, self._config.realign_m
+        limits_m = _REALIGN_STANDING_M, _REALIGN_M
         columns = states.vx_mps, states.vy_mps, states.residual_m
         speeds_mps, moved, lagging, changed = _to_treat(owners, columns, limits_m, _BINDS, known)
         for row in moved.tolist():
@@ -277,7 +286,7 @@ class Mirror:
         for name, place in self.places.items():
             x, y = columns.numbers[:2, columns.row_of[name]].tolist()
             miss = math.hypot(x - place.x_m, y - place.y_m)
-            if miss > self._config.placed_m:
+            if miss > _PLACED_M:
                 lane = libsumo.vehicle.getLaneID(name)
                 raise EpisodeError(f"SUMO put {name} {miss:.2f} m off the pose that it was given (lane {lane!r})")
 
@@ -289,7 +298,7 @@ class Mirror:
         SUMO's vehicle gets the place along its lane, not the pose: SUMO might find an exact pose off the lane's course
         on the lane of the other direction.
         """
-        far = states.residual_m[row] > self._config.realign_m
+        far = states.residual_m[row] > _REALIGN_M
         if not far and libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS:
             return
         place = self._place(states, row, vehicle, route, {})
@@ -299,7 +308,7 @@ class Mirror:
         if match.lane == NO_LANE:
             return
         lane = self._network.lanes[match.lane]
-        least_m = _LEAST_REALIGNED_M if far else self._config.realign_standing_m
+        least_m = _LEAST_REALIGNED_M if far else _REALIGN_STANDING_M
         is_open = lane.civilian_allowed or lane.kind is LaneKind.CYCLE
         if is_open and self._ahead_by_m(vehicle.name, lane, match.position_m) > least_m:
             at_m = min(match.position_m, lane.length_m) * self._population.length_scale[lane.lane_id]
@@ -341,7 +350,7 @@ class Mirror:
             vehicle.length_m,
             offset,
         )
-        if before is not None and math.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
+        if before is not None and math.hypot(x - before.x_m, y - before.y_m) < _STILL_M:
             return before
         lane = before.match.lane if before is not None else NO_LANE
         edges = route[:_EDGES_TO_MATCH]
@@ -439,7 +448,7 @@ class Mirror:
                 return
             factor = float(libsumo.vehicle.getSpeedFactor(name)) if factor is None else factor
             keeps = mode == Mode.YIELD_KEEP_LANE
-            cleared, waiting = self._config.cleared_speed_share * factor, self._config.deferred_speed_factor
+            cleared, waiting = self._drivers.cleared_pace * factor, self._drivers.waiting_pace
             self._bound[name] = (mode, factor)
             libsumo.vehicle.setSpeedFactor(name, cleared if keeps else max(factor, waiting))
             libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if keeps else DEFAULT_LANE_CHANGE_MODE)

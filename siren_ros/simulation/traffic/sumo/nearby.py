@@ -2,12 +2,19 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Generic, TypeAlias, TypeVar
+from typing import Final, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
 Point: TypeAlias = tuple[float, float]
 Planned = TypeVar("Planned")
+
+
+PEOPLE_WITHIN_M: Final = 180.0
+"""Pedestrians, cyclists and motorcyclists that the demand asks for are within this of an EMV or the AV under test:
+beyond the distances at which sensors tell them apart…"""
+PEOPLE_MARGIN_M: Final = 15.0
+"""…they enter nearer than that by this much, so that they stay for a while."""
 
 
 def nearest_m(point: Point, others: Iterable[Point]) -> float:

@@ -14,9 +14,8 @@ from siren_ros.base.numerics.geometry import Polyline, overlapping_pairs
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.simulation.traffic.config import DemandConfig, TrafficConfig
-from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
-from siren_ros.simulation.traffic.sumo.nearby import Point, Reserve, nearest_m
+from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, least_gap_m
+from siren_ros.simulation.traffic.sumo.nearby import PEOPLE_MARGIN_M, PEOPLE_WITHIN_M, Point, Reserve, nearest_m
 from siren_ros.simulation.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
 
@@ -72,9 +71,7 @@ def type_id(vehicle: PlannedVehicle) -> str:
     return f"type.{vehicle.name}"
 
 
-def vehicle_types_xml(
-    vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, config: TrafficConfig, others: str = ""
-) -> bytes:
+def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel, others: str = "") -> bytes:
     """The additional file with all types; ``others`` are elements of types that are not vehicles'.
 
     Civilians in cars, lorries and buses are of SUMO's class ``passenger``, so that one set of lanes is open to
@@ -85,7 +82,7 @@ def vehicle_types_xml(
     for vehicle in vehicles:
         attributes = _attributes(vehicle)
         if vehicle.is_emv:
-            attributes |= _of_emv(vehicle, level, config)
+            attributes |= _of_emv(vehicle, level)
         words = "".join([f" {name}={_quoted(text)}" for name, text in attributes.items()])
         lines.append(f"<vType{words}/>")
     return "\n".join([*lines, f"{others}</additional>"]).encode()
@@ -135,7 +132,11 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 
 
-def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel, config: TrafficConfig) -> dict[str, str]:
+_RED_LIGHT_SPEED_MPS: Final = 5.56
+"""SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
+
+
+def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel) -> dict[str, str]:
     """Attributes of an EMV's type that differ from other vehicles'.
 
     It has no bluelight device: the yield manager decides who reacts to the siren, and how. The device would also push
@@ -146,7 +147,7 @@ def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel, config: TrafficConfi
     return {
         "jmDriveAfterRedTime": f"{_RUNS_RED_S:g}",
         "jmDriveAfterYellowTime": f"{_RUNS_RED_S:g}",
-        "jmDriveRedSpeed": f"{config.red_light_speed_mps:g}",
+        "jmDriveRedSpeed": f"{_RED_LIGHT_SPEED_MPS:g}",
     }
 
 
@@ -164,13 +165,18 @@ def route_id(name: str) -> str:
     return f"route.{name}"
 
 
+REPLACEMENT_GAP_M: Final = 15.0
+"""Free space ahead of and behind a vehicle that replaces another one."""
+REPLACEMENT_DISTANCE_M: Final = 90.0
+"""A replacement enters at least this far from every EMV, beyond the interaction region and the camera's care."""
+
+
 class SumoPopulation:
     """The vehicles in SUMO by name, in order of entry."""
 
-    def __init__(self, network: RoadNetwork, plan: TrafficPlan, config: TrafficConfig) -> None:
+    def __init__(self, network: RoadNetwork, plan: TrafficPlan) -> None:
         self._network = network
         self._plan = plan
-        self._config = config
         self._reserve = deque(plan.reserve)
         self._riders = Reserve(plan.riders, [self._point_of(rider.spot) for rider in plan.riders])
         self._riding: Counter[ActorClass] = Counter()
@@ -235,13 +241,13 @@ class SumoPopulation:
         left = [name for name in riding if self._is_far(name, points)]
         for name in left:
             self._remove(name)
-        self._enter_riders(points, self._config.replacement_distance_m)
+        self._enter_riders(points, REPLACEMENT_DISTANCE_M)
         return left
 
     def _is_far(self, name: str, points: Collection[Point]) -> bool:
         (x, y), (offset_x, offset_y) = libsumo.vehicle.getPosition(name), self._network.sumo_offset_m
         waits = x == libsumo.INVALID_DOUBLE_VALUE
-        return not waits and nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m
+        return not waits and nearest_m((x - offset_x, y - offset_y), points) > PEOPLE_WITHIN_M
 
     def _enter_riders(self, points: Collection[Point], least_m: float) -> None:
         wanted = self._plan.riders_kept
@@ -259,7 +265,7 @@ class SumoPopulation:
             places[rider.name] = self._point_of(rider.spot)
             return True
 
-        most_m = self._config.people_within_m - self._config.people_margin_m
+        most_m = PEOPLE_WITHIN_M - PEOPLE_MARGIN_M
         self._riders.let_in(points, least_m, most_m, enter)
 
     def drop_departed(self) -> tuple[str, ...]:
@@ -382,10 +388,10 @@ class SumoPopulation:
         self, vehicle: PlannedVehicle, emv_points: Collection[Point], places: Mapping[str, Point]
     ) -> bool:
         x, y = self._point_of(vehicle.spot)
-        if nearest_m((x, y), emv_points) < self._config.replacement_distance_m:
+        if nearest_m((x, y), emv_points) < REPLACEMENT_DISTANCE_M:
             return False
         lane = self._network.lanes[vehicle.spot.lane]
-        gap = max(self._config.replacement_gap_m, DemandConfig().gap_m(lane.speed_limit_mps))
+        gap = max(REPLACEMENT_GAP_M, least_gap_m(lane.speed_limit_mps))
         around: Polyline = lane.centre.cut(vehicle.spot.front_m - vehicle.length_m - gap, vehicle.spot.front_m + gap)
         for name, point in places.items():
             reach_m = around.length_m + self.vehicles[name].length_m

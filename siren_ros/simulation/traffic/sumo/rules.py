@@ -15,7 +15,6 @@ from siren_ros.base.numerics.arrays import Flags
 from siren_ros.simulation.conflicts.people import NOBODY
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel, LevelPolicy
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.simulation.traffic.sumo.caution import CautiousDrivers
 from siren_ros.simulation.traffic.sumo.driving_corrections import (
@@ -56,7 +55,6 @@ class Setting:
     network: RoadNetwork
     plan: TrafficPlan
     level: EmergencyLevel
-    config: TrafficConfig
 
     @property
     def policy(self) -> LevelPolicy:
@@ -108,7 +106,7 @@ class Rule:
 
 
 def _caution(setting: Setting) -> Act:
-    drivers = CautiousDrivers(setting.network, setting.config.caution)
+    drivers = CautiousDrivers(setting.network)
 
     def act(road: Road) -> None:
         people = NOBODY if road.walkers is None else road.walkers.people

@@ -17,10 +17,9 @@ from siren_ros.base.numerics.arrays import Flags, Floats, Ids
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.conflicts.people import NOBODY, outlines_of, people_at
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
 from siren_ros.simulation.traffic.sumo.kerbs import Kerbs
-from siren_ros.simulation.traffic.sumo.nearby import Point, Reserve, nearest_m
+from siren_ros.simulation.traffic.sumo.nearby import PEOPLE_MARGIN_M, PEOPLE_WITHIN_M, Point, Reserve, nearest_m
 from siren_ros.simulation.traffic.sumo.readings import map_from_sumo
 from siren_ros.simulation.traffic.sumo.sidewalks import Corners
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Owner, rows_of_ids
@@ -147,9 +146,8 @@ def _is_crossing(road: str) -> bool:
 class Walkers:
     """The people on foot, by name in order of entry."""
 
-    def __init__(self, network: RoadNetwork, plan: TrafficPlan, config: TrafficConfig) -> None:
+    def __init__(self, network: RoadNetwork, plan: TrafficPlan) -> None:
         self._network = network
-        self._config = config
         self._corners: Corners | None = None
         self._kerbs = Kerbs(network)
         self._offset_m = network.sumo_offset_m
@@ -178,10 +176,10 @@ class Walkers:
         offset_x, offset_y = self._offset_m
         for name in self._ids:
             x, y = libsumo.person.getPosition(name)
-            if nearest_m((x - offset_x, y - offset_y), points) > self._config.people_within_m:
+            if nearest_m((x - offset_x, y - offset_y), points) > PEOPLE_WITHIN_M:
                 libsumo.person.removeStages(name)
         if len(self._present) < self._kept:
-            most_m = self._config.people_within_m - self._config.people_margin_m
+            most_m = PEOPLE_WITHIN_M - PEOPLE_MARGIN_M
             self._reserve.let_in(points, least_m, most_m, self._enter)
 
     def _enter(self, walker: PlannedWalker) -> bool:

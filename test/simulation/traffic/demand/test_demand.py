@@ -32,10 +32,17 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand import demand
-from siren_ros.simulation.traffic.demand.demand import _Planner, _to_lane, av_way, choose_av, plan_traffic
+from siren_ros.simulation.traffic.demand.demand import (
+    EMV_ROUTE_SLACK_S,
+    _Planner,
+    _to_lane,
+    av_way,
+    choose_av,
+    plan_traffic,
+)
 from siren_ros.simulation.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
+from siren_ros.simulation.traffic.demand.group_demand import ROUTE_SLACK_S, ROUTE_SPEED_MPS, STAGE_BEHIND_M
 from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, load_drivers
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -135,7 +142,7 @@ def test_the_part_of_the_first_edge_behind_the_emv_is_no_part_of_its_way(
 
     monkeypatch.setattr(demand, "long_enough_route", noted)
     traffic, template = plan_s2(network, seed=2)
-    least_m = template.emv.speed_mps * (template.duration_s + DemandConfig().emv_route_slack_s)
+    least_m = template.emv.speed_mps * (template.duration_s + EMV_ROUTE_SLACK_S)
     assert asked == pytest.approx([traffic.emvs[0].spot.front_m + least_m])
 
 
@@ -219,7 +226,7 @@ def test_crossing_queues_stand_at_their_stop_lines_and_cross_the_emvs_way(networ
 def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
     traffic, template, site = plan_of("S3", network)
     start = emv_start(network, site, start_m_of(network, site, template.emv))
-    arrival_s = unhindered_arrival_s(network, start, template.emv, DemandConfig())
+    arrival_s = unhindered_arrival_s(network, start, template.emv)
     last = traffic.groups[0]
     lane = network.lanes[last.spot.lane]
     assert lane.index in {network.connections[index].from_lane for index in site.connections}
@@ -291,7 +298,7 @@ def test_vehicles_stand_with_their_whole_length_on_their_lanes(network: RoadNetw
 def test_the_stage_begins_behind_the_rearmost_emv(network: RoadNetwork) -> None:
     traffic = plan(network)
     emv = traffic.emvs[-1]
-    expected = max(emv.spot.front_m - emv.length_m - DemandConfig().stage_behind_m, 0.0)
+    expected = max(emv.spot.front_m - emv.length_m - STAGE_BEHIND_M, 0.0)
     begins = [area.from_m for area in traffic.stage if area.lane == emv.spot.lane]
     assert min(begins) == pytest.approx(expected)
 
@@ -311,8 +318,8 @@ def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_wa
 
 
 def test_routes_lead_through_the_episode_or_to_the_end_of_the_map(network: RoadNetwork) -> None:
-    template, config = load_template("S2"), DemandConfig()
-    needed_m = config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+    template = load_template("S2")
+    needed_m = ROUTE_SPEED_MPS * (template.warm_up_s + template.duration_s + ROUTE_SLACK_S)
     graph = EdgeGraph.of(network)
     routes = [[network.edge_by_id[edge].index for edge in vehicle.route] for vehicle in plan(network).background]
     enough = [graph.route_length_m(edges) >= needed_m or not graph.successors[edges[-1]] for edges in routes]

@@ -9,8 +9,8 @@ from siren_ros.simulation.roads.site_finder import require_site
 from siren_ros.simulation.roads.sites import SiteKind
 from siren_ros.simulation.scenario.scenario import EmvDemand
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.emv_start import (
+    EMV_ACCEL_MPS2,
     EmvStart,
     emv_start,
     start_m_of,
@@ -43,15 +43,15 @@ def straight_start(network: RoadNetwork) -> tuple[EmvStart, float]:
 def test_constant_speed_takes_distance_over_speed(town: RoadNetwork) -> None:
     start, way_m = straight_start(town)
     assert way_to_stop_line_m(town, start) == pytest.approx(way_m)
-    assert unhindered_arrival_s(town, start, demand(-way_m), DemandConfig()) == pytest.approx(way_m / 10.0, abs=0.06)
+    assert unhindered_arrival_s(town, start, demand(-way_m)) == pytest.approx(way_m / 10.0, abs=0.06)
 
 
 def test_speeding_up_follows_the_constant_acceleration(town: RoadNetwork) -> None:
     start, way_m = straight_start(town)
-    accel = DemandConfig().emv_accel_mps2
+    accel = EMV_ACCEL_MPS2
     changing_m = (12.0**2 - 6.0**2) / (2.0 * accel)
     expected_s = (12.0 - 6.0) / accel + (way_m - changing_m) / 12.0
-    arrival_s = unhindered_arrival_s(town, start, demand(-way_m, 12.0, 6.0), DemandConfig())
+    arrival_s = unhindered_arrival_s(town, start, demand(-way_m, 12.0, 6.0))
     assert arrival_s == pytest.approx(expected_s, abs=0.15)
 
 
@@ -61,7 +61,7 @@ def test_bends_take_longer_than_the_same_way_straight(town: RoadNetwork) -> None
         key=lambda lane: float(np.ptp(np.unwrap(lane.centre.heading_rad(lane.centre.arc_m)))),
     )
     start = EmvStart(bent.index, 0.0, (bent.edge,), (bent.index,))
-    arrival_s = unhindered_arrival_s(town, start, demand(0.0, 20.0, 20.0), DemandConfig())
+    arrival_s = unhindered_arrival_s(town, start, demand(0.0, 20.0, 20.0))
     assert arrival_s > 1.1 * bent.length_m / 20.0
 
 

@@ -17,7 +17,6 @@ from siren_ros.simulation.roads.sites import SiteKind
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.simulation.traffic.demand.further_emvs import (
     arrival_s,
@@ -27,8 +26,6 @@ from siren_ros.simulation.traffic.demand.further_emvs import (
     prolonged,
 )
 from siren_ros.simulation.traffic.demand.plan import chain_along
-
-CONFIG = DemandConfig()
 
 
 def set_up(template: str, values: str, seed: int = 0) -> EpisodeSetup:
@@ -64,11 +61,11 @@ def test_the_crossing_emv_comes_from_the_side_to_the_first_ones_junction_in_time
     network, site, template = setup.network, setup.site, setup.template
     start = emv_start(network, site, start_m_of(network, site, template.emv))
     ways, edge = crossing_ways(network, site, start)
-    wanted_s = arrival_s(network, site, start, edge, template.emv, CONFIG) + after_s
+    wanted_s = arrival_s(network, site, start, edge, template.emv) + after_s
     others = [vehicle for vehicle in setup.plan.groups if not vehicle.name.startswith("crossing")]
-    way, across = crossing_start(network, ways, template.emv, wanted_s, (*setup.plan.emvs[:-1], *others), CONFIG)
+    way, across = crossing_start(network, ways, template.emv, wanted_s, (*setup.plan.emvs[:-1], *others))
     # It starts a run-up of 20 m before junctions on the way.
-    assert abs(unhindered_arrival_s(network, across, template.emv, CONFIG) - wanted_s) < 5.0
+    assert abs(unhindered_arrival_s(network, across, template.emv) - wanted_s) < 5.0
     assert network.edges[edge].to_junction == way.junction == setup.plan.crossed
     own = civilian_movements(network, edge, start.route[start.route.index(edge) + 1])[-1]
     assert comes_from_the_side(network, own, network.connections[way.connections[-1]])
@@ -115,7 +112,7 @@ def test_where_the_side_street_is_too_short_or_full_no_emv_starts() -> None:
     start = emv_start(network, site, start_m_of(network, site, emv))
     ways, _ = crossing_ways(network, site, start)
     with pytest.raises(MapError, match="enough road"):
-        crossing_start(network, ways, emv, 1e4, (), CONFIG)
+        crossing_start(network, ways, emv, 1e4, ())
 
 
 @pytest.mark.parametrize("name", MAPS)
@@ -153,5 +150,5 @@ def test_an_emv_that_starts_behind_the_sites_edge_arrives_once_although_its_way_
     start = emv_start(network, site, length_m + 5.0)
     assert start.route[0] == site.stretch[1]
     back = replace(start, route=(*start.route, site.site_edge))
-    once, again = (arrival_s(network, site, one, site.stretch[-1], template.emv, CONFIG) for one in (start, back))
+    once, again = (arrival_s(network, site, one, site.stretch[-1], template.emv) for one in (start, back))
     assert again == once > 0.0

@@ -39,10 +39,11 @@ from traffic_helpers import DIMENSIONS
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.emv_start import EmvStart, _lane_before
 from siren_ros.simulation.traffic.demand.group_demand import (
+    STAGE_BEHIND_M,
     GroupPlan,
     GroupRow,
     _approach_row,
@@ -308,10 +309,10 @@ STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, 
 
 
 def planned(
-    *groups: DemandGroup, start: EmvStart | None = None, config: DemandConfig = CONFIG, seed: int = 0
+    *groups: DemandGroup, start: EmvStart | None = None, traffic: TrafficDrivers = CONFIG, seed: int = 0
 ) -> GroupPlan:
-    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, config)
-    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), seed, factory, config)
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
+    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), seed, factory, traffic)
 
 
 def platoon(vehicles: int = 3) -> DemandGroup:
@@ -325,7 +326,7 @@ def fronts_m(vehicles: Sequence[PlannedVehicle]) -> list[float]:
 
 
 def test_classes_are_drawn_by_their_shares_whatever_these_add_up_to() -> None:
-    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
     rng = np.random.default_rng(1)
     drawn = [factory.draw_class(((ActorClass.SEDAN, 6.0), (ActorClass.BUS, 2.0)), rng) for _ in range(2000)]
     assert drawn.count(ActorClass.SEDAN) == pytest.approx(1500, abs=80)
@@ -334,7 +335,7 @@ def test_classes_are_drawn_by_their_shares_whatever_these_add_up_to() -> None:
 def test_buses_start_only_in_lanes_from_which_they_can_drive_on() -> None:
     """The right lane leads south alone, round a corner; the left one goes straight on."""
     kept = (*NETWORK.connections[:STRAIGHT], *NETWORK.connections[STRAIGHT + 1 :])
-    factory = VehicleFactory(replace(NETWORK, connections=kept), same_drivers(), DIMENSIONS, CONFIG)
+    factory = VehicleFactory(replace(NETWORK, connections=kept), same_drivers(), DIMENSIONS)
     shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
     assert factory.suited_lanes(ActorClass.BUS, (B_RIGHT, B_LEFT)) == (B_LEFT,)
     assert factory.suited_lanes(ActorClass.SEDAN, (B_RIGHT, B_LEFT)) == (B_RIGHT, B_LEFT)
@@ -360,7 +361,7 @@ def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
     queue = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
     for network, expected in ((NETWORK, {A_RIGHT, B_RIGHT}), (replace(NETWORK, lanes=tuple(lanes)), {B_RIGHT})):
         asked.clear()
-        factory = Listening(network, same_drivers(), DIMENSIONS, CONFIG)
+        factory = Listening(network, same_drivers(), DIMENSIONS)
         plan_groups(network, signal_site(), start_at(90.0), template_with(queue), 0, factory, CONFIG)
         assert [set(lanes) & {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT} for lanes in asked] == [expected] * 2
 
@@ -368,7 +369,7 @@ def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
 def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() -> None:
     """They would have to turn off right behind the site. South the way is tight, straight on it is not."""
     shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
-    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
     assert [factory.can_follow(kind, (A, B, D)) for kind, _ in shares] == [True, False]
     assert [factory.can_follow(kind, (A, B, C)) for kind, _ in shares] == [True, True]
     straight_on, south = signal_site(), replace(signal_site(), route=(A, B, D))
@@ -491,7 +492,7 @@ def test_crossing_rows_are_the_stage_from_behind_the_last_vehicle_on() -> None:
     assert plan.foremost_m == 0.0
     rear_m = 293.0 - CAR_M - 5.0 - CAR_M
     assert plan.crossing_stage == (
-        LaneInterval(NEAR, pytest.approx(rear_m - CONFIG.stage_behind_m - 200.0), pytest.approx(100.0)),
+        LaneInterval(NEAR, pytest.approx(rear_m - STAGE_BEHIND_M - 200.0), pytest.approx(100.0)),
     )
 
 
@@ -515,9 +516,9 @@ def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_
 
 
 def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:
-    config = replace(CONFIG, spacing_spread=0.2, speed_spread=0.1)
+    traffic = replace(CONFIG, spacing_spread=0.2, speed_spread=0.1)
     queue = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=9), spacing_m=5.0)
-    vehicles = planned(queue, config=config).vehicles
+    vehicles = planned(queue, traffic=traffic).vehicles
     here = [front for front in fronts_m(vehicles) if front > 215.0]
     gaps = -np.diff(here) - CAR_M
     assert 4.0 <= gaps.min() < 4.7
@@ -545,8 +546,8 @@ def test_of_a_stream_of_several_vehicles_one_is_enough() -> None:
 @pytest.mark.parametrize("spread", [0.0, 0.2])
 def test_speeds_vary_to_both_sides_evenly(spread: float) -> None:
     """From 8·(1 − spread) to 8·(1 + spread) m/s, whose middle is 8."""
-    config = DemandConfig(spacing_spread=0.0, speed_spread=spread)
-    plans = [planned(platoon(8), config=config, seed=seed) for seed in range(40)]
+    traffic = TrafficDrivers(spacing_spread=0.0, speed_spread=spread)
+    plans = [planned(platoon(8), traffic=traffic, seed=seed) for seed in range(40)]
     moving = [vehicle.spot.speed_mps for plan in plans for vehicle in plan.vehicles]
     low, high = 8.0 * (1.0 - spread), 8.0 * (1.0 + spread)
     assert min(moving) == pytest.approx(low, abs=0.1)

@@ -7,7 +7,6 @@ from traffic_helpers import DIMENSIONS, load_map
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Lane, LaneKind
 from siren_ros.simulation.roads.routing import driving_lanes
-from siren_ros.simulation.traffic.config import DemandConfig
 from siren_ros.simulation.traffic.demand.pedestrians import PACE_MPS, plan_walkers
 from siren_ros.simulation.traffic.demand.plan import PlannedWalker, load_drivers
 from siren_ros.simulation.traffic.demand.vehicle_factory import VehicleFactory
@@ -17,7 +16,7 @@ STREETS = [lane for edge in CITY.edges for lane in driving_lanes(CITY, edge.inde
 
 
 def planned(count: int, seed: int = 0, near: list[Lane] = STREETS) -> tuple[PlannedWalker, ...]:
-    factory = VehicleFactory(CITY, load_drivers(), DIMENSIONS, DemandConfig())
+    factory = VehicleFactory(CITY, load_drivers(), DIMENSIONS)
     people, kept = plan_walkers(CITY, near, count, 1.0, seed, factory)
     assert len(people) == 2 * kept
     return people

@@ -33,7 +33,9 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, SignalDemand, StartReference
-from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand import demand as demand_module
+from siren_ros.simulation.traffic.demand import emv_start as emv_start_module
+from siren_ros.simulation.traffic.demand import plan as plan_module
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import (
     approach_to,
@@ -123,20 +125,25 @@ def test_an_approach_that_is_too_short_is_used_from_its_beginning() -> None:
 
 def test_departing_and_arriving_on_a_straight_way() -> None:
     start = start_at(110.0)
-    assert unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0), CONFIG) == pytest.approx(20.0)
-    assert depart_speed_mps(NETWORK, start, emv_demand(0.0, 10.0), CONFIG) == pytest.approx(10.0)
+    assert unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0)) == pytest.approx(20.0)
+    assert depart_speed_mps(NETWORK, start, emv_demand(0.0, 10.0)) == pytest.approx(10.0)
     there = replace(start, lane=B_LEFT, front_m=120.0, lanes_to_site=(B_LEFT,))
-    assert unhindered_arrival_s(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 0.0
-    assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 10.0
+    assert unhindered_arrival_s(NETWORK, there, emv_demand(0.0, 10.0)) == 0.0
+    assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0)) == 10.0
 
 
-def plan(
-    *groups: DemandGroup, count: int = 1, config: DemandConfig = CONFIG, network: RoadNetwork = NETWORK, **changed: Any
-) -> TrafficPlan:
+def plan(*groups: DemandGroup, count: int = 1, network: RoadNetwork = NETWORK, **changed: Any) -> TrafficPlan:
     template = template_with(*groups)
     emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
     template = replace(template, emv=emv, **changed)
-    return plan_traffic(network, signal_site(), template, 3, same_drivers(), DIMENSIONS, config)
+    return plan_traffic(network, signal_site(), template, 3, replace(same_drivers(), traffic=CONFIG), DIMENSIONS)
+
+
+def near(monkeypatch: pytest.MonkeyPatch, **values: float) -> None:
+    """Background traffic near the EMV's way alone, with a large reserve."""
+    usual = {"NEIGHBOURHOOD_M": 5.0, "BACKGROUND_SPACING_M": 10.0, "RESERVE_FACTOR": 8.0}
+    for name, value in {**usual, **values}.items():
+        monkeypatch.setattr(demand_module, name, value)
 
 
 def test_a_second_emv_keeps_its_headway() -> None:
@@ -172,9 +179,11 @@ def test_volumes_and_steps() -> None:
     assert (traffic.civilians, traffic.warm_up_steps) == (10, 100)
 
 
-def test_background_traffic_can_stop() -> None:
+def test_background_traffic_can_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
-    traffic = plan(config=replace(CONFIG, placement_gap_m=6.0))
+    monkeypatch.setattr(demand_module, "PLACEMENT_GAP_M", 6.0)
+    monkeypatch.setattr(plan_module, "PLACEMENT_GAP_M", 6.0)
+    traffic = plan()
     for vehicle in (*traffic.background, *traffic.reserve):
         lane = NETWORK.lanes[vehicle.spot.lane]
         free_m = min(6.0, lane.length_m - vehicle.spot.front_m)
@@ -182,11 +191,12 @@ def test_background_traffic_can_stop() -> None:
         assert vehicle.length_m <= vehicle.spot.front_m <= lane.length_m
 
 
-def test_background_vehicles_keep_their_gaps_on_a_full_map() -> None:
+def test_background_vehicles_keep_their_gaps_on_a_full_map(monkeypatch: pytest.MonkeyPatch) -> None:
     """Vehicles of one lane are 9 m apart or more, on either side."""
     template = template_with()
     crowded = replace(template.demand, background_vehicles=22)
-    vehicles = plan(demand=crowded, config=replace(CONFIG, reserve_factor=0.0)).background
+    monkeypatch.setattr(demand_module, "RESERVE_FACTOR", 0.0)
+    vehicles = plan(demand=crowded).background
     by_lane: dict[int, list[float]] = {}
     for vehicle in vehicles:
         by_lane.setdefault(vehicle.spot.lane, []).append(vehicle.spot.front_m)
@@ -208,23 +218,23 @@ def test_the_signal_turns_red_before_the_emv_arrives() -> None:
     assert STOP_LINE_M - 160.0 == 150.0
 
 
-def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site() -> None:
+def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(monkeypatch: pytest.MonkeyPatch) -> None:
     """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
-    near = replace(CONFIG, neighbourhood_m=5.0, neighbourhood_after_m=50.0, background_spacing_m=10.0)
-    traffic = plan(config=replace(near, reserve_factor=8.0))
+    near(monkeypatch, NEIGHBOURHOOD_AFTER_M=50.0)
+    traffic = plan()
     assert edges_of(traffic) == {"a", "b"}, "from the last edge nobody can drive on"
     back = replace(NETWORK.connections[0], from_lane=C_LEFT, via=())
     looped = replace(NETWORK, connections=(*NETWORK.connections, back))
-    wide = plan(config=replace(near, reserve_factor=8.0), network=looped)
+    wide = plan(network=looped)
     assert edges_of(wide, looped) == {"a", "b", "c"}
 
 
-def test_the_streets_around_have_a_density_of_their_own() -> None:
+def test_the_streets_around_have_a_density_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beyond the lanes near the EMV's way, of 5 m, three lanes of 100 m lead on, of the roads m and n."""
     dense = replace(template_with().demand, background_vehicles=2, district_per_lane_km=40.0)
-    near = replace(CONFIG, neighbourhood_m=5.0, background_spacing_m=10.0, reserve_factor=8.0)
     for district_m, around in ((5.0, 0), (300.0, 12)):
-        traffic = plan(demand=dense, config=replace(near, district_m=district_m))
+        near(monkeypatch, DISTRICT_M=district_m)
+        traffic = plan(demand=dense)
         district = [vehicle for vehicle in traffic.background if vehicle.name.startswith("district")]
         assert len(district) == around
         assert {vehicle.route[0] for vehicle in district} <= {"m", "n"}
@@ -246,18 +256,20 @@ def test_groups_ahead_are_counted_from_the_foremost_emv() -> None:
     assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
 
 
-def test_a_lane_is_near_the_emvs_way_where_its_middle_is() -> None:
+def test_a_lane_is_near_the_emvs_way_where_its_middle_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """The side road ends 12 m from the way, and its middle is 62 m away."""
-    near = replace(CONFIG, neighbourhood_m=20.0, background_spacing_m=10.0, reserve_factor=8.0)
     for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
-        assert edges_of(plan(config=replace(near, neighbourhood_m=reach_m))) == edges
+        near(monkeypatch, NEIGHBOURHOOD_M=reach_m)
+        assert edges_of(plan()) == edges
 
 
-def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short() -> None:
+def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Two lanes of 200 m and two of 100 m are near; ten civilians want 59 m or 61 m each."""
-    config = replace(CONFIG, neighbourhood_m=5.0, reserve_factor=8.0)
     for spacing_m, wide in ((59.0, False), (61.0, True)):
-        assert ({"m", "n"} <= edges_of(plan(config=replace(config, background_spacing_m=spacing_m)))) is wide
+        near(monkeypatch, BACKGROUND_SPACING_M=spacing_m)
+        assert ({"m", "n"} <= edges_of(plan())) is wide
 
 
 def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
@@ -266,30 +278,30 @@ def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
         start = start_at(min(front_m, 199.0))
         shift = front_m - start.front_m
         start = replace(start, front_m=start.front_m + shift)
-        arrival_s = unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0), CONFIG)
+        arrival_s = unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0))
         assert arrival_s == pytest.approx((310.0 - front_m) / 10.0, abs=1e-6)
 
 
-def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_behind_a_sharp_bend() -> None:
+def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_behind_a_sharp_bend(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """From 60 m of quiet way on a conflict point is good; the road of 310 m before J has K in it, without traffic."""
     site = signal_site()
-    assert approach_to(NETWORK, site, emv_demand(-200.0), CONFIG).rank == 0
-    assert approach_to(busy(), site, emv_demand(-200.0), CONFIG).rank in {0, 1}
-    assert approach_to(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0), CONFIG).rank == 0
-    slow = replace(CONFIG, emv_accel_mps2=0.05)
+    assert approach_to(NETWORK, site, emv_demand(-200.0)).rank == 0
+    assert approach_to(busy(), site, emv_demand(-200.0)).rank in {0, 1}
+    assert approach_to(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0)).rank == 0
     late = replace(emv_demand(-200.0, 20.0), depart_speed_mps=2.0)
-    assert approach_to(NETWORK, site, late, slow).rank == 2
-    assert approach_to(NETWORK, site, late, replace(CONFIG, emv_accel_mps2=8.0)).rank == 0
+    for accel_mps2, rank in ((0.05, 2), (8.0, 0)):
+        monkeypatch.setattr(emv_start_module, "EMV_ACCEL_MPS2", accel_mps2)
+        assert approach_to(NETWORK, site, late).rank == rank
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
 def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length_m: float, rank: int) -> None:
     """The road up to the line is cut off."""
     short = with_cut(busy(), length_m, B_LEFT)
-    assert approach_to(short, signal_site(), emv_demand(-200.0), CONFIG).rank == rank
-    assert (
-        approach_to(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG).rank == 0
-    )
+    assert approach_to(short, signal_site(), emv_demand(-200.0)).rank == rank
+    assert approach_to(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0)).rank == 0
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(89.0, 1), (91.0, 0)])
@@ -301,16 +313,13 @@ def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_co
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
     short = replace(busy(), lanes=tuple(lanes))
     site = replace(signal_site(), kind=SiteKind.SHOULDER_RIGHT_TURN, approach_lane=B_RIGHT)
-    assert approach_to(short, site, emv_demand(-200.0), CONFIG).rank == rank
+    assert approach_to(short, site, emv_demand(-200.0)).rank == rank
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(99.0, 2), (101.0, 0)])
 def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank: int) -> None:
     """The road behind the junction ends after so many metres."""
-    assert (
-        approach_to(with_cut(NETWORK, length_m, C_RIGHT, C_LEFT), signal_site(), emv_demand(-200.0), CONFIG).rank
-        == rank
-    )
+    assert approach_to(with_cut(NETWORK, length_m, C_RIGHT, C_LEFT), signal_site(), emv_demand(-200.0)).rank == rank
 
 
 @pytest.mark.parametrize(
@@ -329,12 +338,12 @@ def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
     start_m: float, lane: int, front_m: float, speed_mps: float, expected_mps: float
 ) -> None:
     """Braking with 2.5 m/s² to 4 m behind a car of 4.6 m."""
-    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
     rng = np.random.default_rng(1)
     driver = factory.draw_driver(ActorClass.SEDAN, rng)
     car = factory.civilian("car", ActorClass.SEDAN, driver, ("a",), Spot(lane, front_m, speed_mps), rng)
     assert car.length_m == pytest.approx(4.6)
-    assert behind_queue_mps(NETWORK, start_at(start_m), [car], CONFIG) == pytest.approx(expected_mps)
+    assert behind_queue_mps(NETWORK, start_at(start_m), [car]) == pytest.approx(expected_mps)
 
 
 def test_the_emv_of_a_plan_starts_at_that_speed() -> None:

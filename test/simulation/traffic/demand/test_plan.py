@@ -9,6 +9,7 @@ from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, SOUTH, A, B, 
 from traffic_helpers import responding
 
 from siren_ros.errors import InputError
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.presets import TruncatedNormal, load_preset
 from siren_ros.simulation.traffic.demand.plan import (
     ClassDriving,
@@ -205,3 +206,14 @@ def test_a_share_of_the_motorcyclists_filters_and_no_cyclist_does() -> None:
     assert filtering(1.0) == [True] * 500
     assert 0.34 < sum(filtering(0.4)) / 500 < 0.46
     assert filtering(0.4) == filtering(0.4) != filtering(0.4, 1)
+
+
+def test_factors_scale_the_driving_of_civilians_and_the_headway_of_all() -> None:
+    usual, traffic = load_drivers(), TrafficDrivers(headway_factor=1.5, gap_factor=2.0, accel_factor=0.5)
+    scaled = usual.by(traffic)
+    assert (scaled.tau_s.mean, scaled.tau_s.maximum) == (1.5 * usual.tau_s.mean, 1.5 * usual.tau_s.maximum)
+    for kind, before in usual.classes.items():
+        changed = replace(before, accel_mps2=0.5 * before.accel_mps2, min_gap_m=2.0 * before.min_gap_m)
+        assert scaled.classes[kind] == (before if kind.is_emergency else changed)
+    assert scaled.traffic == traffic
+    assert usual.by(TrafficDrivers()) == usual

@@ -28,13 +28,17 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, connections_between, driving_lanes, route_path
-from siren_ros.simulation.traffic.config import DemandConfig
+from siren_ros.simulation.traffic.demand import vehicle_factory
 from siren_ros.simulation.traffic.demand.plan import Spot
-from siren_ros.simulation.traffic.demand.vehicle_factory import RouteChooser, VehicleFactory, tightest_radius_m
+from siren_ros.simulation.traffic.demand.vehicle_factory import (
+    LONG_VEHICLE_RADIUS_M,
+    RouteChooser,
+    VehicleFactory,
+    tightest_radius_m,
+)
 from siren_ros.simulation.world.actors import ActorClass
 
 CAR_M, BUS_M = 4.5, 12.0
-CONFIG = DemandConfig()
 
 
 @pytest.fixture(scope="module", params=MAPS)
@@ -49,7 +53,7 @@ def graph(network: RoadNetwork) -> EdgeGraph:
 
 @pytest.fixture(scope="module")
 def chooser(network: RoadNetwork, graph: EdgeGraph) -> RouteChooser:
-    return RouteChooser(network, graph, CONFIG)
+    return RouteChooser(network, graph)
 
 
 def movements(network: RoadNetwork, edge: int, following: int) -> list[Connection]:
@@ -130,13 +134,13 @@ def test_buses_take_a_tight_bend_only_where_there_is_no_other_way(
                 way: max(radius_m(network, movement) for movement in movements(network, edge, way))
                 for way in graph.successors[edge]
             }
-            refused += sum(radius < CONFIG.long_vehicle_radius_m for radius in widest.values())
-            if max(widest.values()) >= CONFIG.long_vehicle_radius_m:
-                assert widest[following] >= CONFIG.long_vehicle_radius_m
+            refused += sum(radius < LONG_VEHICLE_RADIUS_M for radius in widest.values())
+            if max(widest.values()) >= LONG_VEHICLE_RADIUS_M:
+                assert widest[following] >= LONG_VEHICLE_RADIUS_M
     assert refused > 0
 
 
-def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone() -> None:
+def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """The road south ends in a corner of 5 m towards the east and is the only other way from B."""
     roads = streets()
     corner = Polyline.through([(10.0, -120.0), (10.0, -125.0), (15.0, -125.0)])
@@ -157,11 +161,13 @@ def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone() -> None:
         ),
         connections=(*roads.connections, Connection(SOUTH, lanes, (lanes + 1,), "l", None, -1, False, "S")),
     )
-    chooser = RouteChooser(bent, EdgeGraph.of(bent), replace(CONFIG, long_vehicle_radius_m=8.0))
+    monkeypatch.setattr(vehicle_factory, "LONG_VEHICLE_RADIUS_M", 8.0)
+    chooser = RouteChooser(bent, EdgeGraph.of(bent))
     assert [chooser.leads_on(lane, BUS_M) for lane in (SOUTH, NEAR, B_LEFT, C_LEFT)] == [False, False, True, True]
     assert all(chooser.leads_on(lane, CAR_M) for lane in (SOUTH, NEAR, B_LEFT))
-    wide = replace(CONFIG, long_vehicle_radius_m=1.0)
-    assert RouteChooser(bent, EdgeGraph.of(bent), wide).leads_on(NEAR, BUS_M)
+    with monkeypatch.context() as wide:
+        wide.setattr(vehicle_factory, "LONG_VEHICLE_RADIUS_M", 1.0)
+        assert RouteChooser(bent, EdgeGraph.of(bent)).leads_on(NEAR, BUS_M)
     assert {chooser.draw((B,), 250.0, np.random.default_rng(seed), BUS_M)[1] for seed in range(20)} == {C}
     assert chooser.draw((N,), 250.0, np.random.default_rng(0), BUS_M) == (N, D, edges), "no other way"
 
@@ -169,8 +175,8 @@ def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone() -> None:
 def test_an_emv_turns_off_more_rarely_than_civilians() -> None:
     """From B two lanes lead on and one turns: 0.1 of 2.1 and 0.35 of 2.35 ways."""
     roads = streets()
-    chooser = RouteChooser(roads, EdgeGraph.of(roads), CONFIG)
-    factory = VehicleFactory(roads, same_drivers(), {}, CONFIG)
+    chooser = RouteChooser(roads, EdgeGraph.of(roads))
+    factory = VehicleFactory(roads, same_drivers(), {})
     rng = np.random.default_rng(4)
 
     def turning(way: Callable[[], tuple[int, ...]]) -> float:
@@ -240,7 +246,7 @@ def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(vehi
     """The right lane leads south alone, round a corner; the left one goes straight on."""
     roads = streets()
     roads = replace(roads, connections=(*roads.connections[:STRAIGHT], *roads.connections[STRAIGHT + 1 :]))
-    chooser = RouteChooser(roads, EdgeGraph.of(roads), CONFIG)
+    chooser = RouteChooser(roads, EdgeGraph.of(roads))
     for seed in range(5):
         assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_RIGHT)[2] == edge
         assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_LEFT)[2] == C
@@ -260,14 +266,14 @@ def test_a_movements_bend_is_that_of_the_junction_and_6_m_on_both_sides(
     lanes = list(roads.lanes)
     lanes[lane] = replace(lanes[lane], centre=Polyline.through(points))
     network = replace(roads, lanes=tuple(lanes))
-    chooser = RouteChooser(network, EdgeGraph.of(network), CONFIG)
+    chooser = RouteChooser(network, EdgeGraph.of(network))
     radius_m = chooser._radius_m(network.connections[STRAIGHT + 1])
     assert (radius_m < 10.0) is tight
     assert np.isinf(radius_m) is not tight
 
 
 NETWORK = streets()
-FACTORY = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, DemandConfig())
+FACTORY = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
 DRAWS = 4000
 
 
@@ -281,7 +287,7 @@ def test_classes_come_by_their_shares_whatever_the_sum() -> None:
 
 def test_a_class_without_dimensions_is_refused() -> None:
     with pytest.raises(InputError, match="dimensions: 'BUS'"):
-        VehicleFactory(NETWORK, same_drivers(), {}, DemandConfig()).size(ActorClass.BUS)
+        VehicleFactory(NETWORK, same_drivers(), {}).size(ActorClass.BUS)
 
 
 def test_a_body_has_the_size_of_its_class_and_paints_come_by_their_shares() -> None:

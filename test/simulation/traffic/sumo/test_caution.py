@@ -15,9 +15,20 @@ from siren_ros.simulation.conflicts.people import outlines_of, people_at
 from siren_ros.simulation.conflicts.yielding import YieldingConfig
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.traffic.config import CautionConfig, DemandConfig
+from siren_ros.simulation.traffic.demand.vehicle_factory import LONG_VEHICLE_RADIUS_M
 from siren_ros.simulation.traffic.sumo import caution as caution_module
-from siren_ros.simulation.traffic.sumo.caution import Caution, CautiousDrivers, cautions
+from siren_ros.simulation.traffic.sumo.caution import (
+    AMONG_THEMSELVES,
+    BESIDE_M,
+    MOST_BRAKE_MPS2,
+    ROLLING_MPS,
+    WAYS_AHEAD_S,
+    WAYS_FAR_M,
+    WAYS_MORE_M,
+    Caution,
+    CautiousDrivers,
+    cautions,
+)
 from siren_ros.simulation.world.actors import ActorClass, Owner
 from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
 
@@ -72,7 +83,7 @@ def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
 def seen(traffic: TrafficState, roads: RoadNetwork, *limits: Any) -> tuple[Caution, ...]:
     n = len(traffic)
     outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
-    return cautions(traffic, outlook, CautionConfig(), *limits)
+    return cautions(traffic, outlook, *limits)
 
 
 def two_vehicles(decel_mps2: float = 3.0, attentive: bool = True) -> Any:
@@ -202,10 +213,10 @@ def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_
     """The leader at 2 m/s is 10 m or less ahead; the speed falls in one step by the deceleration."""
     cars = [Car(0, front_m, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
     (caution,) = cautious(cars)
-    drivers = CautiousDrivers(network(0.0), CautionConfig())
+    drivers = CautiousDrivers(network(0.0))
     speeds = drivers._speeds(traffic_of(cars, network(0.0)), two_vehicles(decel_mps2))
     needed = caution.wait.brake_mps2
-    expected = {None: max(needed, 0.0), "most": CautionConfig().most_brake_mps2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
+    expected = {None: max(needed, 0.0), "most": MOST_BRAKE_MPS2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
     assert speeds == {"v1": (1, pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0)))}
     assert (needed > decel_mps2) is (brake_mps2 != 50.0)
 
@@ -234,7 +245,7 @@ def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
     x[1], y[1], yaw[1] = place[0], place[1], turn + side * np.radians(20.0)
     traffic = replace(traffic, x_m=x, y_m=y, yaw_rad=yaw)
     outlook = Outlook(traffic, CourseBook(roads), np.array([HALF_LENGTH, 6.0]), np.array([HALF_WIDTH, 1.275]))
-    assert ([caution.actor_id for caution in cautions(traffic, outlook, CautionConfig())] == [1]) is waits
+    assert ([caution.actor_id for caution in cautions(traffic, outlook)] == [1]) is waits
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -279,7 +290,7 @@ def test_riders_are_passed_and_pass_with_a_space(kind: ActorClass, apart_m: floa
         vehicle.actor_class = kind
     for more_m, waits in ((-0.05, True), (0.05, False)):
         traffic = traffic_of([Car(0, 72.0, 8.0), Car(0, 80.0, 0.0, left=apart_m + more_m)], roads)
-        assert bool(CautiousDrivers(roads, CautionConfig())._speeds(traffic, vehicles)) is waits
+        assert bool(CautiousDrivers(roads)._speeds(traffic, vehicles)) is waits
 
 
 @pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])
@@ -329,7 +340,7 @@ def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
 
 def test_imposed_speeds_are_along_sumos_length_of_the_lane() -> None:
     """A lane that SUMO takes for shorter than it is: its speeds are lower."""
-    drivers, roads = CautiousDrivers(network(0.0), CautionConfig()), network(0.0)
+    drivers, roads = CautiousDrivers(network(0.0)), network(0.0)
     traffic = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], roads)
     ((_, speed_mps),) = drivers._speeds(traffic, two_vehicles(3.0)).values()
     assert drivers._speeds(traffic, two_vehicles(3.0), scale_of=lambda lane: {0: 0.9}[lane]) == {
@@ -344,7 +355,7 @@ def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(owner: int, 
     roads = replace(network(0.0), crossings=(corners,))
     pose = (np.array([at_m]), np.array([HALF_WIDTH + 1.5]), np.zeros(1), np.zeros(1))
     people = people_at([9], pose, outlines_of(roads))
-    drivers = CautiousDrivers(roads, CautionConfig())
+    drivers = CautiousDrivers(roads)
     cars = [Car(0, 80.0, 8.0, Owner(owner)), Car(1, 10.0, 0.0)]
     speeds = drivers._speeds(traffic_of(cars, roads), two_vehicles(3.0), people)
     assert speeds == ({"v1": (1, pytest.approx(8.0 - 3.0 * STEP_S, abs=0.05))} if slowed else {})
@@ -352,7 +363,7 @@ def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(owner: int, 
 
 @pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])
 def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: bool, slowed: set[str]) -> None:
-    drivers = CautiousDrivers(network(0.0), CautionConfig())
+    drivers = CautiousDrivers(network(0.0))
     traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], network(0.0))
     assert set(drivers._speeds(traffic, two_vehicles(attentive=attentive))) == slowed
 
@@ -360,7 +371,7 @@ def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: boo
 def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.MonkeyPatch) -> None:
     sumo = SumoVehicles()
     monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=sumo))
-    vehicles, drivers = two_vehicles(), CautiousDrivers(network(0.0), CautionConfig())
+    vehicles, drivers = two_vehicles(), CautiousDrivers(network(0.0))
     near = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], network(0.0))
     free = traffic_of([Car(0, 20.0, 10.0), Car(0, 180.0, 2.0, Owner.ROS)], network(0.0))
     drivers.apply(None, vehicles)
@@ -395,32 +406,31 @@ def test_near_pairs_are_those_of_looking_at_all_pairs(seed: int) -> None:
     poses = rng.uniform(0.0, 260.0, n), rng.uniform(0.0, 260.0, n), np.cos(yaw), np.sin(yaw)
     speed, half_length = rng.choice([0.0, 0.2, 8.0, 38.0], n), rng.choice([2.3, 9.0], n)
     inside, counts = rng.random(n) < 0.8, rng.random(n) < 0.3
-    config = CautionConfig()
-    limits = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
+    limits = WAYS_AHEAD_S, WAYS_MORE_M, WAYS_FAR_M, ROLLING_MPS, BESIDE_M
     order = np.argsort(poses[0], kind="stable")
     found = caution_module._near_pairs(poses, order, speed, half_length, inside, counts, limits)
     pairs = [(a, b) for a in range(n) for b in range(n) if a != b and inside[a]]
-    expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts, config)]
+    expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts)]
     assert [tuple(pair) for pair in found.tolist()] == expected
 
 
-def is_near(row: int, other: int, poses: Any, speed: Any, half_length: Any, counts: Any, config: CautionConfig) -> bool:
+def is_near(row: int, other: int, poses: Any, speed: Any, half_length: Any, counts: Any) -> bool:
     x, y, cos, sin = poses
     apart = np.array([x[other] - x[row], y[other] - y[row]])
     own, theirs = np.array([cos[row], sin[row]]), np.array([cos[other], sin[other]])
     ahead, left = own @ apart, own[0] * apart[1] - own[1] * apart[0]
-    reach = min(config.ahead_s * (speed[row] + speed[other]) + 2.0 * config.more_m, config.far_m)
+    reach = min(WAYS_AHEAD_S * (speed[row] + speed[other]) + 2.0 * WAYS_MORE_M, WAYS_FAR_M)
     if np.linalg.norm(apart) < reach and counts[other]:
         return True
-    moving = min(speed[row], speed[other]) > config.rolling_mps
-    if np.linalg.norm(apart) < reach and moving and abs(own @ theirs) < 0.9 and ahead > -config.more_m:
+    moving = min(speed[row], speed[other]) > ROLLING_MPS
+    if np.linalg.norm(apart) < reach and moving and abs(own @ theirs) < 0.9 and ahead > -WAYS_MORE_M:
         return True
     sideways = half_length[other] * abs(own[0] * theirs[1] - own[1] * theirs[0])
-    return bool(0.0 < ahead < speed[row] + config.more_m and abs(left) < config.beside_m + sideways)
+    return bool(0.0 < ahead < speed[row] + WAYS_MORE_M and abs(left) < BESIDE_M + sideways)
 
 
 def test_who_waits_stays_clear_of_the_tail_of_a_long_vehicle_in_its_tightest_bend():
     """The centre of a long vehicle keeps to a circle; its heading is behind the circle's by what its rear axle lags."""
     for vehicle in load_vehicle_parameters().values():
-        lag_rad = math.atan(vehicle.centre_ahead_of_rear_axle_m / DemandConfig().long_vehicle_radius_m)
-        assert CautionConfig().among.standoff_m > 0.5 * vehicle.length_m * math.sin(lag_rad)
+        lag_rad = math.atan(vehicle.centre_ahead_of_rear_axle_m / LONG_VEHICLE_RADIUS_M)
+        assert AMONG_THEMSELVES.standoff_m > 0.5 * vehicle.length_m * math.sin(lag_rad)

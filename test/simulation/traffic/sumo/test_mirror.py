@@ -12,7 +12,7 @@ from traffic_helpers import load_map, states_of
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.simulation.traffic.config import TrafficConfig
+from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.traffic.sumo import mirror as mirror_module
 from siren_ros.simulation.traffic.sumo.mirror import (
     DEFAULT_LANE_CHANGE_MODE,
@@ -141,7 +141,7 @@ def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
 
 
 OWN_SPEED_FACTOR = 0.87
-CLEARED = TrafficConfig().cleared_speed_share * OWN_SPEED_FACTOR
+CLEARED = TrafficDrivers().cleared_pace * OWN_SPEED_FACTOR
 NAME, ACTOR = "car", 5
 VEHICLE: Any = SimpleNamespace(
     name=NAME, length_m=4.0, route=("s_in", "n_out"), is_emv=False, actor_class=ActorClass.SEDAN
@@ -151,7 +151,7 @@ STANDING = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 *
 
 def mirror_on(network: RoadNetwork, length_scale: float = 1.0) -> Mirror:
     population: Any = SimpleNamespace(length_scale=defaultdict(lambda: length_scale), scale_of=lambda _: length_scale)
-    return Mirror(network, TrafficConfig(), population)
+    return Mirror(network, population, TrafficDrivers())
 
 
 class FakeVehicles:
@@ -268,7 +268,7 @@ def test_only_a_civilian_on_a_shoulder_is_put_where_it_may_not_be(
 
 
 def test_a_deferred_yield_hurries_and_a_cleared_lane_is_kept_at_less_speed(sumo: FakeVehicles) -> None:
-    drive, factor = Driver(), TrafficConfig().deferred_speed_factor
+    drive, factor = Driver(), TrafficDrivers().waiting_pace
     assert factor > OWN_SPEED_FACTOR
     drive(Owner.SUMO, Mode.YIELD_DEFERRED)
     assert sumo.settings == settings_in_mirror(SpeedFactor=factor)

@@ -15,7 +15,6 @@ from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import Spot, load_drivers, with_responses
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import population as population_module
@@ -36,7 +35,7 @@ PLAN = plan_s2(load_map(None)[1])[0]
 )
 def test_emv_has_the_privileges_of_its_level(level: EmergencyLevel, privileged: bool) -> None:
     """And never SUMO's bluelight device: nobody's type changes because of an EMV."""
-    root = fromstring(vehicle_types_xml(PLAN.emvs, level, TrafficConfig()))
+    root = fromstring(vehicle_types_xml(PLAN.emvs, level))
     (emv,) = root.findall("vType")
     assert not list(emv)
     assert ("jmDriveAfterRedTime" in emv.attrib) is privileged
@@ -50,14 +49,14 @@ def test_emv_has_the_privileges_of_its_level(level: EmergencyLevel, privileged: 
 def test_no_driver_shakes(model: str, off: set[str]) -> None:
     """Where a car-following model has errors of drivers."""
     drivers = [replace(vehicle, driver=replace(vehicle.driver, car_following=model)) for vehicle in PLAN.background]
-    for element in fromstring(vehicle_types_xml(drivers, EmergencyLevel.L2, TrafficConfig())):
+    for element in fromstring(vehicle_types_xml(drivers, EmergencyLevel.L2)):
         assert element.get("carFollowModel") == model
         assert {name for name in element.attrib if name.startswith("sigma")} == off
         assert {element.get(name) for name in off} <= {"0"}
 
 
 def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
-    root = fromstring(vehicle_types_xml(PLAN.background, EmergencyLevel.L2, TrafficConfig()))
+    root = fromstring(vehicle_types_xml(PLAN.background, EmergencyLevel.L2))
     types = {element.get("id"): element for element in root.findall("vType")}
     assert set(types) == {type_id(vehicle) for vehicle in PLAN.background}
     for vehicle in PLAN.background:
@@ -77,7 +76,7 @@ def test_two_wheels_have_sumos_own_classes() -> None:
     def of(kind: ActorClass) -> Any:
         driver = replace(sedan.driver, driving=drivers.classes[kind], speed_factor=0.9)
         vehicle = replace(sedan, actor_class=kind, width_m=0.64, driver=driver)
-        (element,) = fromstring(vehicle_types_xml([vehicle], EmergencyLevel.L2, TrafficConfig()))
+        (element,) = fromstring(vehicle_types_xml([vehicle], EmergencyLevel.L2))
         return element
 
     bicycle, motorcycle, car = of(ActorClass.BICYCLE), of(ActorClass.MOTORCYCLE), of(ActorClass.SEDAN)
@@ -150,7 +149,7 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     road = SimpleNamespace(centre=Polyline.through([[0.0, 0.0], [100.0, 0.0]]))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[road])
     plan: Any = SimpleNamespace(reserve=(), riders=())
-    population = SumoPopulation(network, plan, TrafficConfig())
+    population = SumoPopulation(network, plan)
     population.vehicles = {name: standing(name) for name in fronts}
     assert population._overlapping(population.vehicles) == ["b"]
     for speed_mps, leaves in ((12.0, []), (14.0, ["f"])):
@@ -182,7 +181,7 @@ def test_no_rider_enters_where_one_of_two_could_not_stop(
     lane = SimpleNamespace(centre=Polyline.through([[12.0, -50.0], [12.0, 50.0]]))
     network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[lane])
     plan: Any = SimpleNamespace(reserve=(), riders=())
-    population = SumoPopulation(network, plan, TrafficConfig())
+    population = SumoPopulation(network, plan)
     population.vehicles = {"car": standing("car")}
     rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
     near = population._near(rider, population._places())

@@ -10,16 +10,15 @@ from made_streets import A_LEFT, A_RIGHT, B_LEFT, CAR_M, NEAR, group, same_drive
 from traffic_helpers import DIMENSIONS
 
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
+from siren_ros.simulation.traffic.sumo import population as population_module
 from siren_ros.simulation.traffic.sumo.population import SumoPopulation
 from siren_ros.simulation.world.actors import ActorClass
 
 OFFSET = (500.0, -200.0)
 NETWORK = replace(streets(), sumo_offset_m=OFFSET)
 """A runs from (−310, −5.25) and (−310, −1.75) eastwards."""
-CONFIG = TrafficConfig(replacement_distance_m=50.0, replacement_gap_m=15.0)
 TEMPLATE = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1))
 PLAN = plan_traffic(NETWORK, signal_site(), TEMPLATE, 3, same_drivers(), DIMENSIONS)
 
@@ -59,6 +58,7 @@ def _sumo(monkeypatch: pytest.MonkeyPatch) -> Sumo:
     for name, function in vehicle.items():
         monkeypatch.setattr(libsumo.vehicle, name, function)
     monkeypatch.setattr(libsumo.route, "add", lambda *_: None)
+    monkeypatch.setattr(population_module, "REPLACEMENT_DISTANCE_M", 50.0)
     monkeypatch.setattr(libsumo.vehicletype, "getSpeedFactor", lambda _: 1.0)
     lengths = {lane.lane_id: 2.0 * lane.length_m for lane in NETWORK.lanes}
     monkeypatch.setattr(libsumo.lane, "getLength", lengths.__getitem__)
@@ -71,7 +71,7 @@ def vehicle(name: str, lane: int, front_m: float, **changes: Any) -> PlannedVehi
 
 
 def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = (), **plan: Any) -> SumoPopulation:
-    traffic = SumoPopulation(NETWORK, replace(PLAN, reserve=reserve, **plan), CONFIG)
+    traffic = SumoPopulation(NETWORK, replace(PLAN, reserve=reserve, **plan))
     traffic.vehicles.update({vehicle.name: vehicle for vehicle in inside})
     traffic.civilians = sum(not vehicle.is_emv for vehicle in inside)
     return traffic

@@ -8,7 +8,6 @@ import pytest
 from traffic_helpers import load_map, plan_s2
 
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.traffic.demand.plan import SignalTiming
 from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Rule, Setting, acts_of
@@ -23,7 +22,7 @@ def setting() -> Setting:
     _, network = load_map(None)
     plan, _ = plan_s2(network)
     plan = replace(plan, signal=None, jam=None, riders=(), duty=False)
-    return Setting(network, plan, EmergencyLevel.L1, TrafficConfig())
+    return Setting(network, plan, EmergencyLevel.L1)
 
 
 def rules_of(setting: Setting) -> set[str]:

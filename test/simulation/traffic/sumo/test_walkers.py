@@ -18,7 +18,6 @@ from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.traffic.config import TrafficConfig
 from siren_ros.simulation.traffic.demand.plan import PlannedWalker
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import walkers as walkers_module
@@ -267,7 +266,7 @@ def at_a_crossing(distance_m: float, notice_m: float, speed_mps: float, *, behin
     places = np.array([middle + (distance_m if behind else -distance_m) * ahead, kerb, middle])
     walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, (), notice_m)
     plan: Any = SimpleNamespace(walkers_kept=2, walkers=())
-    walkers = Walkers(CITY, plan, TrafficConfig())
+    walkers = Walkers(CITY, plan)
     walkers._present = {"kerb": walker, "crosses": walker}
     walkers._ids, walkers._crossing = {"kerb": 2, "crosses": 3}, np.array([False, True])
     walkers._table = _Table.of(walkers._ids, walkers._present, None)

@@ -6,14 +6,17 @@ A limit may only fall. Whoever gets below one by more than a tenth writes the ne
 import ast
 import re
 from collections.abc import Collection, Iterator
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 from typing import Final
 
 import pytest
+import yaml
 from repository import REPOSITORY
 
 from docsite.house import Size, grown, record_sizes, recorded_sizes, sizes_of, sizes_table
+from siren_ros.simulation.scenario import driver_parameters
+from siren_ros.simulation.scenario.scenario import VARIETY
 
 LIBRARY: Final = REPOSITORY / "siren_ros"
 GROWTH: Final = 0.03
@@ -76,6 +79,31 @@ MOST_ANY: Final = 356
 """``Any`` in the signature of a compiled function: a reader does not see what it takes, and mypy checks nothing."""
 MOST_PRIVATE_NAMES: Final = 166
 """Private names in tests: such a test fails when the code is arranged in another way, although it behaves the same."""
+NOT_SET: Final = frozenset(
+    f"{config}.{name}"
+    for config, names in {
+        "FilmFitConfig": "batch clip_frames epochs focus frame_weight near_steps steps thresholds",
+        "FitConfig": (
+            "architecture averaging batch device epochs first_weight layers probability_weight share_of_all width"
+        ),
+        "LockstepConfig": (
+            "close_timeout_s display_names late_close_timeout_s outside participants start_timeout_s "
+            "step_timeout_s steps trailing"
+        ),
+        "SceneConfig": (
+            "building_height_m building_setback_m clearance_m dash_gap_m dash_m ground_margin_m kerb_height_m "
+            "kerb_width_m lamp_height_m lamp_spacing_m line_width_m open_country_m rail_spacing_m "
+            "road_extension_m skyline_m solid_before_junction_m stop_line_depth_m tile_m tree_spacing_m "
+            "verge_width_m zebra_depth_m zebra_stripe_m"
+        ),
+        "YieldingConfig": (
+            "after_s before_s brake_mps2 clearing_mps commit_mps2 early_mps2 horizon_s merge_s room_m "
+            "standing_mps standoff_m"
+        ),
+    }.items()
+    for name in names.split()
+)
+"""Fields of configs that no user can set. A number that nobody sets is a constant beside the law that uses it."""
 THEIR_NAMES: Final = frozenset(["_replace", "_asdict", "_fields", "_exit", "_repr_html_"])
 """Names that are public where they come from: named tuples, the operating system, notebooks."""
 
@@ -100,6 +128,18 @@ def private_names(tree: ast.Module) -> Iterator[str]:
             case _:
                 names = []
         yield from (name for name in names if re.match(r"_[^_]", name) and name not in own | THEIR_NAMES)
+
+
+def fields_not_set(tree: ast.Module) -> Iterator[str]:
+    """Fields of a file's config classes that are declared without what a user has to know to set them."""
+    for kind in tree.body:
+        if isinstance(kind, ast.ClassDef) and kind.name.endswith("Config"):
+            for part in kind.body:
+                match part:
+                    case ast.AnnAssign(value=ast.Call(func=ast.Name(id="parameter" | "number"))):
+                        pass
+                    case ast.AnnAssign(target=ast.Name(id=name)):
+                        yield f"{kind.name}.{name}"
 
 
 @cache
@@ -212,6 +252,57 @@ def test_compiled_code_takes_no_more_columns_by_number() -> None:
 
 def test_no_more_compiled_signatures_say_any() -> None:
     assert_within(sum(map(any_in_signature, compiled_functions())), MOST_ANY)
+
+
+def test_a_config_holds_what_users_can_set() -> None:
+    """Fields of ``SceneConfig`` with the names of the variety come from templates."""
+    texts = (path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("*.py")))
+    found = {name for text in texts if "Config" in text for name in fields_not_set(ast.parse(text))}
+    found -= {f"SceneConfig.{path.rpartition('.')[2]}" for path in VARIETY}
+    assert found - NOT_SET == set(), "make them parameters, or constants beside the law that uses them"
+    assert NOT_SET - found == set(), "leave them out of the list: what was gained shall stay"
+
+
+def test_every_number_of_drivers_has_a_name_for_users() -> None:
+    """A class of parameters that stands nowhere in the tree would have fields that nobody reaches."""
+    tree = ast.parse(Path(driver_parameters.__file__).read_text(encoding="utf-8"))
+    declared = {
+        (kind.name, ast.unparse(part.target))
+        for kind in tree.body
+        if isinstance(kind, ast.ClassDef)
+        for part in kind.body
+        if isinstance(part, ast.AnnAssign) and isinstance(part.value, ast.Call) and "number(" in ast.unparse(part.value)
+    }
+    reached = set()
+    for name in driver_parameters.DRIVER_PARAMETERS:
+        *path, last = name.split(".")
+        owner = reduce(getattr, path, driver_parameters.DriverParameters())
+        reached.add((type(owner).__name__, last))
+    assert reached == declared
+
+
+def test_parameters_of_nodes_stand_in_their_file() -> None:
+    written = yaml.safe_load((REPOSITORY / "params" / "nodes.yaml").read_text(encoding="utf-8"))
+    keys = {key for node in written.values() for key in node["ros__parameters"]}
+    tree = ast.parse((LIBRARY / "running" / "ros" / "node_configs.py").read_text(encoding="utf-8"))
+    kinds = [kind for kind in tree.body if isinstance(kind, ast.ClassDef) and kind.name.endswith("Config")]
+    declared = {ast.unparse(part.target) for kind in kinds for part in kind.body if isinstance(part, ast.AnnAssign)}
+    assert declared <= keys
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("class AConfig:\n    x_m: float = 1.0\n    y_m: float = parameter(1.0, 'length')", ["AConfig.x_m"]),
+        (
+            "class AConfig(NamedTuple):\n    part: B = field(default_factory=B)\n    z_m: float",
+            ["AConfig.part", "AConfig.z_m"],
+        ),
+        ("class A:\n    x_m: float = 1.0\nclass BConfig:\n    X: Final = 1\n    y = 2", ["BConfig.X"]),
+    ],
+)
+def test_fields_that_nobody_can_set_are_seen(source: str, found: list[str]) -> None:
+    assert list(fields_not_set(ast.parse(source))) == found
 
 
 def test_tests_know_no_more_private_names() -> None:

@@ -96,10 +96,6 @@ NOT_SET: Final = frozenset(
             "road_extension_m skyline_m solid_before_junction_m stop_line_depth_m tile_m tree_spacing_m "
             "verge_width_m zebra_depth_m zebra_stripe_m"
         ),
-        "YieldingConfig": (
-            "after_s before_s brake_mps2 clearing_mps commit_mps2 early_mps2 horizon_s merge_s room_m "
-            "standing_mps standoff_m"
-        ),
     }.items()
     for name in names.split()
 )

@@ -12,6 +12,7 @@ from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, STEP_M, Zone
 from siren_ros.simulation.roads.road_network import Connection
+from siren_ros.simulation.scenario.driver_parameters import ConflictConfig
 
 
 class Rank(IntEnum):
@@ -59,33 +60,32 @@ LEAST_WAY_M: Final = 0.3
 _LEAST_TIME_S: Final = 0.1
 
 
-class YieldingConfig(NamedTuple):
-    """Margins and decelerations at conflicts."""
+_USUAL: Final = ConflictConfig()
 
-    before_s: float = 1.0
-    """Post-encroachment time that the first vehicle keeps; conflicts below it are counted as serious (Allen, Shin and
-    Cooper, "Analysis of traffic conflicts and collisions", 1978)."""
-    after_s: float = 0.4
-    """Post-encroachment time of the second vehicle, which sees the first one leave."""
-    merge_s: float = 1.5
-    """Headway of a vehicle that merges in front of another."""
-    commit_mps2: float = 3.0
-    """A vehicle that would need harder braking to stop before the zone is expected to continue."""
-    brake_mps2: float = 2.0
-    """Deceleration that a waiting driver plans with."""
-    early_mps2: float = 1.0
-    """Acceleration that another vehicle may use up to the zone."""
-    standoff_m: float = 1.0
-    """Distance that a waiting vehicle keeps from the zone."""
-    room_m: float = 0.0
-    """Additional distance, if it needs no hard braking: the vehicle then reaches the zone only after the other has
-    left."""
+
+class Margins(NamedTuple):
+    """Margins and decelerations at conflicts, as compiled code takes them; the first ones as ``ConflictConfig``."""
+
+    before_s: float = _USUAL.before_s
+    after_s: float = _USUAL.after_s or 0.0
+    merge_s: float = _USUAL.merge_s
+    commit_mps2: float = _USUAL.commit_mps2
+    brake_mps2: float = _USUAL.brake_mps2
+    early_mps2: float = _USUAL.early_mps2
+    standoff_m: float = _USUAL.standoff_m
+    room_m: float = _USUAL.room_m
     horizon_s: float = 8.0
     """Vehicles that arrive later do not count yet."""
     standing_mps: float = 0.3
     """Slower vehicles count as standing."""
     clearing_mps: float = 0.5
     """A moving vehicle is assumed to clear a zone at least at this speed."""
+
+    @classmethod
+    def of(cls, driver: ConflictConfig, after_s: float, horizon_s: float) -> "Margins":
+        """The margins of a driver; ``after_s`` stands where the driver has none of its own."""
+        own = vars(driver) | ({"after_s": after_s} if driver.after_s is None else {})
+        return cls(**own, horizon_s=horizon_s)
 
 
 class Bends(NamedTuple):
@@ -186,7 +186,7 @@ def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
     return max(2.0 * (speed_mps * time_s - way_m) / (time_s * time_s), 0.0)
 
 
-def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> Wait | None:
+def wait_for(zone: Zone, own: Approach, other: Approach, config: Margins) -> Wait | None:
     """How the own vehicle must wait for the other; None if it need not. As ``least_wait``."""
     approaches = own._replace(rank=int(own.rank)), other._replace(rank=int(other.rank))
     wait = Wait(*least_wait(zone, *approaches, other.speed_mps**2, config))

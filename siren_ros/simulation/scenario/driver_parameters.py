@@ -46,6 +46,22 @@ class NavigatorConfig:
 
 
 @dataclass(frozen=True)
+class ConflictConfig:
+    """Margins where the ways of others meet the path."""
+
+    before_s: float = number(1.0, 0, 5, "time that a driver who goes first leaves before the other one comes")
+    """Post-encroachment time; conflicts below it are counted as serious (Allen, Shin and Cooper 1978)."""
+    after_s: float | None = number(0.4, 0, 5, "time behind the other one; none: the preset's `emv_pet_s`")
+    merge_s: float = number(1.5, 0.3, 5, "headway with which a driver merges ahead of another one")
+    commit_mps2: float = number(3.0, 1, 8, "deceleration above which others are expected to go on")
+    brake_mps2: float = number(2.0, 0.5, 6, "deceleration that a waiting driver plans with")
+    early_mps2: float = number(1.0, 0, 4, "acceleration that others may have on the way to the conflict")
+    standoff_m: float = number(1.0, 0, 5, "distance that a waiting vehicle keeps from the way of the other one")
+    room_m: float = number(0.0, 0, 10, "more of it where that takes no hard braking")
+    """From there the vehicle is not in the way before the other one is away."""
+
+
+@dataclass(frozen=True)
 class LaneChangeConfig:
     """Geometry and gap acceptance of forced lane changes."""
 
@@ -240,6 +256,7 @@ class EmvDriver:
     driving: NavigatorConfig = field(
         default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_accel_mps2=2.0, path_brake_mps2=2.0)
     )
+    conflicts: ConflictConfig = field(default_factory=lambda: ConflictConfig(after_s=None, room_m=2.0))
     lane_change: LaneChangeConfig = field(default_factory=lambda: LaneChangeConfig(front_brake_mps2=2.0))
     approach: AnticipationConfig = field(default_factory=AnticipationConfig)
     lines: JunctionEntryConfig = field(default_factory=JunctionEntryConfig)
@@ -261,6 +278,7 @@ class CivilianDriver:
     """How civilians drive while they make way and return, where SUMO does not drive them."""
 
     driving: NavigatorConfig = field(default_factory=lambda: NavigatorConfig(ease_off_mps2=1.0))
+    conflicts: ConflictConfig = field(default_factory=ConflictConfig)
     lane_change: LaneChangeConfig = field(
         default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.0, own_brake_mps2=1.0)
     )
@@ -318,7 +336,9 @@ class DriverParameters:
         for parts in sorted({tuple(name.split(".")[:-1]) for name in values}, key=len):
             prefix = ".".join((*parts, ""))
             own = {
-                name.removeprefix(prefix): values[name] for name in values if name.rpartition(".")[0] + "." == prefix
+                name.removeprefix(prefix): float(values[name])
+                for name in values
+                if name.rpartition(".")[0] + "." == prefix
             }
             changed = _replaced(changed, parts, own)
         return changed

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from siren_ros.simulation.conflicts.yielding import (
     Approach,
     Bends,
+    Margins,
     Rank,
-    YieldingConfig,
     approach_time_s,
     fall_in_brake_mps2,
     later_brake_mps2,
@@ -74,7 +74,7 @@ def test_ranks_in_their_order():
     assert sorted(Rank) == order
 
 
-CONFIG = YieldingConfig()
+CONFIG = Margins()
 INF = math.inf
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Final, cast
 
@@ -19,7 +19,7 @@ from siren_ros.simulation.behaviour.paths.tracked_path import Navigation
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
 from siren_ros.simulation.conflicts.junction_room import JunctionRoom
 from siren_ros.simulation.conflicts.people import NOBODY, Outlines, outlines_of, people_at
-from siren_ros.simulation.conflicts.yielding import YieldingConfig
+from siren_ros.simulation.conflicts.yielding import Margins
 from siren_ros.simulation.dynamics.parameters import VehicleParameters
 from siren_ros.simulation.roads.rescue_lane import rescue_sides
 from siren_ros.simulation.roads.road_network import RoadNetwork
@@ -46,8 +46,6 @@ from siren_ros.simulation.world.mirror_image import mirror_image
 from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
 _INDICATORS: Final = int(Lights.INDICATORS)
-_EMV_ROOM_M: Final = 2.0
-"""Additional distance of a stopped EMV from a zone: it needs the time that it leaves behind others."""
 
 
 @dataclass(frozen=True)
@@ -242,21 +240,23 @@ class BehaviourWorld:
     def emv_navigator(self) -> Navigation:
         """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow and pass."""
         emv, attention = self.config.emv_driver, self.preset.attention
-        horizon_s = min(YieldingConfig().horizon_s, attention.emv_horizon_s)
-        conflicts = YieldingConfig(horizon_s=horizon_s, after_s=attention.emv_pet_s, room_m=_EMV_ROOM_M)
+        horizon_s = min(Margins().horizon_s, attention.emv_horizon_s)
+        conflicts = Margins.of(emv.conflicts, attention.emv_pet_s, horizon_s)
         gap_m = emv.escape_gap_m if self.policy.corridor else emv.driving.standstill_gap_m
         return Navigation.by(emv.driving, conflicts=conflicts, standstill_gap_m=gap_m)
 
     @cached_property
     def civilian_navigator(self) -> Navigation:
         """Navigation of civilians."""
-        return Navigation.by(self.config.civilian_driver.driving)
+        civilian, usual = self.config.civilian_driver, Margins()
+        return Navigation.by(civilian.driving, conflicts=Margins.of(civilian.conflicts, usual.after_s, usual.horizon_s))
 
     @cached_property
     def room_navigator(self) -> Navigation:
         """Navigation of a civilian that moves up close behind others to make way."""
-        civilian = self.config.civilian_driver
-        return Navigation.by(civilian.driving, standstill_gap_m=civilian.pull_over.room_standstill_gap_m)
+        return replace(
+            self.civilian_navigator, standstill_gap_m=self.config.civilian_driver.pull_over.room_standstill_gap_m
+        )
 
     @cached_property
     def lines(self) -> LineBook:
@@ -293,8 +293,7 @@ class BehaviourWorld:
     @cached_property
     def hold_navigator(self) -> Navigation:
         """Navigation of a civilian that brakes to the hold: comfortable."""
-        driver = self.config.civilian_driver.driving
-        return Navigation.by(driver, ease_off_mps2=driver.comfort_brake_mps2)
+        return replace(self.civilian_navigator, ease_off_mps2=self.civilian_navigator.comfort_brake_mps2)
 
     @property
     def cooldown_steps(self) -> int:

@@ -11,7 +11,7 @@ from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.braking import squares_with_braking
 from siren_ros.simulation.behaviour.paths.curve import SPACING_M, Curve
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath
-from siren_ros.simulation.conflicts.yielding import YieldingConfig
+from siren_ros.simulation.conflicts.yielding import Margins
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.driver_parameters import NavigatorConfig
 from siren_ros.simulation.world.traffic_state import Indices
@@ -28,7 +28,7 @@ class Navigation(NavigatorConfig):
 
     curvature_rate_1pms: float = 0.1
     """Largest change of curvature per time, from the vehicle's steering."""
-    conflicts: YieldingConfig = field(default_factory=YieldingConfig)
+    conflicts: Margins = field(default_factory=Margins)
     """Parameters for places where paths of others meet the own path."""
 
     @classmethod

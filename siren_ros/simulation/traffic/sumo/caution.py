@@ -19,7 +19,7 @@ from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
 from siren_ros.simulation.conflicts.people import NOBODY, least_wait_for_people, outlines_of
-from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Wait, YieldingConfig, least_wait
+from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Margins, Wait, least_wait
 from siren_ros.simulation.conflicts.zones import (
     SAME_DIRECTION,
     STEP_M,
@@ -55,9 +55,9 @@ class Caution:
     wait: Wait
 
 
-_TOWARDS_OUTSIDERS: Final = YieldingConfig(after_s=1.0)
+_TOWARDS_OUTSIDERS: Final = Margins(after_s=1.0)
 """Margins to vehicles that are driven from outside: behind an EMV, too, nobody passes in less than a second."""
-AMONG_THEMSELVES: Final = YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=1.3)
+AMONG_THEMSELVES: Final = Margins(before_s=0.0, after_s=0.2, standoff_m=1.3)
 """Among themselves SUMO's drivers keep its own margins; only contact is avoided. The tail of a bus cuts a tight
 bend by 1.24 m, which its way along its lane does not show: who waits keeps this distance from it."""
 _MARGIN_M: Final = 0.2

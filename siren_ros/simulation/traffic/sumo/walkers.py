@@ -71,7 +71,7 @@ _SLOWER: Final = 0.3
 _HELD_UP_MPS: Final = 5.0
 """A slower EMV is held up by traffic."""
 _IN_QUEUE_M: Final = 80.0
-"""As far ahead of it drivers in a queue hear it (``YieldingConfig.queue_m``)."""
+"""As far ahead of it drivers in a queue hear it (``YieldConfig.queue_m``)."""
 _STANDING_MPS: Final = 0.01
 """SUMO's persons need a speed."""
 _TURNS_MPS: Final = 0.1

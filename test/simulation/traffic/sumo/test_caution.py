@@ -12,7 +12,7 @@ from siren_ros.base.numerics.geometry import Polyline, rotate
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
 from siren_ros.simulation.conflicts.people import outlines_of, people_at
-from siren_ros.simulation.conflicts.yielding import YieldingConfig
+from siren_ros.simulation.conflicts.yielding import Margins
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.traffic.demand.vehicle_factory import LONG_VEHICLE_RADIUS_M
@@ -105,7 +105,7 @@ def cautious(
 def test_a_driver_waits_for_an_outside_vehicle_that_cannot_stop_any_more(turn: float) -> None:
     (caution,) = cautious([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], turn)
     assert (caution.actor_id, caution.other_id) == (1, 2)
-    way = 25.0 - HALF_WIDTH - YieldingConfig().standoff_m
+    way = 25.0 - HALF_WIDTH - Margins().standoff_m
     assert way - 1.5 < caution.wait.free_m <= way
     clear_s = (15.0 + 2.0 * HALF_LENGTH + HALF_WIDTH) / 12.0
     assert 13.0 * clear_s - 0.5 * caution.wait.brake_mps2 * clear_s**2 < way

@@ -53,7 +53,9 @@ class EpisodeRequest:
     )
     av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
     values: str = parameter(
-        "", "Values of the template's parameters in place of the seed's own: emv.speed_mps=12.5,duration_s=60."
+        "",
+        "Values of parameters of the template, in place of the seed's own, and of drivers: "
+        "emv.speed_mps=12.5,duration_s=60.",
     )
     predictor: str = parameter(
         "", "Program that takes part and says at every frame on /predictions where vehicles will be; empty: none."

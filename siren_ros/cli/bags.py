@@ -16,7 +16,7 @@ from siren_ros.scoring.judging.verify import Verification, verify_episode
 from siren_ros.simulation.world.actors import ActorClass
 
 LONGEST_LINE = 4000
-"""Characters; the description of a bag of another program may hold any."""
+"""Most characters of a printed line, because the description in a bag of another program may have any length."""
 
 
 def add_info(verb: argparse.ArgumentParser) -> None:
@@ -65,7 +65,7 @@ def _head(record: EpisodeRecord, bag: Path, size_bytes: int) -> list[str]:
 
 
 def _plain(value: object) -> str:
-    """A value for people: numbers with six digits, lists as words."""
+    """A value as text for people: numbers with six digits, lists as words."""
     if isinstance(value, float):
         return f"{value:.6g}"
     return " ".join(str(part) for part in value) if isinstance(value, (list, tuple)) else str(value)
@@ -91,7 +91,7 @@ def _events(record: EpisodeRecord) -> list[str]:
 
 
 def _size(size_bytes: int) -> str:
-    """The size with a decimal unit, as disks are sold."""
+    """A size with a decimal unit, as for disks."""
     size = float(size_bytes)
     for unit in ("B", "kB", "MB"):
         if size < 1000.0:

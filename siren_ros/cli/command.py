@@ -9,7 +9,7 @@ from typing import Any, Final, NoReturn, Self, TextIO
 from siren_ros.errors import shown_text
 
 _LONGEST: Final = 20_000
-"""Characters of a complaint; errors list what is allowed."""
+"""Most characters of a complaint. Errors list what is allowed and can get long."""
 
 
 def complain(text: str) -> None:
@@ -18,7 +18,7 @@ def complain(text: str) -> None:
 
 
 class PrintableOutput:
-    """Standard output for people: what other programs wrote comes without control characters, whichever verb shows it.
+    """Standard output without the control characters that other programs' text may contain, for all verbs.
 
     Put in the place of a stream, it hands on what is printable, and line breaks; the rest as ``shown_text`` shows it.
     """
@@ -27,7 +27,7 @@ class PrintableOutput:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """As a stream's."""
+        """Writes text, as a stream does."""
         self._stream.write("\n".join(shown_text(line, len(line)) for line in text.split("\n")))
         return len(text)
 
@@ -39,7 +39,10 @@ class Command(argparse.ArgumentParser):
     """A command line whose arguments are added when somebody asks for them: some commands load much."""
 
     def __init__(self, *, add: str = "", **options: Any) -> None:
-        """As its base; ``add`` names a module of this package and its function that adds the arguments."""
+        """Takes the options of its base.
+
+        ``add`` names a module of this package and its function that adds the arguments.
+        """
         super().__init__(**options)
         self._add = add
         self.variants: dict[str, Command] = {}
@@ -54,11 +57,11 @@ class Command(argparse.ArgumentParser):
         return self
 
     def add_variant(self, word: str, add: str) -> None:
-        """Another command behind a word after this one."""
+        """Adds another command that is called by a word after this one."""
         self.variants[word] = Command(prog=f"{self.prog} {word}", add=add)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As its base."""
+        """Parses as its base does, after it has loaded the arguments."""
         self.loaded()
         variant = self.variants.get(args[0]) if args else None
         if variant is not None:
@@ -66,7 +69,10 @@ class Command(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """As its base; the message may have words of the command line, such as names of files of others."""
+        """Ends as its base does.
+
+        The message may contain words of the command line, such as names of other people's files.
+        """
         super().error(shown_text(message, _LONGEST))
 
     def below(self) -> Iterator["Command"]:

@@ -18,7 +18,7 @@ from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeRequest
 from siren_ros.simulation.scenario.paper import level_name
 
 _OF_COSIM: Final = frozenset({"av", "av_sensors", "predictor", "detector"})
-"""Fields for programs that take part over ROS."""
+"""Fields that name programs which take part over ROS, so that this command does not have them."""
 _NEXT: Final = ("info {}", "verify {}", "view {}", "replay {} --check")
 
 

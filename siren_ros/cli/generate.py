@@ -35,9 +35,9 @@ from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
 RISK_VIDEOS = "risk_videos"
-"""Folder of the videos with risk labels, in the study's."""
+"""Name of the folder with risk videos inside the study's folder."""
 _MOST_NAMED: Final = 20
-"""Episodes that standard error names."""
+"""Most episodes that standard error names."""
 _LIMITS: Final = {
     "workers": (1, 10_000),
     "retries": (0, 1000),
@@ -129,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _risk_set_of(study: Study, folder: StudyFolder, arguments: argparse.Namespace) -> Callable[[], bool]:
-    """Makes the videos with risk labels that a study asks for, like its first episodes but for preset and sensors.
+    """Makes the risk videos that a study asks for, with the settings of its first episodes except preset and sensors.
 
     What is returned says whether the set is complete.
 
@@ -166,7 +166,7 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
 
 
 def _study_of(arguments: argparse.Namespace) -> Study:
-    """The study file's, or all templates, with what the command line says in its place."""
+    """The study of the study file, or of all templates; options of the command line replace its fields."""
     named = arguments.study
     study = Study(TEMPLATES) if named is None else read_study(named_params_file("study", "studies", named))
     return replace(study, **asked_of(arguments, _MATRIX), draws=_draws_of(arguments) or study.draws)

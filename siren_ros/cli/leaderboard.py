@@ -75,7 +75,7 @@ class _Task:
     score: str
     blocks: str
     suffixes: tuple[str, ...]
-    """Of submissions; empty for a folder."""
+    """Suffixes of the files of submissions; empty where a submission is a folder."""
     less_is_better: bool
     sums: Callable[[argparse.Namespace, Submissions], dict[str, BlockSums]]
 

@@ -71,12 +71,12 @@ def command_lines(line: Command | None = None) -> Iterator[Command]:
 
 
 class _TerminatedError(KeyboardInterrupt):
-    """SIGTERM: what is under way ends and cleans up as with Ctrl-C."""
+    """Raised by SIGTERM, so that the work under way ends and cleans up as with Ctrl-C."""
 
 
 _AGAIN: Final[dict[int, tuple[type[BaseException], Any]]] = {
     signal.SIGINT: (KeyboardInterrupt, signal.default_int_handler),
-    signal.SIGTERM: (_TerminatedError, signal.SIG_DFL),  # a second one forces the end
+    signal.SIGTERM: (_TerminatedError, signal.SIG_DFL),  # a second SIGTERM ends the process at once
 }
 """What a signal raises, and how a second one is handled."""
 
@@ -121,7 +121,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     name = "siren"
     try:
         with _interruptible():
-            with deferred_interrupts():  # what a verb needs is loaded: half of a module cannot be used
+            # An interrupt waits until everything that a verb needs is loaded, because a half-loaded module cannot be
+            # used.
+            with deferred_interrupts():
                 arguments = parser().parse_args(argv)
             name = f"siren {arguments.verb}"
             with redirect_stdout(PrintableOutput(sys.stdout)):
@@ -129,11 +131,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SirenError as error:
         complain(f"{name}: {error}")
         return error.exit_code
-    except MemoryError as error:  # of this process or of a worker
+    except MemoryError as error:  # the memory of this process or of a worker is exhausted
         complain(f"{name}: the memory is not enough" + (f" ({error})" if str(error) else ""))
         return EXIT_FAILED
     except BrokenPipeError:
-        # The reader of our output has gone, as `siren info BAG | head -1` does; nothing is left to say.
+        # The program that read our output has ended, as in `siren info BAG | head -1`, so later output is discarded.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except _TerminatedError:

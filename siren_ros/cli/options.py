@@ -98,7 +98,7 @@ def processes_of(arguments: argparse.Namespace) -> int:
 
 
 def positive(text: str) -> int:
-    """The type of such an argument; argparse prints the error."""
+    """Reads a positive whole number; argparse prints the error."""
     try:
         value = int(text)
     except ValueError:

@@ -48,7 +48,7 @@ def add_sense(verb: argparse.ArgumentParser) -> None:
 
 
 def sense(arguments: argparse.Namespace) -> int:
-    """Draws the pictures."""
+    """Draws what the sensors measure."""
     record = read_episode(arguments.bag)
     episode = record.description
     look = load_look(arguments.look) if arguments.look else load_look(look_of(episode), episode.files)

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _rows(
     network: RoadNetwork, template: Template, found: Mapping[Site, Sequence[str]], *, lacking: bool
 ) -> Iterator[Row]:
-    # Where no site is good, episodes take the best of the others.
+    # Where no site is good, episodes take the best of these sites.
     for site, missing in found.items():
         if lacking or not missing or all(found.values()):
             yield _row(network, template, site, missing)

@@ -8,7 +8,7 @@ from siren_ros.running.studies.matrix import TOWN, levels_of, seeds_of
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
 
 BUILT_IN: Final = "{}, {} or {}".format(*BUILT_IN_MAPS)
-"""The built-in maps, in words."""
+"""Names of the built-in maps, as a text for help."""
 MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "templates": tuple,
     "levels": levels_of,
@@ -25,7 +25,7 @@ MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
 
 
 def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, seeds: str) -> None:
-    """Adds the options of the matrix; the texts name what stands without them."""
+    """Adds the options of the matrix. The texts name the values that hold without an option."""
     matrix.add_argument(
         "--templates", nargs="+", metavar="ID", help=f"S1 to S8, or template files (default: {templates})"
     )
@@ -47,6 +47,6 @@ def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, s
 
 
 def asked_of(arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any], Any]] = MATRIX) -> dict[str, Any]:
-    """The study's fields that the command line names."""
+    """The fields of the study that the command line sets."""
     words = {name: getattr(arguments, name) for name in matrix}
     return {name: matrix[name](word) for name, word in words.items() if word is not None}

@@ -41,7 +41,7 @@ FITTERS: Final = {
 }
 """Functions of the modules ``siren_ros.lab.training.fitting.TASK``, loaded by name because they need torch."""
 _EXTRAS: Final = {"driver": "rl"}
-"""Extras that a task needs, where it is not models."""
+"""Extra that a task needs, where it is another one than ``models``."""
 _TOWN: Final = "town"
 _SEED_COUNTS: Final = 1_000_000
 
@@ -91,7 +91,7 @@ def _with_bar(
     jobs: int,
     unit: str,
 ) -> MadeFiles[Planned]:
-    """Makes the data with a progress bar, and says what is missing."""
+    """Makes the data with a progress bar, and prints what is missing."""
     with tqdm(total=len(plan), unit=unit, disable=not sys.stderr.isatty()) as bar:
         data = make(plan, folder, jobs, steps_of(bar))
     print(f"{folder}: {len(data.files)} of {len(plan)} {unit}s")

@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _asked(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], dict[str, Path]]:
-    """Detections of files, and weights by detector; InputError where they do not fit together."""
+    """Detections from files, and weights by detector; raises InputError where they do not fit together."""
     named = [_named(text) for text in arguments.detections]
     detectors = list(names_in(arguments.detectors))
     for unknown in set(detectors) - set(DETECTORS):
@@ -127,7 +127,7 @@ def _named(text: str) -> tuple[str, str]:
 
 
 def _check_names(detections: FoundSet, names: frozenset[str]) -> None:
-    """Refuses detections of which none would count: their score of 0 would say nothing about the detector."""
+    """Refuses detections in which no box has a known class: a score of 0 would then say nothing about the detector."""
     given = set(detections.boxes.label.tolist())
     if given and not given & names:
         counted = ", ".join(sorted(names)) if names != VEHICLE_NAMES else "names of vehicles"

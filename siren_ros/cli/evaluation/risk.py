@@ -44,7 +44,7 @@ _UNKNOWN: Final = f"{_SEQUENCE}: its card does not list the episodes of its trai
 
 
 def add_asking(task: argparse.ArgumentParser) -> None:
-    """The options."""
+    """Adds the options for asking models."""
     for client in CLIENTS:
         group = task.add_argument_group(client.title)
         for name, setting in client.settings.items():
@@ -198,7 +198,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _answers(arguments: argparse.Namespace, videos: VideoSet) -> dict[str, Answers]:
-    """Of references, files and models, with and without controls, by the name of the row."""
+    """Answers of references, files and models, with and without controls, by the name of their row."""
     answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
     controls = [Control(name) for name in dict.fromkeys(arguments.controls)]
     changes = [control for control in controls if control in CHANGES]
@@ -253,7 +253,7 @@ def add_rate(verb: argparse.ArgumentParser) -> None:
 
 
 def rate(arguments: argparse.Namespace) -> int:
-    """Writes the page."""
+    """Writes the page on which people rate the videos."""
     videos = read_set(arguments.set)
     print(write_rating_page(videos, arguments.rater, arguments.out, pictures=arguments.key_frames))
     return EXIT_OK

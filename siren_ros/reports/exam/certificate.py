@@ -27,7 +27,7 @@ from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
 _VIOLATIONS: Final = "violations"
 """Name of the number of violated clauses in an episode."""
 _BEFORE_S: Final = 2.0
-"""A link to a moment begins this long before it."""
+"""A link to a moment starts the page this long before the moment."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Certificate(Brief):
         pairs = [(sitting, mark) for sitting in self.graded for mark in sitting.marks]
         told = [_mark_as_json(mark) for _, mark in pairs]
         numbers = {
-            name: np.array([one[name] for one in told], dtype=np.float64)  # None becomes NaN
+            name: np.array([one[name] for one in told], dtype=np.float64)  # a missing value (None) becomes NaN
             for name in ("value", "time_s")
         }
         return data_frame(
@@ -93,7 +93,7 @@ class Certificate(Brief):
 
     @property
     def graded(self) -> tuple[Sitting, ...]:
-        """The others."""
+        """Episodes that came to a result."""
         return tuple(sitting for sitting in self.sittings if not sitting.lack)
 
     def summary(self) -> Table:
@@ -108,12 +108,15 @@ class Certificate(Brief):
         return Table("clauses", "Clauses, by number of episodes", head, tuple(rows), specs={"violated": ".0%"})
 
     def tables(self) -> list[Table]:
-        """The summary, and what else is known."""
+        """All tables of the certificate: the summary, and effects and latency where they are known."""
         known = self.effects(), self.latency()
         return [self.summary(), *(table for table in known if table is not None)]
 
     def effects(self) -> Table | None:
-        """What the driver does to others, less what the paper's driver does in its place; None without pairs."""
+        """The effect of the driver on others, compared with the paper's driver in its place.
+
+        None without paired episodes.
+        """
         means = self.means()
         if len(means) == 1:
             return None
@@ -145,7 +148,7 @@ class Certificate(Brief):
 
 
 def mean_of(values: Sequence[float]) -> Interval:
-    """The mean over episodes with its interval."""
+    """The mean over episodes, with its interval."""
     ones = np.ones(len(values))
     return interval_of_mean(BlockSums(np.asarray(values, np.float64), ones, np.zeros(len(values), np.intp)))
 
@@ -235,7 +238,7 @@ def as_junit(certificate: Certificate) -> str:
 
 
 def told(mark: Mark) -> str:
-    """What was found, with the limit that decides, as text."""
+    """What the monitor found, as text with the limit that decides."""
     measure, unit = mark.finding.measure, MONITORS[mark.clause.monitor].unit
     if not measure.valid:
         return measure.lack

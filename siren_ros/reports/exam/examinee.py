@@ -30,13 +30,13 @@ ASIDE_M: Final = 8.0
 
 _NEAR_M: Final = 25.0
 _BESIDE_M: Final = 3.0
-"""Gap along the road below which others are beside the driver, or would be as soon as it moves aside."""
+"""Gap along the road below which other vehicles count as beside the driver, now or as soon as it moves aside."""
 _TO_THE_RIGHT_M: Final = 1.0
 _OVERLAP_M: Final = 0.6
-"""Others who are behind or ahead are not beside."""
+"""Vehicles whose overlap along the road is shorter than this count as behind or ahead, not as beside."""
 _STANDS_MPS: Final = 0.5
 _SIDE_M: Final = 0.25
-"""Nobody passes others closer than this."""
+"""Lateral distance that the driver keeps from vehicles that it passes."""
 _PACE_MPS: Final = 1.5
 _TURN_OUT_M: Final = 6.0
 """Way ahead that a standing car needs to turn out into the next lane."""
@@ -44,13 +44,13 @@ _TURN_OUT_M: Final = 6.0
 
 @dataclass(frozen=True)
 class Room:
-    """Where a driver can go; arrays of shape ``(M,)``, one value for each of its rows."""
+    """The free space of a driver to its right and ahead; arrays of shape ``(M,)``, one value for each row."""
 
     right_m: Floats
-    """To the right edge of the road or to whoever is in between; 0 in junctions, where an EMV comes on the right, and
-    where the driver stands and cannot turn out."""
+    """Space to the right edge of the road or to a vehicle in between. It is 0 in junctions, where an EMV comes on the
+    right, and where the driver stands and cannot turn out."""
     ahead_m: Floats
-    """To the next vehicle in its way, or to the end of its lane."""
+    """Space to the next vehicle in the driver's way, or to the end of its lane."""
     ahead_mps: Floats
     """Speed of that vehicle; infinite where there is none within 25 m."""
     hemmed: Flags
@@ -68,15 +68,15 @@ class Call:
     gap_m: Floats
     """From the EMV's front to the driver's rear along the road; negative beside it and ahead."""
     left_m: Floats
-    """Of the EMV's centre from the driver's, across the road, left positive."""
+    """Lateral distance of the EMV's centre from the driver's across the road, left positive."""
     speed_mps: Floats
-    """Of the EMV."""
+    """Speed of the EMV."""
     siren: Flags
     calls: Flags
-    """Whether it is heard from behind, or beside the driver: it has not passed."""
+    """Whether the EMV is heard from behind or from beside the driver, so that it has not passed yet."""
     beside: Flags
     passed: Flags
-    """Whether it has passed the driver before, or now."""
+    """Whether the EMV has passed the driver at this row or before."""
 
 
 def lasting_deceleration_mps2(track: StateRows, lasting_s: float) -> Floats:
@@ -114,12 +114,12 @@ class Examinee:
 
     @cached_property
     def places(self) -> LanePlaces:
-        """The driver's lanes."""
+        """The lanes on which the driver is at its rows."""
         return places_of(self.record, self.track)
 
     @cached_property
     def offsets(self) -> LaneOffsets:
-        """Where the driver is across its lane and its road."""
+        """The driver's lateral place in its lane and on its road."""
         return lane_offsets(self.record, self.track)
 
     @cached_property
@@ -141,12 +141,15 @@ class Examinee:
 
     @cached_property
     def to_right_edge_m(self) -> Floats:
-        """From the driver's right side to the road's right edge, shoulder included; NaN in junctions and off lanes."""
+        """Space from the driver's right side to the road's right edge, shoulder included.
+
+        NaN in junctions and off lanes.
+        """
         return np.where(self.in_junction, np.nan, self._across_m(self.places) - 0.5 * self.actor.width_m)
 
     @cached_property
     def to_left_line_m(self) -> Floats:
-        """From the driver's left side to its lane's left line, in the leftmost of several lanes; infinite elsewhere."""
+        """Space from the driver's left side to the left line of the leftmost of several lanes; infinite elsewhere."""
         network, found = self.record.network, np.full(len(self.track), np.inf)
         for index in set(self.places.lane.tolist()) - {NO_LANE}:
             if is_leftmost_of_several(network, index):
@@ -187,7 +190,7 @@ class Examinee:
                         nearest = max(gap, 0.0)
                         leader_mps[row] = np.hypot(states.vx_mps[k], states.vy_mps[k])
                     ahead[row] = min(ahead[row], nearest)
-        for call in self.calls:  # nobody cuts in before an EMV that passes on the right
+        for call in self.calls:  # where an EMV passes on the right, a driver who moved there would cut in before it
             right[call.calls & (call.gap_m < _NEAR_M) & (call.left_m < -_TO_THE_RIGHT_M)] = 0.0
         stuck = (self.track.speed_mps < _STANDS_MPS) & (ahead < _TURN_OUT_M)
         hemmed = (self.track.speed_mps < _PACE_MPS) & (passable < _TURN_OUT_M)
@@ -227,7 +230,8 @@ class Examinee:
         emv_places = places_of(self.record, emv)
         edges = self._edge_of_lane
         same = (own_lane != NO_LANE) & (emv_places.lane != NO_LANE) & (edges[own_lane] == edges[emv_places.lane])
-        left = np.where(same, self._across_m(emv_places) - own_m, left)  # also where the road bends
+        # Measured from the right edge of the road, the lateral distance is also right in bends.
+        left = np.where(same, self._across_m(emv_places) - own_m, left)
         reach = 0.5 * (self.actor.length_m + self.record.actors[emv_id].length_m)
         aligned = np.abs(wrap_angle(emv.yaw_rad - own.yaw_rad)) < ALIGNED_RAD
         near_line = np.abs(left) < ASIDE_M
@@ -253,7 +257,7 @@ class Examinee:
 
     @cached_property
     def called(self) -> Flags:
-        """Whether an EMV calls."""
+        """Whether any EMV calls at each row."""
         return np.any([np.zeros(len(self.track), np.bool_), *(call.calls for call in self.calls)], axis=0)
 
     @cached_property
@@ -264,7 +268,7 @@ class Examinee:
 
     @cached_property
     def conflict_series(self) -> tuple[Encounters, PredictedContacts]:
-        """Everybody else next to the driver, step by step, and what the present motion leads to."""
+        """Encounters with everybody next to the driver, and the contacts that the present motion leads to."""
         return conflict_series(self.record, self.actor.actor_id)
 
     @cached_property

@@ -15,7 +15,7 @@ from siren_ros.simulation.scenario.episode import EpisodeDescription
 
 
 class Grade(StrEnum):
-    """How a clause was kept; the worst one last."""
+    """How well a clause was kept; the worst grade comes last."""
 
     NOT_APPLICABLE = "not applicable"
     PASS = "pass"  # noqa: S105 - no password
@@ -42,20 +42,20 @@ class Sitting(Brief):
 
     bag: str
     episode: str
-    """Its name: template, level, seed and map."""
+    """Name of the episode: template, level, seed and map."""
     actor_id: int
     marks: tuple[Mark, ...]
-    """None where there is no result."""
+    """The driver's marks; empty where there is no result."""
     lack: str = ""
     """Why there is no result."""
     others: Mapping[str, float] = field(default_factory=dict)
-    """What the driver does to others, less what the paper's driver does in its place (``others.py``)."""
+    """Effects of the driver on others, compared with the paper's driver in its place (``others.py``)."""
     answers: AnswerTimes | None = None
-    """Of the program that drove; None where none did, or where it had as much time as it wanted."""
+    """Answer times of the program that drove; None where none did, or where its time was not limited."""
 
     @property
     def grade(self) -> Grade:
-        """The worst grade."""
+        """The worst grade of all marks."""
         return worst_of([mark.grade for mark in self.marks])
 
     @property

@@ -48,9 +48,9 @@ class Monitor:
 
 _NOBODY_CALLED: Final = "no emergency vehicle with a siren came from behind"
 _STANDS_MPS: Final = 0.5
-"""A vehicle that is slower stands (``YieldThresholds.stop_mps``)."""
+"""A vehicle that is slower than this stands (``YieldThresholds.stop_mps``)."""
 _AT_EDGE_M: Final = 1.0
-"""A driver is at the edge of the road, or has no room."""
+"""A driver with less space than this on its right is at the edge of the road."""
 _RED: Final = frozenset("rR")
 _OWN_DOING_MPS: Final = 0.5
 _IDLES_MPS2: Final = 0.2
@@ -62,14 +62,15 @@ _DISTANCE_M: Final = 3.0
 _GENTLE_MPS2: Final = 2.0
 _GO_ON_M: Final = 6.0
 _RIGHT_AHEAD_M: Final = 40.0
-"""From a driver's rear to the front of an EMV that has passed it and keeps it from driving on."""
+"""Distance from a driver's rear to the front of an EMV that has passed it, within which the EMV keeps it from driving
+on."""
 _MOVES_MPS: Final = 0.15
 _MOVED_S: Final = 1.0
 """Speed to the side, and how lately, of a driver that moves there."""
 _GOES_M: Final = 0.1
 """Way to the right in a second of a driver that goes to the edge, also where a queue lets it roll slowly only."""
 _SETTLES_S: Final = 1.5
-"""Time that it has to stop once it is there."""
+"""Time that a driver has to stop once it has reached the edge."""
 
 
 def contact(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -108,7 +109,7 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     for call in examinee.calls:
         begin = int(np.argmax(call.calls))
         if any(begin and other.calls[begin - 1] for other in examinee.calls if other is not call):
-            continue  # it makes way already
+            continue  # # another EMV called before, so the driver makes way already
         if track.speed_mps[begin] < numbers["slower_mps"] or abs(call.left_m[begin]) > numbers["aside_m"]:
             if not worst.measure.valid:
                 worst = Finding(Measure.lacking("the driver stood, or the way was free"))
@@ -215,7 +216,7 @@ def moves_off_before_the_last(examinee: Examinee, _numbers: Numbers) -> Finding:
     if not between.any():
         return Finding(Measure.lacking("no other one followed"))
     moved = np.diff(examinee.track.driven_m, append=examinee.track.driven_m[-1:])
-    # What it needs to stop again does not count.
+    # Way that the driver needs to stop again does not count.
     counts = between & held_for(examinee.called, examinee.reaction_steps)
     return Finding(Measure(float(moved[counts].sum())), _first_step(examinee, counts & (moved > _STANDS_MPS * STEP_S)))
 
@@ -441,7 +442,7 @@ def _first_step(examinee: Examinee, holds: Flags) -> int | None:
 
 
 def _stretches(holds: Flags) -> list[tuple[int, int]]:
-    """First rows, and rows after the last, of the stretches on which a condition holds."""
+    """Rows at which stretches of a condition begin, and the rows after their last ones."""
     begins, ends = np.flatnonzero(rises(holds)), np.flatnonzero(rises(holds[::-1])[::-1]) + 1
     return [*zip(begins.tolist(), ends.tolist(), strict=True)]
 

@@ -16,7 +16,8 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 PAPER: Final = "siren"
 """Name of the paper's driver: the model's own, in an episode without an AV."""
 HARD_MPS2: Final = 4.0
-"""Others who brake harder than this had to (ISO 15622 allows automatic systems 3.5 m/s² at speed, and 5 m/s² below)."""
+"""Others who brake harder than this were forced to (ISO 15622 allows automatic systems 3.5 m/s² at speed, and 5 m/s²
+below)."""
 _LASTING_S: Final = 0.3
 OTHERS: Final[Mapping[str, str]] = {
     "emv_delay_s": "later arrival of the first emergency vehicle, s",
@@ -56,7 +57,7 @@ def compared_with_paper(record: EpisodeRecord, actor_id: int, paper: EpisodeReco
 
 
 def _way_m(record: EpisodeRecord) -> Floats:
-    """Way of the first EMV at each of its steps."""
+    """Distance that the first EMV has driven at each of its steps."""
     track = record.track(record.emv_ids[0])
     return np.cumsum(np.hypot(np.diff(track.x_m, prepend=track.x_m[:1]), np.diff(track.y_m, prepend=track.y_m[:1])))
 

@@ -21,7 +21,7 @@ def historically(holds: Flags, within: int | None = None) -> Flags:
 
 
 def since(holds: Flags, begin: Flags) -> Flags:
-    """Whether a condition has held at every step after ``begin`` was last true, which it was now or before."""
+    """Whether a condition has held at every step since ``begin`` was last true; false if ``begin`` never was."""
     return np.asarray((_last(begin) >= 0) & (_last(begin) >= _last(~holds)))
 
 

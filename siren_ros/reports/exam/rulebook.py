@@ -15,27 +15,28 @@ _LARGEST = 1e6
 
 @dataclass(frozen=True)
 class Clause(Brief):
-    """One duty."""
+    """One duty of a driver, with the monitor that measures it and the limits of its grades."""
 
     clause_id: str
     title: str
     text: str
     """The duty in plain words."""
     source: str
-    """Where it is written down."""
+    """Document in which the duty is written down."""
     monitor: str
-    """A name in ``MONITORS``."""
+    """Name of the monitor that measures it, from ``MONITORS``."""
     numbers: Numbers
-    """What the monitor needs."""
+    """Numbers that the monitor needs."""
     minor: float
-    """A value beyond this is a minor violation…"""
+    """Value beyond which a violation is minor."""
     major: float
-    """…and beyond this a major one. Greater values are worse where this is the greater one of the two, else lesser."""
+    """Value beyond which a violation is major. Where it is above ``minor``, greater values are worse; otherwise smaller
+    ones are."""
 
 
 @dataclass(frozen=True)
 class Rulebook(Brief):
-    """The clauses of a place."""
+    """The clauses that hold at a place, such as a country."""
 
     name: str
     title: str
@@ -69,7 +70,7 @@ def load_rulebook(name_or_path: str) -> Rulebook:
 
 
 def _text(entry: StrictMapping, key: str) -> str:
-    """A text for certificates, in one line: terminals and XML take no control characters."""
+    """A text for certificates, on one line, because terminals and XML take no control characters."""
     return shown_text(" ".join(entry.text(key).split()))
 
 

@@ -31,9 +31,9 @@ class MadeEpisode:
 
     bag: Path
     paper: Path | None
-    """Bag of the same episode with the paper's driver; None for none."""
+    """Bag of the same episode with the paper's driver; None where there is none."""
     answers: AnswerTimes | None
-    """As ``Sitting.answers``."""
+    """Answer times of the program that drove (``Sitting.answers``)."""
 
 
 def make_exam(

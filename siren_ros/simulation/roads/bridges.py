@@ -1,4 +1,7 @@
-"""Where roads cross without a junction: on a bridge. In this flat world vehicles of both meet there."""
+"""Finds places where roads cross without a junction, on a bridge.
+
+Because this world is flat, vehicles of both roads meet there.
+"""
 
 from functools import lru_cache
 

@@ -1,4 +1,4 @@
-"""From a map's geo-reference to latitude and longitude: transverse Mercator maps, UTM among them.
+"""Converts between a map's coordinates and latitude and longitude, for transverse Mercator maps, UTM among them.
 
 pyproj is not used: its results differ from these by up to 5.5e-9 degrees, more than the 1e-9 allowed to GNSS.
 """
@@ -52,7 +52,7 @@ def projected_from_geodetic(projection: str, lat_deg: float, lon_deg: float) -> 
 
 
 class _Frame(NamedTuple):
-    """A transverse Mercator grid."""
+    """The constants of a transverse Mercator grid."""
 
     scale: float
     false_easting_m: float

@@ -1,4 +1,4 @@
-"""How ways relate: movements that cross or have the same direction, and roads of opposite directions."""
+"""How movements and roads relate: which cross, which have the same direction, which roads are opposite."""
 
 from typing import Final
 
@@ -13,9 +13,10 @@ _SIDE_STREET_RAD: Final = (np.pi / 4.0, 3.0 * np.pi / 4.0)
 _OPPOSITE_M: Final = 1.0
 """Roads of opposite directions whose boundaries are nearer than this share a centre line: nothing divides them."""
 _SWERVE_RAD: Final = np.pi / 4.0
-"""Sum of the turns to both sides on a way straight on from which one has to slow down."""
+"""Sum of the turns to both sides from which a vehicle has to slow down although its way leads straight on."""
 END_TRIM_M: Final = 0.5
-"""Cut off both ends of a path before looking for crossings, so that paths that only fork or merge do not cross."""
+"""Length that is cut off both ends of a path before crossings are looked for, so that paths that only fork or merge do
+not cross."""
 
 
 def movement_path(network: RoadNetwork, connection: Connection) -> Polyline:
@@ -67,7 +68,7 @@ def quiet_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
 
 
 def is_plain_joint(network: RoadNetwork, connection: Connection) -> bool:
-    """Whether a movement only leads from one piece of a road to the next: whoever stands on it is in nobody's way.
+    """Whether a movement only leads from one piece of a road to the next, so that vehicles on it are in nobody's way.
 
     Maps have junctions on whose one side nobody turns and nobody crosses. They are joints for that side.
     """

@@ -29,7 +29,7 @@ from siren_ros.simulation.roads.road_network import (
 )
 
 LONGEST_VIA: Final = 100
-"""netconvert cuts a movement into two or three junction lanes."""
+"""Most junction lanes of one movement; netconvert makes two or three."""
 
 
 class PathAcross(NamedTuple):
@@ -38,7 +38,8 @@ class PathAcross(NamedTuple):
     source: str
     target: str
     via: tuple[str, ...]
-    """In driving order. Long paths wait in the middle and have two; a movement without a path has none."""
+    """Junction lanes in driving order. Long paths have two, with a place to wait between them; a movement without a
+    path has none."""
 
 
 def way_across(first: str | None, onward: Callable[[str], str | None]) -> tuple[str, ...]:
@@ -85,12 +86,12 @@ class Permissions:
     """Who may use a lane."""
 
     civilian: bool
-    """Passenger cars."""
+    """Whether passenger cars may use the lane."""
     emergency: bool
     pedestrian: bool
     bicycle: bool = False
     other_motor: bool = False
-    """Some class of motor traffic, whether or not passenger cars are among it."""
+    """Whether some class of motor traffic may use the lane, whether or not passenger cars may."""
 
     @property
     def any_motor(self) -> bool:
@@ -142,12 +143,13 @@ DEFAULT_LANE_WIDTH_M: Final = 3.2
 FAR_OFFSET_M: Final = 10_000.0
 """Beyond this net offset the map's own origin is far outside it (UTM), and the map's centre becomes the origin."""
 FARTHEST_M: Final = 1e8
-"""No projection of the Earth has larger coordinates."""
+"""Largest coordinate that is accepted; no projection of the Earth has larger ones."""
 MAX_MAP_BYTES: Final = 200_000_000
 MAX_TAGS: Final = 3_000_000
-"""An XML element takes some 200 bytes of memory. The net of a city of 100,000 lanes has half a million tags."""
+"""Most XML elements of a net, at some 200 bytes of memory each. The net of a city of 100,000 lanes has half a
+million."""
 MOST_POINTS: Final = 50_000
-"""Of one shape: a lane of 100 km with a point every 2 m, as netconvert draws bends."""
+"""Most points of one shape: a lane of 100 km with a point every 2 m, as netconvert draws bends."""
 SHORTEST_LANE_M: Final = 0.01
 """Length given to the internal lanes that netconvert rounds down to a point."""
 
@@ -251,7 +253,7 @@ def _location(root: Element) -> tuple[_Pair, str, _Pair | None, _Pair]:
 
 
 def check_shape(shape: str) -> None:
-    """Accept a ``shape`` attribute of at most ``MOST_POINTS`` points; ValueError otherwise."""
+    """Accepts a ``shape`` attribute of at most ``MOST_POINTS`` points; raises ValueError otherwise."""
     if shape.count(" ") >= MOST_POINTS or shape.count(",") > 2 * MOST_POINTS:
         raise ValueError(f"a shape of more than {MOST_POINTS} points")
 
@@ -322,7 +324,7 @@ def _lane(element: Element, index: int, edge: int, function: str, offset_m: tupl
 
 
 def _steady_links(root: Element) -> frozenset[tuple[str, int]]:
-    """Signals' links that are never red, or never green, in any programme."""
+    """Links of signals that are never red, or never green, in any programme."""
     letters: dict[tuple[str, int], str] = {}
     for logic in root.iterfind("tlLogic"):
         for phase in logic.iterfind("phase"):

@@ -21,12 +21,12 @@ class LaneKind(StrEnum):
     DRIVING = "driving"
     SHOULDER = "shoulder"
     CYCLE = "cycle"
-    """For cyclists alone."""
+    """A lane for cyclists alone."""
     SIDEWALK = "sidewalk"
     KERB = "kerb"
     """A strip that nobody uses, between shoulder and sidewalk."""
     INTERNAL = "internal"
-    """A path across a junction."""
+    """A path across a junction, not a lane of a road."""
     CROSSING = "crossing"
 
 
@@ -46,7 +46,7 @@ class Lane(Brief):
     """One lane; ``centre`` runs in driving direction."""
 
     index: int
-    """Own position in ``RoadNetwork.lanes``."""
+    """Position of the lane in ``RoadNetwork.lanes``."""
     lane_id: str
     edge: int
     position: int
@@ -90,7 +90,7 @@ class Connection(Brief):
     """SUMO's letter: s straight, l left, r right, t turnaround, L/R partially."""
     signal_id: str | None
     signal_link: int
-    """Index into the state string of the signal, −1 without one."""
+    """Position of the movement in the signal's state string; −1 without a signal."""
     must_stop: bool
     """Whether a stop sign binds this movement."""
     junction: str
@@ -117,7 +117,7 @@ class Junction(Brief):
 
 
 MAPS_KEPT: Final = 4
-"""Parsed maps that a process keeps, and what is derived from them."""
+"""Number of parsed maps, with what is derived from them, that a process keeps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class RoadNetwork(Brief):
     cycle_connections: tuple[Connection, ...] = field(default=())
     """Movements from or to cycle lanes, which ``connections`` does not have."""
     net_sha256: str = field(default="", init=False)
-    """Of the net that this network was parsed from; a changed copy (``replace``) has none."""
+    """SHA-256 of the net from which this network was parsed; a changed copy (``replace``) has none."""
 
     @cached_property
     def lane_by_id(self) -> Mapping[str, Lane]:
@@ -166,7 +166,7 @@ class RoadNetwork(Brief):
 
     @cached_property
     def cycle_connections_over(self) -> Mapping[int, tuple[Connection, ...]]:
-        """The same across each internal lane."""
+        """Movements of cyclists across each internal lane."""
         return _grouped((lane, connection) for connection in self.cycle_connections for lane in connection.via)
 
     @cached_property
@@ -185,7 +185,7 @@ class RoadNetwork(Brief):
         return _grouped((connection.junction, (index, connection)) for index, connection in enumerate(self.connections))
 
     def length_m(self, lanes: Iterable[int]) -> float:
-        """Length of some lanes together, as of a way across a junction."""
+        """Total length of some lanes, such as a way across a junction."""
         return sum(self.lanes[lane].length_m for lane in lanes)
 
     def is_civilian(self, connection: Connection) -> bool:

@@ -18,16 +18,16 @@ _TURNAROUND: Final = "t"
 LANE_CHANGE_COST: Final = 1.0
 """Cost of one lane change in ``route_path``, against which the tie-breaks below are small."""
 _DRIFT_COST: Final = 1e-3
-"""Cost of ending one lane away from the preferred one: keeps to it where the route allows."""
+"""Cost of ending one lane away from the preferred one. It keeps the path in its lane where the route allows."""
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeGraph:
-    """Which edges civilians may drive from which, by edge index; junction paths are left out."""
+    """The edges to which civilians may drive from each edge, by index; junction paths are left out."""
 
     network: RoadNetwork
     successors: tuple[tuple[int, ...], ...]
-    """Sorted; empty for edges without driving lanes."""
+    """Edges that follow each edge, sorted; empty for edges without driving lanes."""
     predecessors: tuple[tuple[int, ...], ...]
     length_m: tuple[float, ...]
     """Length of each edge's rightmost driving lane; infinite for an edge without one."""
@@ -48,7 +48,7 @@ class EdgeGraph:
         return cls(network, successors, predecessors, lengths_m)
 
     def endless_edges(self) -> frozenset[int]:
-        """Edges from which a vehicle never has to leave the map: some way on leads into a loop."""
+        """Edges on which a vehicle never has to leave the map, because a way from there leads into a loop."""
         open_ends = [len(group) for group in self.successors]
         dead = [edge for edge, count in enumerate(open_ends) if count == 0]
         gone = set(dead)
@@ -193,7 +193,7 @@ def path_centre(network: RoadNetwork, lanes: Sequence[int]) -> Polyline:
     """
     parts: list[Polyline] = []
     road = (network.lanes[lane] for lane in lanes)
-    # Two lanes of one edge are a lane change, but on a junction they follow one another.
+    # Two lanes of one road in a row are a lane change; on a junction two lanes of one edge follow one another.
     for _, group in groupby(road, key=lambda lane: (lane.edge, lane.index if network.edges[lane.edge].internal else 0)):
         first, *others = group
         parts.append(_changing(first, others[-1]) if others else first.centre)

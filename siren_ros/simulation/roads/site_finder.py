@@ -43,7 +43,8 @@ _SHOULDER_ENOUGH_M: Final = 100.0
 _QUIET_ENOUGH_M: Final = 100.0
 _CROSSING_ENOUGH_M: Final = 60.0
 _CROSSING_LEAST_M: Final = 30.0
-"""Side streets with less road before the junction have no queue worth the name; oncoming turners then cross as well."""
+"""Least road of a side street before the junction for a queue. Where side streets are shorter, oncoming vehicles that
+turn cross as well."""
 _PLAIN_ENOUGH_M: Final = 150.0
 
 
@@ -94,7 +95,7 @@ def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site | NoSite]:
                 yield NoSite(last, "one driving lane")
             continue
         if any(_runs_on(network, last, way) for way in graph.successors[last]):
-            continue  # its site is the road that it runs into
+            continue  # the site of this edge is the road into which it leads
         stretch = wide_stretch_back(graph, last)
         length_m = graph.route_length_m(stretch)
         if length_m < SHORTEST_ROAD_M:
@@ -199,7 +200,7 @@ def motorway_stretches(graph: EdgeGraph) -> Iterator[Site | NoSite]:
             yield NoSite(last, "one driving lane" if len(lanes) < 2 else "a limit of a town")
             continue
         if any(_goes_on(graph, last, way) for way in graph.successors[last]):
-            continue  # its site is the road that it goes on to
+            continue  # the site of this edge is the stretch to which it leads
         stretch: tuple[int, ...] = (last,)
         while ways := [
             way for way in graph.predecessors[stretch[0]] if way not in stretch and _goes_on(graph, way, stretch[0])
@@ -228,7 +229,7 @@ def motorway_stretches(graph: EdgeGraph) -> Iterator[Site | NoSite]:
 
 
 def _goes_on(graph: EdgeGraph, edge: int, way: int) -> bool:
-    """Whether an edge out of town leads to another one alone, each lane to a lane of its own, and nobody joins."""
+    """Whether an edge out of town leads to one other edge alone, each lane to its own lane, and no other road joins."""
     network = graph.network
     alone = len(graph.successors[edge]) == 1 and len(graph.predecessors[way]) == 1
     lanes = driving_lanes(network, edge)

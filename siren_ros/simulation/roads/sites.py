@@ -31,7 +31,7 @@ ENOUGH_M: Final = 250.0
 
 
 class SiteKind(StrEnum):
-    """What a template looks for."""
+    """The kind of place that a template looks for."""
 
     MULTI_LANE_ROAD = "multi_lane_road"
     QUEUED_APPROACH = "queued_approach"
@@ -47,7 +47,8 @@ class Site:
 
     kind: SiteKind
     name: str
-    """Identifies it among its kind: the first and the last edge of a road, or the edges before and after a junction."""
+    """Name that identifies the site among its kind: the first and the last edge of a road, or the edges before and
+    after a junction."""
     junction: str | None
     """The junction where it happens; None for a road."""
     route: tuple[int, ...]
@@ -68,7 +69,7 @@ class Site:
     crossing: tuple[int, ...]
     """Indices of the civilian movements that cross them: those from side streets, and all where these are short."""
     score: float
-    """Higher is better, within a kind."""
+    """How good the site is; higher is better, and only sites of one kind can be compared."""
 
     @property
     def beyond(self) -> tuple[int, ...]:
@@ -78,7 +79,7 @@ class Site:
 
 @dataclass(frozen=True)
 class NoSite:
-    """A place that is no site of a kind, and the first thing that it lacks."""
+    """A place that does not qualify as a site of a kind, with the first requirement that it fails."""
 
     edge: int
     """The road, or the edge before the junction."""
@@ -141,11 +142,11 @@ def middle_of_site(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDAr
 
 
 APPROACH_M: Final = 150.0
-"""Length of road that an EMV drives before the place, where the map has it: about 11 s at 50 km/h."""
+"""Length of road that an EMV drives before the site, where the map has it: about 11 s at 50 km/h."""
 MOTORWAY_APPROACH_M: Final = 2000.0
-"""The same before a motorway stretch: a second EMV comes up to 60 s later."""
+"""Length of road before a motorway stretch, longer because a second EMV comes up to 60 s later."""
 EXIT_M: Final = 100.0
-"""Length of road after the place, where the map has it."""
+"""Length of road after the site, where the map has it."""
 ROUTE_M: Final = 700.0
 """Whole route: more than 45 s (the longest episode) at 50 km/h, so that no episode runs out of road."""
 LEAST_ROUTE_M: Final = 500.0

@@ -13,12 +13,15 @@ from siren_ros.simulation.scenario.paper import PAPER_SPEEDS, TargetSpeeds
 
 
 def number(default: float | None, low: float, high: float, meaning: str) -> Any:
-    """A field with what a user has to know to set it; None stands for what the meaning says."""
+    """Declares a parameter of drivers with its default, its range and its meaning.
+
+    None stands for what the meaning says.
+    """
     return parameter(default, meaning, minimum=low, maximum=high)
 
 
 def _falling(owner: object, *names: str) -> None:
-    """Refuse margins that do not fall in the order of their names."""
+    """Refuses margins that do not decrease in the order of their names."""
     for wider, narrower in pairwise(names):
         if not getattr(owner, wider) > getattr(owner, narrower):
             raise InputError(narrower, getattr(owner, narrower), f"less than {wider}, {getattr(owner, wider):g}")
@@ -29,7 +32,7 @@ class NavigatorConfig:
     """How the waypoint navigator tracks a path, keeps a speed and watches for others."""
 
     lateral_accel_mps2: float = number(3.0, 1, 5, "lateral acceleration in bends")
-    """Comfort limit of urban driving."""
+    """The comfort limit of urban driving."""
     comfort_brake_mps2: float = number(3.0, 1, 6, "deceleration towards other vehicles")
     path_brake_mps2: float = number(3.0, 0.5, 5, "deceleration before bends and stops")
     comfort_accel_mps2: float = number(2.5, 0.8, 4, "acceleration")
@@ -39,7 +42,7 @@ class NavigatorConfig:
     standstill_gap_m: float = number(2.0, 0.5, 10, "standing distance to the vehicle ahead")
     headway_s: float = number(0.8, 0.2, 3, "time kept to the vehicle ahead")
     reaction_s: float = number(0.5, 0.1, 2, "time ahead at which the speed limit of the path is looked up")
-    """Delay of the speed loop."""
+    """It covers the delay of the speed loop."""
     side_margin_m: float = number(0.25, 0.05, 1, "free space on each side of the swept path")
     own_accel_mps2: float = number(1.5, 0.5, 4, "acceleration that the driver counts with on the way to a conflict")
     path_creep_mps: float = number(1.5, 0.5, 5, "speed at which any path may be steered")
@@ -71,7 +74,7 @@ class LaneChangeConfig:
     front_time_s: float = number(0.3, 0, 3, "time before one brakes for the vehicle ahead")
     rear_gap_m: float = number(2.0, 0.5, 10, "free way to the vehicle behind at equal speeds")
     rear_time_s: float = number(0.5, 0, 3, "time before the vehicle behind brakes")
-    """Longer for slow changes, as others react once the lane line is crossed."""
+    """The default is long enough for slow changes, because others react once the lane line is crossed."""
     front_brake_mps2: float = number(4.0, 0.5, 8, "deceleration that one accepts towards the vehicle ahead")
     brake_mps2: float = number(4.0, 0.5, 8, "deceleration that the vehicle behind is expected to accept")
     own_brake_mps2: float = number(1.5, 0.3, 4, "deceleration towards the target speed during the change")
@@ -85,17 +88,17 @@ class YieldConfig:
         PAPER_SPEEDS.civilian_yield_lane_change_mps, 0.5, 10, "greatest speed during the lane change (paper: 10 km/h)"
     )
     queue_m: float = number(80.0, 0, 200, "distance to an EMV in their queue within which drivers who stand notice it")
-    """About a dozen vehicles."""
+    """The default is the length of a queue of about a dozen vehicles."""
     seek_after_s: float = number(0.5, 0, 10, "time without an open gap after which the driver begins to make one")
     seek_for_s: float = number(4.0, 0.5, 30, "time for which a gap is sought")
     seek_pause_s: float = number(4.0, 0, 30, "time for which the driver then goes on at the pace of the road")
-    """A driver who found no gap does not hold up the EMV for a while."""
+    """A driver who has found no gap must not hold up the EMV by trying again at once."""
     seek_speed_mps: float = number(
         3.0, 0.5, 8, "difference of speed to the vehicle that is in the way while a gap is sought"
     )
     seek_least_mps: float = number(2.0, 0.5, 8, "least speed while a gap is sought")
     seek_pace: float = number(1.2, 0.8, 1.5, "share of the speed limit that a driver uses to draw ahead")
-    """Nobody keeps to the limit with an EMV behind."""
+    """Drivers may exceed the limit by 20 %, because nobody keeps to it with an EMV behind."""
     rejoin_speed_mps: float = number(5.0, 1, 15, "speed on the way back to the lane")
     rejoin_blocked_s: float = number(2.0, 0.5, 20, "standstill on the way back after which SUMO takes over")
 
@@ -107,7 +110,7 @@ class PullOverConfig:
     speed_mps: float = number(PAPER_SPEEDS.civilian_pull_over_mps, 1, 10, "speed to the edge (paper: 15 km/h)")
     corridor_half_m: float = number(1.4, 1, 2.5, "free width that a vehicle tries to leave on its inner side")
     shoulder_free_m: float = number(2.6, 2, 3.5, "width that an EMV on the shoulder needs next to a standing vehicle")
-    """An EMV is 2.2 m wide."""
+    """An EMV is 2.2 m wide, and 0.2 m remain on each side."""
     overhang_max_m: float = number(0.5, 0, 1.5, "how far a vehicle may reach beyond its lane's edge to make space")
     shoulder_overhang_max_m: float = number(1.0, 0, 2, "the same where a shoulder lies there")
     duration_s: float = number(2.0, 1, 6, "length of the way back to the lane over the speed")
@@ -122,20 +125,21 @@ class PullOverConfig:
     room_gap_m: float = number(2.5, 0.5, 10, "free space ahead with which a driver goes on to make space")
     room_standstill_gap_m: float = number(1.0, 0.3, 5, "gap to the vehicle ahead at which that driver stops")
     room_over_line_m: float = number(12.0, 0, 20, "how far the front then reaches over the stop line of a red light")
-    """A car's length and the lateral move, at most. The front stays clear of those who may come on the junction."""
+    """The default is at most a car's length plus the way of the lateral move. The front stays clear of those who may
+    come on the junction."""
     head_over_line_m: float = number(
         9.0, 0, 20, "how far the front of the first one in a queue reaches over the stop line"
     )
     stays_behind_m: float = number(20.0, 0, 100, "distance to an EMV that has passed below which the driver holds on…")
     stays_behind_mps: float = number(3.0, 0, 10, "…while that EMV is slower than this")
-    """A driver who drove on would pass the EMV, which may have to move aside."""
+    """A driver who went on would pass the EMV, which may have to move aside."""
     start_mps: float = number(1.5, 0.3, 5, "speed that a vehicle at rest gets up to on its way to the edge")
     creep_mps: float = number(1.0, 0.3, 5, "speed on a way that is only as long as the lateral move")
-    """Slow enough for the steering."""
+    """The speed is low enough for the steering to keep up."""
     mirror_m: float = number(0.2, 0, 0.8, "distance from the lane's edge at which a driver keeps a rescue lane open")
-    """The mirror stays inside."""
+    """With the default the mirror stays inside the lane."""
     flows_mps: float = number(8.3, 2, 20, "speed of traffic above which there is no rescue lane")
-    """30 km/h."""
+    """The default is 30 km/h."""
 
 
 @dataclass(frozen=True)
@@ -149,13 +153,13 @@ class ManoeuvringConfig:
 
     @property
     def squeezes(self) -> tuple[tuple[float, float], ...]:
-        """Margins, the wider first, and the speed with each."""
+        """The margins that are tried, the widest first, each with its speed."""
         return (self.narrow_gap_m, math.inf), (self.clearance_m, self.narrow_mps)
 
 
 @dataclass(frozen=True)
 class CorridorConfig:
-    """The copied rescue corridor."""
+    """How the EMV drives in the rescue corridor that the civilians open."""
 
     side_clearance_m: float = number(0.2, 0, 1, "distance kept to the vehicles on both sides of the corridor")
     leave_after_s: float = number(1.0, 0.2, 10, "time without a reacting or braking vehicle before the corridor ends")
@@ -169,18 +173,18 @@ class CorridorConfig:
     merge_s: float = number(1.5, 0.5, 6, "time of the lateral move into the corridor")
 
     def __post_init__(self) -> None:
-        """Refuse margins in another order."""
+        """Refuses margins that do not decrease in their order."""
         _falling(self, "narrow_gap_m", "tight_gap_m", "clearance_m")
 
     @cached_property
     def squeezes(self) -> tuple[tuple[float, float], ...]:
-        """Margins, the wider first, and the speed with each."""
+        """The margins that are tried, the widest first, each with its speed."""
         return (self.narrow_gap_m, math.inf), (self.tight_gap_m, self.narrow_mps), (self.clearance_m, self.tight_mps)
 
 
 @dataclass(frozen=True)
 class GapEscapeConfig:
-    """Search of the gap escape."""
+    """How the EMV searches for a gap when it is blocked."""
 
     speed_mps: float = number(PAPER_SPEEDS.emv_gap_escape_mps, 1, 15, "target speed of the escape (paper: 20 km/h)")
     wide_gap_m: float = number(0.3, 0.15, 2, "margin around the EMV that an escape path keeps where it can")
@@ -191,25 +195,25 @@ class GapEscapeConfig:
     oncoming_s: float = number(
         6.5, 1, 15, "time over which oncoming vehicles are foreseen before the opposite lane is taken"
     )
-    """The EMV's time to the horizon at its target speed, and one second."""
+    """The default is the EMV's time to the horizon at its target speed, plus one second."""
     oncoming_watch_s: float = number(3.0, 0.5, 10, "the same while it is driven on")
-    """Two vehicles at 20 and 50 km/h can stop before each other in it."""
+    """In the default time two vehicles at 20 and 50 km/h can stop before they meet."""
     crossing_s: float = number(3.75, 0.5, 10, "the same of vehicles that cross the EMV's direction")
     brake_mps2: float = number(2.5, 0.5, 6, "deceleration laid out for tight places and stops, also in the corridor")
     bend_accel_mps2: float = number(1.2, 0.3, 4, "lateral acceleration in the bends of an escape path")
-    """Slow enough to keep the margins."""
+    """The default is low enough for the EMV to keep the margins."""
     edge_overhang_m: float = number(0.3, 0, 1, "how far the body may overhang the edge of the road")
     stop_short_m: float = number(0.4, 0.1, 3, "distance kept from the place at which the EMV would touch somebody")
     opposite_cost_m: float = number(30.0, 0, 200, "free length that a path in the opposite lane must gain")
     shoulder_cost_m: float = number(4.0, 0, 100, "the same of a path on the shoulder")
 
     def __post_init__(self) -> None:
-        """Refuse margins in another order."""
+        """Refuses margins that do not decrease in their order."""
         _falling(self, "wide_gap_m", "narrow_gap_m", "tight_gap_m")
 
     @cached_property
     def squeezes(self) -> tuple[tuple[float, float], ...]:
-        """Margins, the wider first, and the speed with each."""
+        """The margins that are tried, the widest first, each with its speed."""
         return (self.wide_gap_m, math.inf), (self.narrow_gap_m, self.narrow_mps), (self.tight_gap_m, self.tight_mps)
 
 
@@ -218,10 +222,10 @@ class AnticipationConfig:
     """How the EMV approaches the vehicles ahead on its path."""
 
     brake_mps2: float = number(1.2, 0.5, 3, "deceleration laid out for towards vehicles ahead")
-    """A third of what a driver accepts as comfortable."""
+    """The default is a third of what a driver accepts as comfortable."""
     headway_s: float = number(1.0, 0.4, 2.5, "time kept to vehicles ahead")
     standstill_gap_m: float = number(6.0, 3, 12, "standing distance to vehicles ahead")
-    """The collision handling's own gap and a little more, so that it need not brake."""
+    """The default is slightly more than the gap of the collision handling, so that the EMV need not brake for it."""
     ease_off_mps2: float = number(2.0, 0.5, 4, "greatest deceleration for anticipation alone")
 
 
@@ -241,12 +245,12 @@ class JunctionEntryConfig:
     brake_mps2: float = number(1.2, 0.5, 4, "deceleration laid out for towards these lines")
     ease_off_mps2: float = number(2.0, 0.5, 4, "greatest deceleration for them")
     stop_mps2: float = number(3.0, 1, 6, "deceleration for somebody who comes into view")
-    """The navigator's comfortable one."""
+    """The default is the comfortable deceleration of the navigator."""
     reaction_s: float = number(0.5, 0.1, 3, "reaction time to somebody who comes into view")
-    """Of a driver who expects somebody, and is ready to brake."""
+    """The default is that of a driver who expects others and is ready to brake."""
     standoff_m: float = number(1.0, 0, 5, "distance kept from the nearest lane of the street from the side")
     least_mps: float = number(2.5, 0.5, 6, "speed with which a driver noses out where the view allows less")
-    """Drivers who come can see the EMV then."""
+    """At the default speed, drivers who come can see the EMV in time."""
 
 
 @dataclass(frozen=True)
@@ -268,9 +272,9 @@ class EmvDriver:
     slow_below_mps: float = number(3.0, 0.5, 10, "speed of the vehicle ahead below which traffic counts as slow")
     pass_gain_m: float = number(20.0, 5, 100, "free road that passing must gain")
     pass_return_m: float = number(30.0, 5, 100, "free road ahead of the slow traffic that is left for the way back")
-    """4 s at 30 km/h."""
+    """The default is the way of 4 s at 30 km/h."""
     escape_gap_m: float = number(6.0, 2, 12, "standing distance to the vehicle ahead at levels with gap escape")
-    """The EMV can pull out past the vehicle ahead without reversing."""
+    """At the default distance the EMV can pull out past the vehicle ahead without reversing."""
 
 
 @dataclass(frozen=True)
@@ -289,7 +293,10 @@ class CivilianDriver:
 
 @dataclass(frozen=True)
 class SumoEmvDriver:
-    """SUMO's driver of EMVs at L0; none: what ``params/drivers/urban.yaml`` has for the vehicle's class."""
+    """SUMO's driver of EMVs at L0.
+
+    Where a value is None, the one in ``params/drivers/urban.yaml`` for the vehicle's class holds.
+    """
 
     speed_factor: float | None = number(None, 0.6, 1.0, "wished speed over the speed limit")
     tau_s: float | None = number(None, 0.5, 2.5, "time headway")
@@ -325,7 +332,7 @@ class DriverParameters:
     traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
 
     def with_values(self, values: Mapping[str, float]) -> "DriverParameters":
-        """The parameters with other values, by their dotted names.
+        """The parameters with some values replaced, by their dotted names.
 
         Raises:
             InputError: An unknown name, a value out of its range, or margins that do not fall.
@@ -344,7 +351,7 @@ class DriverParameters:
         return changed
 
     def speeds(self, emv_mps: float) -> TargetSpeeds:
-        """Target speeds of all modes, given that of EMVs on a free way."""
+        """Target speeds of all modes, from the EMV's speed on a free way."""
         return replace(
             PAPER_SPEEDS,
             emv_route_follow_mps=emv_mps,
@@ -389,7 +396,7 @@ DRIVER_PARAMETERS: Final[Mapping[str, DriverParameter]] = {one.name: one for one
 
 
 def check_driver_value(name: str, value: float, where: str = "") -> None:
-    """Refuse a name that is no parameter of drivers, and a value out of its range.
+    """Refuses a name that is no parameter of drivers, and a value out of its range.
 
     Raises:
         InputError: Names the place ``where`` it is written, or else the parameter.
@@ -402,6 +409,6 @@ def check_driver_value(name: str, value: float, where: str = "") -> None:
 
 
 def driver_parameters(preset: Mapping[str, float], values: Mapping[str, float]) -> DriverParameters:
-    """The parameters of an episode, given those of its preset and all values of its template, which go first."""
+    """The parameters of an episode: the values of its template take precedence over those of its preset."""
     own = {name: value for name, value in values.items() if name in DRIVER_PARAMETERS}
     return DriverParameters().with_values({**preset, **own})

@@ -22,7 +22,7 @@ MAX_SEED: Final = 2**31 - 1
 SHIPPED_DETECTOR: Final = "pillars"
 """Name of the shipped detector, in a request and in the parameters of the node ``detector``."""
 _LEFT_OUT: Final = frozenset({"site", "values", "predictor", "detector"})
-"""Fields that records do not have where they are empty, so that records of episodes without them stay the same."""
+"""Fields that a record leaves out where they are empty, so that records without such a choice keep their bytes."""
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ class EpisodeRequest:
 
     @staticmethod
     def within(config: "EpisodeRequest") -> "EpisodeRequest":
-        """The request that a configuration with further fields holds."""
+        """The plain request that a configuration with further fields contains."""
         return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})
 
     def to_json(self) -> dict[str, Any]:
-        """The request as JSON types, for the record; without values and programs where it has none."""
+        """The request as JSON types, for the record. Empty values and programs are left out."""
         return {name: value for name, value in asdict(self).items() if name not in _LEFT_OUT or value}
 
 
@@ -106,7 +106,7 @@ def text_of_values(values: Mapping[str, float]) -> str:
 FILES_PARAMETER: Final = "files"
 """Key of ``EpisodeDescription.parameters`` with the text and the hash of every parameter file."""
 CROSSING_PARAMETER: Final = "crossing"
-"""Key of the EMVs that cross the way of the others, and of the junction where they do, where there are some."""
+"""Key of the EMVs from a side street and of the junction where they cross. It is missing where there are none."""
 MAP_SOURCE_PARAMETER: Final = "map_source_sha256"
 """Key of the hash of the map file before it was compiled, unpacked where it was packed."""
 
@@ -136,7 +136,7 @@ class EpisodeDescription(Brief):
     seed: int
     map_name: str
     map_sha256: str
-    """Of the compiled SUMO net."""
+    """SHA-256 of the compiled SUMO net."""
     duration_s: float
     sensor_suite: str
     preset: str
@@ -148,7 +148,7 @@ class EpisodeDescription(Brief):
     """The place where it happens: kind, name, junction, route edges, stretch."""
 
     def facts(self) -> dict[str, object]:
-        """The episode without its files and versions."""
+        """The description without its parameter files and versions."""
         names = ("template", "level", "seed", "map_name", "duration_s", "sensor_suite", "preset", "emv_ids")
         return {**{name: getattr(self, name) for name in names}, "site": self.site.get("name", "")}
 
@@ -164,13 +164,13 @@ class EpisodeDescription(Brief):
 
     @property
     def av_id(self) -> int:
-        """The civilian that an external controller drives; NO_ACTOR in episodes without one."""
+        """Id of the civilian that an external controller drives; NO_ACTOR in episodes without one."""
         av = self.parameters.get("av")
         return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
 
     @property
     def crossed_junctions(self) -> Mapping[int, str]:
-        """The junction at which each EMV that crosses the way of the others does so, by its id."""
+        """For each EMV from a side street, by its id: the junction where it crosses the way of the others."""
         crossing = self.parameters.get(CROSSING_PARAMETER)
         if not isinstance(crossing, Mapping):
             return {}
@@ -178,7 +178,7 @@ class EpisodeDescription(Brief):
 
     @property
     def asked(self) -> Mapping[str, object]:
-        """The request that the episode was made from; empty where the description does not say."""
+        """The request from which the episode was made; empty where the description does not have it."""
         request = self.parameters.get("request")
         return request if isinstance(request, Mapping) else {}
 
@@ -194,17 +194,17 @@ class EpisodeDescription(Brief):
 
     @property
     def draw(self) -> str:
-        """Values of the template's parameters in place of the seed's own, as the request has them; empty without."""
+        """The values that the request gave to parameters of the template in place of the seed's; empty without any."""
         return str(self.asked.get("values", ""))
 
     @property
     def pinned(self) -> str:
-        """The pinned site and the values in place of the seed's own, for people; empty where the seed draws all."""
+        """The pinned site and the given values as text for people; empty where the seed draws all."""
         return " ".join(filter(None, (str(self.asked.get("site", "")), self.draw)))
 
     @property
     def template_values(self) -> Mapping[str, float]:
-        """Values of the template's parameters, by path; those alone that are numbers."""
+        """Values of the template's parameters by path. Values that are not numbers are left out."""
         values = self.parameters.get("template")
         items = values.items() if isinstance(values, Mapping) else ()
         return {str(name): float(value) for name, value in items if type(value) in (int, float)}
@@ -224,18 +224,18 @@ class EpisodeOutcome(Brief):
     reason: str
     steps: int
     predicate_holds: bool | None
-    """None where the predicate could not be evaluated."""
+    """Whether the interaction happened; None where the predicate could not be evaluated."""
     measures: Mapping[str, float | int | str] = field(default_factory=dict)
     """Numbers of the interaction: predicate parts, collisions, residual percentiles, travel time."""
 
     @property
     def shortcomings(self) -> tuple[str, ...]:
-        """What an episode that was made lacks, in words; empty where its interaction happened without a collision."""
+        """What a finished episode lacks, in words; empty where its interaction happened without a collision."""
         return shortcomings(self.predicate_holds, int(self.measures.get("collisions", 0)))
 
 
 def shortcomings(predicate_holds: bool | None, collisions: int) -> tuple[str, ...]:
-    """As ``EpisodeOutcome.shortcomings``, of its two parts."""
+    """The texts of ``EpisodeOutcome.shortcomings``, for a verdict and a number of collisions."""
     happened = {
         True: "",
         False: "the interaction did not happen",

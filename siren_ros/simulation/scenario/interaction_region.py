@@ -11,7 +11,7 @@ from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS
 from siren_ros.simulation.world.actors import ActorStates, rows_of_ids
 
 REGION_TEXT: Final = f"{PAPER_CONSTANTS.region_enter_m:g} m in, {PAPER_CONSTANTS.region_leave_m:g} m out"
-"""How help texts and reports name the region."""
+"""The text by which help and reports name the region."""
 
 
 @compiled

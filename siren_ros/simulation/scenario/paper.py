@@ -12,7 +12,7 @@ TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 
 
 class EmergencyLevel(IntEnum):
-    """The configuration axis of the behaviour model."""
+    """The emergency levels L0 to L3, by which the behaviour model is configured."""
 
     L0 = 0
     L1 = 1
@@ -42,7 +42,7 @@ class LevelPolicy:
     siren: bool
     privileged: bool
     corridor: bool
-    """Whether ``copy_sumo`` and ``gap_escape`` are available."""
+    """Whether the modes ``copy_sumo`` and ``gap_escape`` are available."""
     response: CivilianResponse
 
 

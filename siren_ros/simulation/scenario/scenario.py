@@ -23,44 +23,46 @@ class BehaviourFamily(StrEnum):
 
 
 class StartReference(StrEnum):
-    """From where the EMV's start is counted in driving direction; before it the distance is negative."""
+    """The point from which the EMV's start is counted in driving direction; before it the distance is negative."""
 
     SITE_START = "site_start"
-    """The beginning of the site's edge."""
+    """The start is counted from the beginning of the site's edge."""
     STOP_LINE = "stop_line"
-    """The end of the site's edge; for sites at a junction."""
+    """The start is counted from the end of the site's edge; only for sites at a junction."""
 
 
 class GroupAnchor(StrEnum):
-    """From where a group's first gap is counted."""
+    """The point from which the first gap of a group is counted."""
 
     EMV = "emv"
-    """From the EMV's front, forwards."""
+    """The gap is counted forwards from the EMV's front."""
     STOP_LINE = "stop_line"
-    """From the stop line of the group's lane, backwards."""
+    """The gap is counted backwards from the stop line of the group's lane."""
     ARRIVAL = "arrival"
-    """Forwards from where a vehicle at the group's speed comes to the stop line together with the EMV."""
+    """The gap is counted forwards from the place from which a vehicle at the group's speed reaches the stop line
+    together with the EMV."""
 
 
 class Placement(StrEnum):
     """The lanes in which a group of civilians starts, relative to the EMV's approach."""
 
     EMV_LANE = "emv_lane"
-    """Ahead in the EMV's lane, along its route."""
+    """The group starts in the EMV's lane ahead of it, along its route."""
     ADJACENT_LANE = "adjacent_lane"
-    """In a neighbouring lane of the EMV's: one with the EMV's movement, or else the left one."""
+    """The group starts in a neighbouring lane of the EMV's: one with the EMV's movement, otherwise the left one."""
     OTHER_LANES = "other_lanes"
-    """In all other driving lanes of the EMV's approach, in turn."""
+    """The group's vehicles are spread in turn over all other driving lanes of the EMV's approach."""
     TURNING_LANES = "turning_lanes"
-    """In the driving lanes of the EMV's approach from which nobody follows its movement, in turn."""
+    """The group's vehicles are spread in turn over those driving lanes of the EMV's approach that do not have its
+    movement."""
     SAME_DIRECTION = "same_direction"
-    """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, in its own
-    lane, unless the group is optional."""
+    """The group's vehicles are spread in turn over the other lanes with the EMV's movement at the site's junction.
+    Where there are none, they start in the EMV's own lane, unless the group is optional."""
     CROSSING = "crossing"
-    """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
+    """The group's vehicles are spread in turn over the lanes whose paths cross the EMV's at the site's junction."""
     EVERY_LANE = "every_lane"
-    """In all driving lanes of the EMV's road, with the group's number of vehicles in each; they come on top of the
-    background volume."""
+    """Each driving lane of the EMV's road gets the group's number of vehicles. They come on top of the background
+    volume."""
 
 
 @dataclass(frozen=True)
@@ -78,24 +80,25 @@ class EmvDemand:
 
     actor_class: ActorClass
     count: int
-    """On one route, one behind the other."""
+    """Number of EMVs on one route, one behind the other."""
     start_m: float
-    """Of the foremost one's front bumper, counted from ``start_from``; negative before it."""
+    """Distance of the foremost EMV's front bumper from ``start_from``; negative before it."""
     speed_mps: float
     """Target speed in route following (paper, table of target speeds: 50 km/h)."""
     depart_speed_mps: float
     headway_s: float
-    """Time between two EMVs on the same route; of no effect with one."""
+    """Time between two EMVs on the same route; it has no effect with one EMV."""
     start_from: StartReference = StartReference.SITE_START
     crossing: int = 0
-    """Further ones, from a side street of the site's junction, or of the first one behind its road."""
+    """Number of further EMVs from a side street of the site's junction, or of the first junction behind its road."""
     crossing_after_s: float = 0.0
-    """From the first EMV's unhindered arrival at that junction to theirs; of no effect without them."""
+    """Time from the first EMV's unhindered arrival at that junction to the arrival of these EMVs; without them it has
+    no effect."""
 
 
 @dataclass(frozen=True)
 class SignalDemand:
-    """How the EMV's arrival lies in the programme of the signal at the site's junction, or at the end of its road."""
+    """When the EMV arrives within the programme of the signal at the site's junction or at the end of its road."""
 
     red_before_arrival_s: float
     """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line;
@@ -104,10 +107,10 @@ class SignalDemand:
 
 @dataclass(frozen=True)
 class JamDemand:
-    """What holds up the foremost vehicles of the groups in every lane: they roll, stand, and may roll on in turn."""
+    """How the foremost vehicles of the groups are held up in every lane: they roll, stand, and may roll on in turn."""
 
     moves: int
-    """Whether they go on after their first stop: 0 or 1."""
+    """Whether the vehicles go on after their first stop: 0 or 1."""
     roll_s: float
     roll_mps: float
     stand_s: float
@@ -115,27 +118,31 @@ class JamDemand:
 
 @dataclass(frozen=True)
 class DemandGroup:
-    """Civilians that start in a row, counted in the background volume."""
+    """Civilians that start in a row. They count in the background volume."""
 
     name: str
     placement: Placement
     vehicles: int
     first_gap_m: float
-    """From the anchor to the first vehicle's nearer bumper."""
+    """Distance from the anchor to the nearer bumper of the first vehicle."""
     spacing_m: float
     """Mean gap between one vehicle's front and the next one's rear."""
     speed_mps: float
-    """Speed at the start, unless they are standing; they wish for the same speeds as other drivers."""
+    """Speed at the start, unless the vehicles stand. Later they wish for the same speeds as other drivers."""
     anchor: GroupAnchor = GroupAnchor.EMV
     standing: bool = False
-    """Whether the vehicles stand at the start: a queue."""
+    """Whether the vehicles form a standing queue at the start."""
     optional: bool = False
-    """Whether the interaction also happens without the group: it is left out where it has no lane or no road."""
+    """Whether the interaction can happen without the group. Such a group is left out where it has no lane or no
+    road."""
 
 
 @dataclass(frozen=True)
 class PeopleDemand:
-    """Who is on the road besides cars, within 150 m of the EMV's way; not counted in the background volume."""
+    """Numbers of pedestrians, cyclists and motorcycles within 150 m of the EMV's way.
+
+    They do not count in the background volume.
+    """
 
     pedestrians: int = 0
     cyclists: int = 0
@@ -148,22 +155,26 @@ PEOPLE: Final = tuple(f"demand.people.{part.name}" for part in fields(PeopleDema
 
 @dataclass(frozen=True)
 class VarietyDemand:
-    """What makes the scene harder to learn by heart. With 0 everything is as in the paper's episodes."""
+    """How much scenes vary, so that models cannot learn them by heart.
+
+    With 0 everything is as in the paper's episodes.
+    """
 
     size_spread: float = 0.0
-    """Lengths, widths and heights of vehicles differ from those of their class by up to this share, by seed."""
+    """Largest share by which lengths, widths and heights of vehicles differ from those of their class, by seed."""
     parked_share: float = 0.0
-    """Share of the places along the carriageway in which a vehicle is parked, off the space of traffic."""
+    """Share of the places along the carriageway at which a vehicle is parked, outside the space of traffic."""
     clutter_per_100_m: float = 0.0
-    """Bins, benches, boxes, cabinets and the like on 100 m of the carriageway's edge."""
+    """Number of bins, benches, boxes, cabinets and similar objects on 100 m of the carriageway's edge."""
     colour_share: float = 0.0
-    """How far the reflectivity of paint, walls and sheet metal for LiDARs follows their colour, 0 to 1."""
+    """How strongly LiDAR reflectivity of paint, walls and sheet metal follows their colour, 0 to 1."""
 
 
 VARIETY: Final = tuple(f"demand.variety.{part.name}" for part in fields(VarietyDemand))
 """Paths of these parameters, which every template has, and which a record has where they are not 0."""
 DRAWN_BY_NAME: Final = frozenset({"duration_s", "emv.count", "emv.crossing", "emv.crossing_after_s", *PEOPLE, *VARIETY})
-"""Length of an episode, numbers of EMVs and people, and variety: drawn only where a study names them."""
+"""Parameters that are drawn only where a study names them: length of an episode, numbers of EMVs and people,
+variety."""
 
 
 @dataclass(frozen=True)
@@ -177,30 +188,30 @@ class Demand:
     speed_factor: float
     """Factor on the speed that drivers wish for, relative to the speed limit."""
     classes: tuple[tuple[ActorClass, float], ...]
-    """Shares of the vehicle classes; they add up to 1."""
+    """Share of each vehicle class; the shares add up to 1."""
     groups: tuple[DemandGroup, ...]
     district_per_lane_km: float = 0.0
-    """Further civilians per kilometre of lane in the streets around those of the volume."""
+    """Number of further civilians per kilometre of lane in the streets around those of the background volume."""
     people: PeopleDemand = field(default_factory=PeopleDemand)
     variety: VarietyDemand = field(default_factory=VarietyDemand)
 
 
 @dataclass(frozen=True)
 class CivilianResponseDemand:
-    """What a template asks of the civilians' response, on top of the preset (``DriverPreset.for_scenario``)."""
+    """How a template changes the civilians' response that the preset gives (``DriverPreset.for_scenario``)."""
 
     response_distance_m: float
     extra_delay_s: float
-    """Manoeuvre timing: added to each driver's reaction delay."""
+    """Time that is added to each driver's reaction delay."""
     compliance: float
-    """Factor on the shares that comply."""
+    """Factor on the shares of drivers who comply."""
     duty: int = 0
     """Whether drivers open a rescue lane in slow traffic out of town before they hear a siren: 0 or 1."""
 
 
 @dataclass(frozen=True)
 class PredicateDemand:
-    """Which predicate tells that the interaction happened, with its thresholds."""
+    """The predicate that decides whether the interaction happened, with its thresholds."""
 
     name: str
     thresholds: Mapping[str, float]
@@ -208,7 +219,7 @@ class PredicateDemand:
 
 @dataclass(frozen=True)
 class Template:
-    """One scenario with definite values."""
+    """A scenario with a value for each parameter."""
 
     template_id: str
     title: str
@@ -217,19 +228,19 @@ class Template:
     site_kind: SiteKind
     duration_s: float
     warm_up_s: float
-    """Traffic runs this long before step 0, so that it has settled."""
+    """Time for which traffic runs before step 0, so that it has settled."""
     emv: EmvDemand
     demand: Demand
     response: CivilianResponseDemand
     predicate: PredicateDemand
     signal: SignalDemand | None = None
-    """None where the signals run as they are."""
+    """When the EMV arrives at the signal; None where the signals run as they are."""
     jam: JamDemand | None = None
-    """None where nothing but traffic holds vehicles up."""
+    """What holds up the groups; None where only traffic holds vehicles up."""
     map_name: str = ""
-    """The built-in map on which it happens where nobody names a map; empty: the town."""
+    """The built-in map on which the scenario happens where nobody names a map; empty means the town."""
     shoulders_in_use: bool = False
-    """Whether nobody can drive on the map's shoulders, as where vehicles park there."""
+    """Whether the map's shoulders are closed to all drivers, as where vehicles park there."""
     drivers: Mapping[str, float] = field(default_factory=dict)
     """Parameters of drivers that differ from the preset's, by their names in ``DRIVER_PARAMETERS``."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)
@@ -249,16 +260,16 @@ class Template:
         return {path: self.value(path) for path in (*self.ranges, *sorted(self.drivers.keys() - self.ranges))}
 
     def recorded_values(self) -> dict[str, float]:
-        """The same for a record; of variety only what is not 0, so that records without it stay the same."""
+        """The values as a record has them. Variety of 0 is left out, so that records without variety stay the same."""
         return {path: value for path, value in self.values().items() if value or path not in VARIETY}
 
     @property
     def lasting_s(self) -> float:
-        """The duration until the last EMV has had as long as the first one."""
+        """Duration of the episode; with several EMVs, until the last one has had as long as the first one."""
         return self.duration_s + (self.emv.count - 1) * self.emv.headway_s
 
     def with_values(self, values: Mapping[str, float]) -> "Template":
-        """The template with other values of parameters of the scenario or of drivers.
+        """The template with some values replaced, of its own parameters or of drivers'.
 
         Raises:
             InputError: an unknown parameter, or a value outside its range.
@@ -295,7 +306,7 @@ class Template:
 
 
 def _replaced(section: Any, path: list[str], value: float) -> Any:
-    """A copy of a nested section with the value at the path replaced; groups go by their names."""
+    """A copy of a nested section in which the value at a path is replaced. Groups are found by their names."""
     if not path:
         return value
     head, *rest = path
@@ -306,7 +317,7 @@ def _replaced(section: Any, path: list[str], value: float) -> Any:
 
 
 def realised(template: Template, rng: np.random.Generator) -> Template:
-    """The template as one seed sets it up: the parameters that are drawn for every seed have values of their own."""
+    """The template as one seed sets it up: every parameter with a ``draw`` range gets a drawn value."""
     return template.with_values(_uniform(template.drawn, rng))
 
 
@@ -326,7 +337,7 @@ def _uniform(ranges: Mapping[str, ValueRange], rng: np.random.Generator) -> dict
 
 @dataclass(frozen=True)
 class PredicateDeclaration:
-    """A predicate as templates and records name it; ``siren_ros.scoring.judging`` evaluates it."""
+    """A predicate by its name, as templates and records use it. ``siren_ros.scoring.judging`` evaluates it."""
 
     name: str
     thresholds: Mapping[str, tuple[float, float]]
@@ -367,4 +378,4 @@ DECLARED_PREDICATES: Final[dict[str, PredicateDeclaration]] = {
         *(STOP_SAME_DIRECTION, STOP_CROSSING, SHOULDER_TURN, RESCUE_LANE),
     )
 }
-"""By name."""
+"""The declared predicates by name."""

@@ -21,17 +21,17 @@ _TOWN: Final = "town"
 
 
 class Split(StrEnum):
-    """What an episode is for, or how it stands to what a model was trained on."""
+    """What an episode is used for, or how it relates to the training data of a model."""
 
     TRAIN = "train"
     VAL = "val"
-    """Looked at during training; chooses nothing."""
+    """Episodes that were looked at during training and decided nothing."""
     TEST_SEED = "test-seed"
-    """Maps and templates of the training, other seeds or parameters."""
+    """Episodes with the maps and templates of the training, but other seeds or parameters."""
     TEST_MAP = "test-map"
-    """Maps that are not trained on."""
+    """Episodes on maps that the training does not use."""
     TEST_TEMPLATE = "test-template"
-    """Templates that are not trained on."""
+    """Episodes of templates that the training does not use."""
 
 
 @dataclass(frozen=True, order=True)
@@ -42,7 +42,7 @@ class EpisodeIdentity:
     template: str
     seed: int
     values: str = ""
-    """Parameters in place of the seed's own, as a request has them."""
+    """Values of parameters in place of those that the seed draws, as a request has them."""
 
     @staticmethod
     def of(episode: EpisodeDescription) -> "EpisodeIdentity":
@@ -60,7 +60,7 @@ class EpisodeIdentity:
 
     @property
     def text(self) -> str:
-        """In one line, the parameters sorted: ``town S2 103``, ``town S2 103 emv.speed_mps=12.5``."""
+        """The identity in one line, with sorted parameters: ``town S2 103``, ``town S2 103 emv.speed_mps=12.5``."""
         return f"{self.map_name} {self.template} {self.seed} {text_of_values(values_of(self.values))}".rstrip()
 
 
@@ -87,7 +87,7 @@ class SplitRule:
 
 @cache
 def split_rule() -> SplitRule:
-    """The rule of the project."""
+    """The project's own rule, read from ``params/splits.yaml``."""
     content = plain_yaml.load(plain_yaml.read_text(params_dir() / _FILE))
     return SplitRule(
         frozenset(content["test_maps"]),
@@ -104,12 +104,12 @@ def split_of(episode: EpisodeIdentity) -> Split:
 
 @dataclass(frozen=True)
 class SeenEpisodes:
-    """What a model has seen, as its card says."""
+    """The episodes that a model has seen, as its card lists them."""
 
     trained: frozenset[str]
-    """``EpisodeIdentity.text`` of the episodes that it was trained on."""
+    """``EpisodeIdentity.text`` of the episodes on which the model was trained."""
     watched: frozenset[str] = frozenset()
-    """Of those that were looked at during its training."""
+    """The same of the episodes that were looked at during its training."""
 
     @staticmethod
     def of_card(card: Mapping[str, Any]) -> "SeenEpisodes | None":
@@ -124,7 +124,7 @@ class SeenEpisodes:
         return frozenset(_words(self.trained, 0))
 
     def split_of(self, episode: EpisodeIdentity) -> Split:
-        """How an episode stands to the model: what it would be if this model's training decided the splits."""
+        """How an episode relates to the model: the split that the episode would have by this model's training."""
         if episode.text in self.trained:
             return Split.TRAIN
         if episode.text in self.watched:
@@ -139,11 +139,17 @@ def _words(texts: Collection[str], place: int) -> set[str]:
 
 
 def counted_standings(standings: Collection[Split]) -> dict[Split, int]:
-    """How many scored episodes stand how to a model, every split named; empty where nothing is known of any."""
+    """Number of scored episodes by their relation to the model, with every split named.
+
+    Empty where no relation is known.
+    """
     return {split: list(standings).count(split) for split in Split} if standings else {}
 
 
 def overlap_warning(model: str, counts: Mapping[Split, int]) -> str:
-    """A line where scored episodes (``counted_standings``) are of the model's own training; else empty."""
+    """A warning line where scored episodes (``counted_standings``) belong to the model's own training.
+
+    Otherwise empty.
+    """
     inside, total = counts.get(Split.TRAIN, 0), sum(counts.values())
     return f"WARNING: {model} was trained on {inside} of these {total} episodes: its scores say too much" * bool(inside)

@@ -66,7 +66,7 @@ def load_template(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Templ
 
 
 def own_level(template: str) -> str:
-    """The level in a template's file; empty where the template is not ours."""
+    """The level that a template's file states; empty where the template is not one of the project's."""
     try:
         return load_template(template).level.name
     except SirenError:
@@ -82,7 +82,7 @@ def _template(top: StrictMapping) -> Template:
     parameters = _Parameters({}, {})
     ranges, drawn = parameters.ranges, parameters.drawn
     site_kind = SiteKind(top.text("site", list(SiteKind)))
-    name = top.text("id")  # becomes part of file names
+    name = top.text("id")  # the id becomes part of file names, so it has to be a plain name
     if not _ID.fullmatch(name):
         raise InputError(top.where("id"), name, "letters, digits, - and _, at most 64")
     template = Template(
@@ -119,7 +119,7 @@ def _template(top: StrictMapping) -> Template:
 
 
 def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
-    """A road has no junction to which starts and groups could refer.
+    """Refuses starts and groups that refer to a stop line where the site is a road, which has no junction.
 
     Raises:
         InputError: the template has one of these.
@@ -180,7 +180,7 @@ _Section = TypeVar("_Section")
 
 
 def _finished(section: StrictMapping, value: _Section) -> _Section:
-    """What was read from a section, once nothing else is in it."""
+    """The value that was read from a section, after a check that the section has no further keys."""
     section.finish()
     return value
 
@@ -190,7 +190,7 @@ def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
     emv = EmvDemand(
         actor_class=ActorClass[section.text("class", emergency).upper()],
         count=parameters.integer(section, "count", 1, _MAX_EMVS)
-        if section.is_mapping("count")  # older templates, also those in bags, say only how many
+        if section.is_mapping("count")  # older templates, also those in bags, state only the number of EMVs
         else section.integer("count", 1, _MAX_EMVS),
         start_m=parameters.number(section, "start_m", -500.0, 500.0),
         speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
@@ -206,7 +206,7 @@ def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
 
 
 def _option(section: StrictMapping, key: str, default: StartReference | GroupAnchor) -> str:
-    """One of an enumeration's texts; the default where the key is missing."""
+    """One of the texts of an enumeration; the default where the key is missing."""
     return section.text(key, list(type(default))) if section.has(key) else default.value
 
 
@@ -243,7 +243,7 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
 
 
 def _people(demand: StrictMapping, parameters: _Parameters) -> PeopleDemand:
-    """The section ``people``; every template has its parameters, 0 where the file does not say so."""
+    """Reads the section ``people``. Every template has its parameters, with 0 where the file does not state them."""
     section = demand.mapping(_PEOPLE) if demand.has(_PEOPLE) else None
     values = {}
     for name in (field.name for field in fields(PeopleDemand)):
@@ -261,7 +261,7 @@ _MOST_VARIETY: Final = {"size_spread": 0.15, "parked_share": 1.0, "clutter_per_1
 
 
 def _variety(demand: StrictMapping, parameters: _Parameters) -> VarietyDemand:
-    """The section ``variety``; every template has its parameters, 0 where the file does not say so."""
+    """Reads the section ``variety``. Every template has its parameters, with 0 where the file does not state them."""
     section = demand.mapping(_VARIETY) if demand.has(_VARIETY) else None
     values = dict.fromkeys(_MOST_VARIETY, 0.0)
     for name, most in _MOST_VARIETY.items():

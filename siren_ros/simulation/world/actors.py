@@ -50,14 +50,14 @@ VEHICLE_CLASSES: Final = tuple(member for member in ActorClass if member is not 
 
 
 class Owner(IntEnum):
-    """Who decides an actor's motion at a step (paper, table of control ownership)."""
+    """Which program decides an actor's motion at a step (paper, table of control ownership)."""
 
     SUMO = 0
     ROS = 1
 
 
 class Lights(IntFlag):
-    """What an actor shows and sounds."""
+    """The lights that an actor shows and the siren that it sounds, as flags."""
 
     NONE = 0
     BRAKE = 1
@@ -82,20 +82,21 @@ class Mode(IntEnum):
     COPY_SUMO = 3
     GAP_ESCAPE = 4
     YIELD_REACTING = 5
-    """The siren was noticed and the driver has not yet reacted."""
+    """The driver has noticed the siren and has not yet reacted."""
     YIELD_DEFERRED = 6
-    """A yield is due and not feasible at this step."""
+    """The driver has to yield, but cannot at this step."""
     YIELD_LANE_CHANGE = 7
     YIELD_KEEP_LANE = 8
-    """Lane cleared; SUMO drives again, bound to its new lane and slowed until the EMV has passed."""
+    """The lane is cleared. SUMO drives again, keeps the vehicle in its new lane and slows it down until the EMV has
+    passed."""
     YIELD_PULL_OVER = 9
     YIELD_HOLD = 10
     REJOIN = 11
-    """Yield over; the navigator leads the vehicle back to its lane before SUMO takes over."""
+    """The yield is over. The navigator leads the vehicle back to its lane before SUMO takes over."""
     EXTERNAL = 12
-    """Driven by a program outside the platform: the AV under test."""
+    """A program outside the platform drives the vehicle: the AV under test."""
     STOPPED = 13
-    """After a contact: brakes to a standstill and stays there."""
+    """The vehicle had a contact. It brakes to a standstill and stays there."""
 
     @property
     def is_yielding(self) -> bool:
@@ -105,7 +106,7 @@ class Mode(IntEnum):
 
 @dataclass(frozen=True)
 class ActorDescription(Brief):
-    """What an actor is: everything that does not change during an episode."""
+    """The properties of an actor that do not change during an episode."""
 
     actor_id: int
     name: str
@@ -115,7 +116,7 @@ class ActorDescription(Brief):
     width_m: float
     height_m: float
     colour_rgb: tuple[int, int, int]
-    """Paint, 0–255 each."""
+    """Colour of the paint, 0–255 for each of red, green and blue."""
     is_emv: bool = False
 
 
@@ -136,10 +137,10 @@ class ActorStates(Brief):
     vy_mps: Floats
     yaw_rate_radps: Floats
     accel_mps2: Floats
-    """Longitudinal acceleration."""
+    """Acceleration along the vehicle."""
     lateral_accel_mps2: Floats
     steer_rad: Floats
-    """Road-wheel angle, left positive."""
+    """Angle of the road wheels, left positive."""
     throttle: Floats
     brake: Floats
     owner: Codes
@@ -158,7 +159,7 @@ class ActorStates(Brief):
 
     @classmethod
     def empty(cls, step: int = 0) -> "ActorStates":
-        """No actors."""
+        """A step without actors."""
         arrays: dict[str, Any] = {name: np.empty(0, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
         return cls(step=step, **arrays)
 
@@ -169,7 +170,8 @@ class ActorStates(Brief):
 
 
 RESIDUAL_LIMIT_M: Final = 20.0
-"""A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
+"""Largest distance of a simulated vehicle from its pose in SUMO. SUMO's vehicle should have been moved back long
+before."""
 ACTOR_STATE_DTYPES: Final = dtypes_of(ActorStates)
 """Array fields of ActorStates and their element types, in declaration order."""
 
@@ -178,7 +180,7 @@ def rows_of_ids(actor_id: Ids, ids: Ids) -> npt.NDArray[np.intp]:
     """Row of each id in a sorted id array, −1 where it is absent; shape of ``ids``."""
     if len(actor_id) == 0:
         return np.full(len(ids), -1, dtype=np.intp)
-    if len(actor_id) == len(ids) and (actor_id == ids).all():  # nearly every step
+    if len(actor_id) == len(ids) and (actor_id == ids).all():  # both arrays are equal at nearly every step
         return np.arange(len(ids))
     rows = actor_id.searchsorted(ids)
     rows[rows == len(actor_id)] = 0

@@ -1,4 +1,4 @@
-"""What is said at one step of a vehicle with sensors: labels, odometry, predicted paths, and its frames (REP 105)."""
+"""What is known of a vehicle with sensors at one step: labels, odometry, predicted paths, its frames (REP 105)."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -36,7 +36,7 @@ class GroundTruth(Brief):
     lidar_points: Ids
     """Number of LiDAR returns on the actor in the sweep of this step."""
     frame_id: str = "lidar"
-    """The carrier's first LiDAR, or ``base_link`` for a suite without one."""
+    """Frame of the boxes: the carrier's first LiDAR, or ``base_link`` for a suite without one."""
 
     def __len__(self) -> int:
         return len(self.actor_id)
@@ -63,9 +63,9 @@ class CameraTruth(Brief):
     u_max_px: Floats
     v_max_px: Floats
     visible_px: Ids
-    """Pixels that show the vehicle."""
+    """Number of pixels that show the vehicle."""
     visible_fraction: Floats
-    """Of the vehicle's outline within the picture."""
+    """Visible share of the vehicle's outline within the picture."""
     truncation: Floats
     """Share of the vehicle's outline that lies outside the picture."""
 
@@ -88,9 +88,9 @@ class Odometry:
     left_mps: float
     yaw_rate_radps: float
     pose_covariance: Floats
-    """Of x, y and yaw in the ``odom`` frame, shape ``(3, 3)``."""
+    """Covariance of x, y and yaw in the ``odom`` frame, shape ``(3, 3)``."""
     twist_covariance: Floats
-    """Of the forward and left velocity and the yaw rate, shape ``(3, 3)``."""
+    """Covariance of the forward velocity, the left velocity and the yaw rate, shape ``(3, 3)``."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +98,13 @@ class PredictedPaths:
     """R paths of vehicles, several for each, in the ``map`` frame."""
 
     step: int
-    """The present."""
+    """The step from which the paths start."""
     actor_id: Ids
-    """Shape ``(R,)``."""
+    """Vehicle of each path, shape ``(R,)``."""
     probability: Floats
-    """Of each path; those of a vehicle sum to 1."""
+    """Probability of each path; the probabilities of a vehicle's paths add up to 1."""
     xy_m: Floats
-    """Centres of the footprint, shape ``(R, L, 2)``."""
+    """Predicted centres of the footprint, shape ``(R, L, 2)``."""
 
     def __len__(self) -> int:
         return len(self.actor_id)
@@ -115,4 +115,4 @@ ODOM_FRAME: Final = "odom"
 """A vehicle's odometry is continuous in this frame, which drifts against ``map``."""
 BASE_FRAME: Final = "base_link"
 STATION_FRAME: Final = "station"
-"""Where a roadside unit stands, on the ground."""
+"""Frame whose origin is the place on the ground at which a roadside unit stands."""

@@ -1,4 +1,4 @@
-"""What the controllers ask of the vehicles at one step, as a structure of arrays."""
+"""The commands of the controllers to the vehicles at one step, as a structure of arrays."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -32,15 +32,15 @@ class VehicleCommands(Brief):
     actor_id: Ids
     owner: Codes
     throttle: Floats
-    """0–1."""
+    """Throttle pedal, 0–1."""
     brake: Floats
-    """0–1."""
+    """Brake pedal, 0–1."""
     steer_rad: Floats
     """Wanted road-wheel angle, left positive."""
     hand_brake: Codes
     mode: Codes
     lights: Codes
-    """Lights to show; the brake light is added by the vehicle itself."""
+    """Lights to show. The vehicle itself adds the brake light."""
     events: tuple[Event, ...] = ()
 
     def __len__(self) -> int:
@@ -59,7 +59,7 @@ class VehicleCommands(Brief):
 
     @classmethod
     def empty(cls, step: int, source: str, events: tuple[Event, ...] = ()) -> "VehicleCommands":
-        """No commands."""
+        """Commands of a controller that drives no vehicle at this step."""
         return cls.of(step, source, (), events)
 
 
@@ -77,20 +77,20 @@ _WARNING_LIGHTS: Final = int(Lights.BEACON | Lights.SIREN)
 
 @dataclass(frozen=True)
 class AvControl:
-    """What an external controller asks of the AV under test: its answer to a step, in force until the next."""
+    """The command of an external controller to the AV under test. It answers one step and holds until the next."""
 
     step: int
     throttle: float = 0.0
-    """0–1."""
+    """Throttle pedal, 0–1."""
     brake: float = 0.0
-    """0–1."""
+    """Brake pedal, 0–1."""
     steer_rad: float = 0.0
     """Wanted road-wheel angle, left positive; the vehicle's steering limits it."""
     lights: int = int(Lights.NONE)
-    """Indicators; the brake light is added by the vehicle itself."""
+    """Indicators to show. The vehicle itself adds the brake light."""
 
     def check(self) -> None:
-        """Refuse what no vehicle can be asked for.
+        """Refuses commands that no vehicle could carry out.
 
         Raises:
             EpisodeError: Names the field, its value and what is allowed.
@@ -109,17 +109,17 @@ class AvControl:
 
 
 def av_commands(control: AvControl, step: int, actor_id: int) -> VehicleCommands:
-    """The command that drives the AV to a step: its controller's answer to the step before."""
+    """The command that drives the AV to a step, from its controller's answer to the step before."""
     pedals = control.throttle, control.brake, control.steer_rad
     return VehicleCommands.of(step, AV_SOURCE, [(actor_id, Owner.ROS, *pedals, False, Mode.EXTERNAL, control.lights)])
 
 
 Controls = Mapping[int, AvControl]
-"""What drivers in seats ask of their vehicles at a step, by actor."""
+"""Commands of external drivers at a step, by the id of their vehicle."""
 
 
 def with_seats(commands: VehicleCommands, controls: Controls, seats: Collection[int]) -> VehicleCommands:
-    """A controller's commands in an episode where drivers of another program sit in some of the vehicles.
+    """A controller's commands with those of external drivers in place of its own.
 
     Args:
         commands: Of the controller, which asks something of these vehicles too.
@@ -140,7 +140,7 @@ def with_seats(commands: VehicleCommands, controls: Controls, seats: Collection[
 
 
 def controls_in(commands: VehicleCommands) -> Controls:
-    """The answers of drivers in seats that commands hold."""
+    """The commands of external drivers that a controller's commands contain."""
     controls: dict[int, AvControl] = {}
     for row in np.flatnonzero(commands.mode == Mode.EXTERNAL).tolist():
         throttle, brake, steer_rad = (

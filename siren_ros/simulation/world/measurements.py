@@ -20,7 +20,7 @@ class GnssFix:
     latitude_deg: float
     longitude_deg: float
     altitude_m: float
-    """Above the ellipsoid."""
+    """Height above the WGS 84 ellipsoid."""
     variance_m2: Floats
     """Variances east, north and up: white noise plus the bias walk so far, shape ``(3,)``."""
 
@@ -32,16 +32,16 @@ class ImuSample:
     step: int
     frame_id: str
     specific_force_mps2: Floats
-    """What accelerometers feel, shape ``(3,)``: acceleration less gravity, so (0, 0, 9.81) at rest and level."""
+    """What accelerometers measure, shape ``(3,)``: acceleration minus gravity, so (0, 0, 9.81) at rest and level."""
     angular_rate_radps: Floats
-    """Shape ``(3,)``."""
+    """Rate of turn about each axis, shape ``(3,)``."""
     force_variance: float
     rate_variance: float
 
 
 @dataclass(frozen=True, eq=False)
 class AudioChunk:
-    """Sound from the step before to this one."""
+    """The sound between the step before and this one."""
 
     step: int
     frame_id: str

@@ -26,7 +26,7 @@ _CODES: Final = frozenset({"lights", "flags"})
 _PARTS: Final = frozenset({"events", "emvs"})
 _SIGNED_DETAILS: Final = frozenset({"side", "offset_m"})
 _LEFT, _RIGHT = int(Lights.INDICATOR_LEFT), int(Lights.INDICATOR_RIGHT)
-"""Bits of lights; the flags' wishes for a lane have the same."""
+"""Bits of the indicators in codes of lights. The flags for wished lane changes use the same bits."""
 
 
 def _exchanged(code: int) -> int:
@@ -35,11 +35,11 @@ def _exchanged(code: int) -> int:
 
 
 SIDES_EXCHANGED: Final = np.array([_exchanged(code) for code in range(256)], dtype=np.uint8)
-"""Codes with left and right exchanged."""
+"""For each code of lights or flags, the code with left and right exchanged."""
 
 
 def mirror_image(content: Content) -> Content:
-    """The mirror image; the image of the image is the content."""
+    """The mirror image of a structure. The mirror image of the result is the structure again."""
     parts: Any = {field.name: getattr(content, field.name) for field in fields(content)}
     changed: dict[str, Any] = {}
     for name, value in parts.items():
@@ -57,5 +57,5 @@ def mirror_image(content: Content) -> Content:
 
 
 def _mirrored_yaw(yaw_rad: Floats) -> Floats:
-    """Yaws in (−π, π]."""
+    """Mirrored yaws, in (−π, π]."""
     return np.where(yaw_rad == np.pi, np.pi, -yaw_rad)

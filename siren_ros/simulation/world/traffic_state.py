@@ -1,4 +1,4 @@
-"""What SUMO says at one step, as structures of arrays, and the discrete events of an episode.
+"""What SUMO reports at one step, as structures of arrays, and the discrete events of an episode.
 
 Two episodes that have the state hash in common at every step are the same.
 """
@@ -18,7 +18,7 @@ from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, Acto
 
 
 class EventKind(StrEnum):
-    """The closed list of what can be recorded as an event."""
+    """All kinds of events that a record can contain."""
 
     SIREN_ON = "siren_on"
     SIREN_OFF = "siren_off"
@@ -48,30 +48,30 @@ class EventKind(StrEnum):
     SPAWNED = "spawned"
     REMOVED = "removed"
     REALIGNED = "realigned"
-    """A vehicle in SUMO was brought back to the simulated one, which could not follow it."""
+    """A vehicle in SUMO was moved back to its simulated pose, because it could not follow."""
     TELEPORT = "teleport"
 
 
 @dataclass(frozen=True)
 class Event:
-    """One happening at one step, in the ``map`` frame."""
+    """Something that happened at one step, in the ``map`` frame."""
 
     step: int
     kind: EventKind
     actor_id: int
     other_id: int = NO_ACTOR
-    """The second actor where there is one: the EMV that is yielded to, the collision's partner."""
+    """The second actor, where there is one: the EMV that is yielded to, or the partner of a collision."""
     x_m: float = 0.0
     y_m: float = 0.0
     detail: Mapping[str, float | int | str] = field(default_factory=dict)
-    """What belongs to this kind: ``impact_speed_mps``, ``signal_state``, ``junction``, ``reason``, …"""
+    """Further facts of this kind of event: ``impact_speed_mps``, ``signal_state``, ``junction``, ``reason``, …"""
 
 
 Indices = npt.NDArray[np.int32]
 
 
 class TrafficFlags(IntFlag):
-    """SUMO's view of one vehicle at one step."""
+    """What SUMO says of one vehicle at one step, as flags."""
 
     NONE = 0
     RESCUE_LANE = 1
@@ -91,11 +91,11 @@ class SignalState:
 
 @dataclass(frozen=True)
 class EmvAdvice:
-    """SUMO's advice for one emergency vehicle; SUMO or ROS may drive it."""
+    """What SUMO advises for one emergency vehicle, whether SUMO or ROS drives it."""
 
     actor_id: int
     lane_change_intent: int
-    """+1 left, −1 right, 0 none."""
+    """Lane change that SUMO would make: +1 left, −1 right, 0 none."""
     leader_id: int
     """Nearest vehicle ahead on the route within the query range, or NO_ACTOR."""
     leader_gap_m: float
@@ -131,13 +131,14 @@ class TrafficState(Brief):
     lane: Indices
     """Index into ``RoadNetwork.lanes`` of the lane that the front bumper is on; −1 off the road."""
     lane_position_m: Floats
-    """Of the front bumper, along the lane."""
+    """Distance of the front bumper from the beginning of its lane."""
     lateral_offset_m: Floats
-    """Of the vehicle from its lane's centre line, left positive."""
+    """Lateral distance of the vehicle from its lane's centre line, left positive."""
     lights: Codes
     flags: Codes
     route_offset: Indices
-    """Shape ``(N + 1,)``: the edges ahead of row i are ``route_edges[route_offset[i]:route_offset[i + 1]]``."""
+    """Where each row's part of ``route_edges`` begins, shape ``(N + 1,)``: row i has
+    ``route_edges[route_offset[i]:route_offset[i + 1]]``."""
     route_edges: Indices
     """Indices into ``RoadNetwork.edges``: the present edge (or the one before the junction) and those ahead."""
     emvs: tuple[EmvAdvice, ...]

@@ -13,7 +13,7 @@ from defusedxml.ElementTree import fromstring
 from siren_ros.simulation.roads.maps.netconvert import document
 
 CYCLE_LANE: Final = {"index": "1", "allow": "bicycle", "width": "1.85", "type": "cycle"}
-"""Width of a cycle lane: the usual one (RASt 06: 1.85 m with its marking)."""
+"""Attributes of a cycle lane. The width is the usual one (RASt 06: 1.85 m with its marking)."""
 _STREETS: Final = frozenset({"arterial", "collector"})
 """Types of the streets that get cycle lanes; elsewhere cyclists ride with the other traffic."""
 
@@ -43,7 +43,10 @@ def _add_lane(edge: Element) -> None:
 
 
 def _lead_across(part: Element, widened: set[str]) -> None:
-    """Shift the lanes of the movements, and add those of cyclists; each has the signal of its direction's last lane."""
+    """Moves the lane numbers of the movements by one, and adds the movements of cyclists.
+
+    Each has the signal of its direction's last lane.
+    """
     ways: dict[tuple[str, str], Element] = {}
     for movement in part.findall("connection"):
         pair = movement.attrib["from"], movement.attrib["to"]

@@ -1,4 +1,4 @@
-"""Mends the lanes of a compiled net: corners become bends that a car can follow, lengths are those of the shapes.
+"""Corrects the lanes of a compiled net: cars can follow their bends, and lengths are those of the shapes.
 
 netconvert draws bends as polygons with sides of 2 to 10 m, some turning movements of OpenDRIVE maps as straight lines
 from lane to lane, and gives all lanes of an edge one length. SUMO's vehicles would turn in jerks at every corner, and
@@ -16,9 +16,9 @@ from siren_ros.simulation.roads.maps.netconvert import document
 from siren_ros.simulation.roads.net_parser import FARTHEST_M, MAX_MAP_BYTES, check_shape, paths_across, permissions_on
 
 _SHARPEST_KEPT_RAD: Final = 0.02
-"""A corner that turns less than this stays."""
+"""A corner with a smaller change of direction stays as it is."""
 _TURN_PER_POINT_RAD: Final = 0.05
-"""A rounded corner gets a point for each such part of its turn (3°)."""
+"""A rounded corner gets one point for each such change of direction (3°)."""
 _FARTHEST_CUT_M: Final = 6.0
 """A rounded corner begins at most this far before the vertex."""
 _LARGEST_SHIFT_M: Final = 0.3
@@ -28,14 +28,14 @@ _ONE_LENGTH_SHARE: Final = 0.1
 change lanes, SUMO takes places with equal lengths for places side by side. A lane that differs more has its own: on it
 a bus of 12 m would become shorter, for SUMO, by most of the 2 m that it keeps behind it."""
 _STEP_BACK_M: Final = 1.0
-"""A longer side leads somewhere."""
+"""Only shorter sides are removed where a line goes back; longer ones lead somewhere."""
 _LEAST_SIDE_M: Final = 0.05
 _SHORTEST_M: Final = 0.1
 """netconvert's own least length of a lane."""
 _CORNER_RAD: Final = 0.17
 """Change of direction from which the end of a path across a junction is a corner (10°)."""
 _SHORTEST_PATH_M: Final = 2.0
-"""Shorter paths across junctions stay as they are, unless they lead back."""
+"""Shorter paths across junctions stay as they are, unless they lead backwards."""
 _HANDLE: Final = 0.39
 """Length of a Bézier curve's handles over its chord: a quarter turn becomes nearly a circle."""
 _POINTS: Final = 17
@@ -197,5 +197,5 @@ def points_of(shape: str) -> Points:
 
 
 def text_of(points: Points) -> str:
-    """A ``shape`` attribute."""
+    """Writes points as a ``shape`` attribute."""
     return " ".join(",".join(f"{value:.4f}".rstrip("0").rstrip(".") for value in point) for point in points)

@@ -1,4 +1,4 @@
-"""Refuses maps with counts of no real place: small texts in a map from which netconvert makes much."""
+"""Refuses maps with numbers that no real place has, because netconvert would need too much time or memory for them."""
 
 import math
 import re
@@ -13,15 +13,16 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads.maps.map_source import MapSource, SourceKind
 
 DEEPEST: Final = 100
-"""Elements inside each other; maps have fewer than 20. netconvert takes a time that grows with the square."""
+"""Greatest depth of nested elements; maps have fewer than 20. netconvert's time grows with the square of it."""
 MOST_LANES: Final = 100
-"""Of one way of OpenStreetMap; the widest toll stations have about 50. netconvert takes 20 s for a crossing of 1000."""
+"""Most lanes of one way in OpenStreetMap; the widest toll stations have about 50. netconvert takes 20 s for a crossing
+of 1000."""
 LONGEST_CURVE_M: Final = 100_000.0
-"""Of one piece of an OpenDRIVE road that is no straight line. netconvert puts a point on it every 2 m."""
+"""Greatest length of one curved piece of an OpenDRIVE road. netconvert puts a point on it every 2 m."""
 MOST_CURVE_M: Final = 20_000_000.0
-"""Of all of these and all of their lanes: ten million points, which make a net of 200 MB."""
+"""Greatest length of all curved pieces times their lanes: ten million points, which make a net of 200 MB."""
 MOST_REPEATS: Final = 1_000_000
-"""Copies of the objects of an OpenDRIVE map; netconvert makes each of them."""
+"""Most copies of the objects of an OpenDRIVE map; netconvert makes each of them."""
 _SHOWN_OF_TEXT: Final = 40
 
 
@@ -54,7 +55,7 @@ def _lanes_of_openstreetmap(osm: Element) -> str:
     for way in osm.iter("way"):
         for tag in way.iter("tag"):
             value = tag.get("v", "")
-            # A longer number is too large as well, and Python refuses it.
+            # Python refuses to read a much longer number, and it would be too large as well.
             numbers = re.findall("[0-9]+", value) if tag.get("k", "").startswith("lanes") else []
             if any(len(number) > 9 or int(number) > MOST_LANES for number in numbers):
                 shown = f"{tag.get('k')}={value[:_SHOWN_OF_TEXT]!r} of way {way.get('id', '')[:_SHOWN_OF_TEXT]!r}"
@@ -87,7 +88,10 @@ def _curves_of_opendrive(drive: Element) -> str:
 
 
 def _distance_m(repeat: Element) -> float:
-    """Between the copies; not a number where there is none: netconvert then makes copies until its memory is full."""
+    """Distance between the copies of an object.
+
+    It is NaN where none is stated: netconvert then makes copies until its memory is full.
+    """
     try:
         value = float(repeat.get("distance", "nan"))
     except ValueError:
@@ -96,7 +100,7 @@ def _distance_m(repeat: Element) -> float:
 
 
 def _number(element: Element, name: str) -> float:
-    """A number from 0 on; 0 where there is none, and infinite where it is none that can be counted with."""
+    """A number from 0 on. A missing one counts as 0, and one that cannot be used as infinite."""
     try:
         value = float(element.get(name, "0"))
     except ValueError:
@@ -108,4 +112,4 @@ _COUNTS: Final[Mapping[SourceKind, Callable[[Element], str]]] = {
     SourceKind.OPENDRIVE: _curves_of_opendrive,
     SourceKind.OPENSTREETMAP: _lanes_of_openstreetmap,
 }
-"""What is allowed where there is too much; empty texts for usable maps."""
+"""For each kind of map, the function that names what there is too much of. Its text is empty for usable maps."""

@@ -49,13 +49,13 @@ TOWN_NAME: Final = "town"
 _RECIPE: Final = "8"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _PEOPLE_RECIPE: Final = f"{_RECIPE} people 4"
-"""The same for maps with ways for people."""
+"""The same part of the key for maps with ways for people."""
 _SLOWER_RECIPE: Final = "1"
-"""The same for nets whose limits are lowered."""
+"""The same part of the key for nets with lowered speed limits."""
 _IN_USE_RECIPE: Final = "shoulders 1"
-"""The same for nets whose shoulders are closed."""
+"""The same part of the key for nets with closed shoulders."""
 _MIRRORED_RECIPE: Final = "mirrored 1"
-"""The same for mirror images."""
+"""The same part of the key for mirror images."""
 _COMMON: Final = (
     "--no-turnarounds",
     # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
@@ -73,19 +73,20 @@ _PARTS: Final = {
     "con": "--connection-files",
     "tll": "--tllogic-files",
 }
-"""Options that name the parts of a built-in map: of ``params/town``, ``town.nod.xml`` and so on."""
+"""Netconvert's option for each part of a built-in map, by the ending of its file: ``town.nod.xml`` of ``params/town``
+and so on."""
 Files = Mapping[str, bytes]
-"""Plain XML by the option that names it."""
+"""Contents of plain XML files, by the netconvert option that names each file."""
 
 
 @dataclass(frozen=True)
 class _BuiltIn:
-    """What a built-in map is made of."""
+    """The folder of a built-in map, and how its files are changed."""
 
     folder: str
     parts: tuple[str, ...]
     made_of: Callable[[Files], Files] = dict
-    """The map's files, from those of the folder."""
+    """Changes the files of the folder into those of the map."""
 
 
 _TOWN: Final = _BuiltIn("town", ("nod", "edg", "typ", "con", "tll"))
@@ -110,7 +111,7 @@ _OPENSTREETMAP: Final = (
     *("--geometry.remove", "--geometry.max-angle.fix", "--roundabouts.guess", "--ramps.guess"),
     *("--junctions.join", "--junctions.corner-detail", "5"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--tls.default-type", "static"),
-    # RiLSA 2015 up to 50 km/h. netconvert derives it from the speed limit alone, and comes to twice as much.
+    # RiLSA 2015 has 3 s up to 50 km/h. netconvert's own value, from the speed limit alone, is twice as long.
     *("--tls.yellow.time", "3"),
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
@@ -119,7 +120,7 @@ _JOINED_SIDEWALKS: Final = (*_COMMON, "--offset.disable-normalization", "--cross
 _ONE_RUN: Final = {
     SourceKind.BUILT_IN: (_BUILT_IN, tuple(_PARTS.values())),
 }
-"""Kinds that netconvert compiles at once: its options, and the options that name the source's files, in their order."""
+"""Kinds of maps that netconvert compiles in one run, with its options and the options that name the files."""
 _TWO_RUNS: Final = {
     SourceKind.OPENDRIVE: (_OPENDRIVE, _OPENDRIVE_SECOND, "--opendrive-files", "an OpenDRIVE map whose roads"),
     SourceKind.OPENSTREETMAP: (
@@ -129,7 +130,8 @@ _TWO_RUNS: Final = {
         "an OpenStreetMap extract whose nodes",
     ),
 }
-"""Options of both runs, the option that names the source, and the beginning of the error where parts are missing."""
+"""Kinds that need two runs: the options of both, the option that names the source, and how the error begins where parts
+are missing."""
 
 
 @dataclass(frozen=True)
@@ -138,12 +140,12 @@ class CompiledMap:
 
     name: str
     net_path: Path
-    """A plain ``.net.xml`` in the cache."""
+    """File of the compiled net in the cache: a plain ``.net.xml``."""
     sha256: str
-    """Of the net's bytes; the same on every machine with the same SUMO version."""
+    """SHA-256 of the net's bytes; the same on every machine with the same SUMO version."""
     kind: SourceKind
     source_sha256: str = ""
-    """Of the source's content, unpacked where it was packed."""
+    """SHA-256 of the source's content, after decompression."""
 
     def read_bytes(self) -> bytes:
         """The net, for ``parse_road_network``."""
@@ -174,7 +176,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_peopl
     except OSError:
         refuse_unusable_map(loaded, shown)
         net = _compile(loaded, shown, for_people=for_people)
-        _parsed(net, shown)  # a net of which a road network can be made
+        _parsed(net, shown)  # this raises an error if no road network can be made of the net
         try:
             net = mended_lanes(net)
         except (ValueError, LookupError, OverflowError) as error:
@@ -229,7 +231,7 @@ def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
         folder = Path(scratch)
 
         def run(options: Sequence[str], files: Mapping[str, bytes]) -> bytes:
-            """Runs netconvert on files, each by the option that names it."""
+            """Runs netconvert on files, each given by the option that names it."""
             for option, content in files.items():
                 path = folder / f"file{option}.xml"
                 path.write_bytes(content)
@@ -245,7 +247,7 @@ def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
 
 
 def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files], bytes], *, for_people: bool) -> bytes:
-    """The net of a map; its sidewalks have crossings only where the source is a net that has them."""
+    """The net of a map. Where the source is a net, its sidewalks have crossings only if it has them."""
     if source.kind is SourceKind.SUMO:
         return without_header(source.content)
     if source.kind in _ONE_RUN:
@@ -270,7 +272,10 @@ def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files]
 
 
 def _imported(source: MapSource) -> tuple[bool, bytes]:
-    """Whether traffic keeps left, and what netconvert imports: an OpenDRIVE map as if it kept right."""
+    """Whether traffic keeps left, and the input for netconvert.
+
+    An OpenDRIVE map is converted so that its traffic keeps right.
+    """
     if not keeps_left(source):
         return False, source.content
     exchange = mirrored_opendrive if source.kind is SourceKind.OPENDRIVE else with_sides_exchanged
@@ -289,7 +294,7 @@ def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str
 
 
 def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
-    """The map with no lane's speed limit above a limit; the map itself where none is.
+    """The map with all speed limits lowered to a limit; the same map where no limit is higher.
 
     The paper's traffic drives at the limit that CARLA gives to roads without a sign, 30 km/h. Higher limits of a map
     would leave nothing for an EMV at 50 km/h to pass. The lowered net is kept in the cache of compiled maps.
@@ -301,7 +306,7 @@ def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
 
 
 def with_shoulders_in_use(compiled: CompiledMap) -> CompiledMap:
-    """The map without shoulders that anybody may drive on; the map itself where it has none.
+    """The map with its shoulders closed to everybody; the same map where it has none.
 
     In a town vehicles park there. A template asks for it where a free shoulder would be the EMV's way past everybody.
     Raises InputError as ``with_speed_limit`` does.

@@ -25,7 +25,7 @@ _SUFFIXES: Final = frozenset({".gz", ".xml", ".net", ".osm", ".xodr"})
 
 
 class SourceKind(StrEnum):
-    """Where a map comes from."""
+    """The kind of a map's source."""
 
     BUILT_IN = "built_in"
     SUMO = "sumo"
@@ -47,7 +47,7 @@ class MapSource:
     name: str
     kind: SourceKind
     content: bytes
-    """Decompressed."""
+    """The file's content, decompressed."""
 
 
 def read_map_source(path: Path) -> MapSource:
@@ -81,7 +81,7 @@ def read_map_source(path: Path) -> MapSource:
 
 
 def _open(path: Path) -> BinaryIO:
-    """The open file. Pipes and devices are refused: they may block or never end."""
+    """Opens a file. Pipes and devices are refused, because they may block or never end."""
     if path.exists() and not path.is_file() and not path.is_dir():
         raise OSError("this is no file")
     return path.open("rb")

@@ -37,7 +37,7 @@ def mirrored_net(net: bytes) -> bytes:
 
 
 def _mirror_location(location: Element) -> None:
-    """The boundary and the offset of the image. Its projection stays, though it is that of the net."""
+    """Mirrors the boundary and the offset. The projection stays that of the net."""
     location.set("netOffset", _mirrored_point(location.get("netOffset", "0,0")))
     west, south, east, north = location.get("convBoundary", "0,0,0,0").split(",")
     location.set("convBoundary", ",".join((west, negated(north), east, negated(south))))

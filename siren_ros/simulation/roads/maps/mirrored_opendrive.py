@@ -31,7 +31,8 @@ _NEGATED: Final[Mapping[str, tuple[str, ...]]] = {
     "cornerLocal": ("v",),
     "laneLink": ("from", "to"),
 }
-"""Numbers that are positive to the left or counter-clockwise, and numbers of lanes."""
+"""By element, the attributes that change sign in the mirror image: numbers that are positive to the left or
+counter-clockwise, and lane numbers."""
 _ORDER: Final = ("left", "center", "right")
 
 
@@ -57,7 +58,10 @@ def mirrored_opendrive(xodr: bytes) -> bytes:
 
 
 def _mirror_section(section: Element) -> None:
-    """Exchange the sides. Lanes stand from left to right, so those with the largest number come first."""
+    """Exchanges the sides of a lane section.
+
+    Lanes are listed from left to right, so those with the largest number come first.
+    """
     for side in section:
         side.tag = OTHER_SIDE.get(side.tag, side.tag)
         lanes = side.findall("lane")

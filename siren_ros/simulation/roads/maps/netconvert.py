@@ -1,4 +1,4 @@
-"""Runs SUMO's ``netconvert``, and makes what it writes the same bytes on every machine.
+"""Runs SUMO's ``netconvert`` so that it writes the same bytes on every machine.
 
 Stop and yield signs are given to it as plain XML: the type of a junction and the priority of its approaches.
 """
@@ -22,9 +22,9 @@ from siren_ros.simulation.roads.maps.map_source import shown_words
 from siren_ros.simulation.roads.net_parser import MAX_MAP_BYTES
 
 TIMEOUT_S: Final = 900.0
-"""Longest that one import may take; a city of OpenStreetMap takes about a minute."""
+"""Longest time of one import; a city of OpenStreetMap takes about a minute."""
 MOST_MEMORY_BYTES: Final = 8 * 2**30
-"""Of address space. A grid of streets whose net has 300 MB, more than is read, took 1.4 GB."""
+"""Largest address space of netconvert. A grid of streets with a net of 300 MB, more than SIREN reads, took 1.4 GB."""
 _MOST_OUTPUT_BYTES: Final = 2 * MAX_MAP_BYTES
 
 _PROLOGUE: Final = re.compile(rb"\s*(<\?xml[^>]*\?>)?(?:\s*<!--.*?-->)*\s*", re.DOTALL)
@@ -50,7 +50,7 @@ def sumo_home() -> Path:
 
 @cache
 def netconvert_path() -> Path:
-    """The netconvert program.
+    """Path of the netconvert program.
 
     Raises:
         SirenError: There is none.
@@ -100,7 +100,7 @@ def run_netconvert(options: Sequence[str], output: Path, shown_source: str) -> b
 
 
 def _bounds() -> Sequence[str]:
-    """The programs (util-linux, which every Debian has) that start another one with limits, and end it with us.
+    """Command prefix that limits netconvert's memory and ends it together with this process (util-linux).
 
     Without the latter, netconvert would go on alone where this process is killed.
     """

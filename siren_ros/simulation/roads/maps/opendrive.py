@@ -79,7 +79,7 @@ def _signed_edges(net: Element, drive: Element, sign_type: str) -> frozenset[str
 
 
 def _approach_of(road: Element, sign: Element) -> tuple[str, str] | None:
-    """The road whose traffic passes a sign on the way into a junction, and that junction; SUMO keeps the ids of both.
+    """The road from which a sign's traffic enters a junction, and that junction. SUMO keeps the ids of both.
 
     On a connecting road inside the junction, traffic in the direction of the road's reference line comes from its
     predecessor and traffic against it from its successor. On a road outside, the sign binds the junction ahead.
@@ -153,7 +153,7 @@ def _shoulder_connections(net: Element) -> Iterator[Element]:
 
 
 def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:
-    """The net with the limits of the map's road types; limits of single lanes are netconvert's to read.
+    """The net with the speed limits of the map's road types. netconvert itself reads limits of single lanes.
 
     Paths across junctions get the lower limit of the lanes that they join. Where netconvert slowed them down for a
     turn, they stay so.

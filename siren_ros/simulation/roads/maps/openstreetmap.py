@@ -27,18 +27,18 @@ STOP: Final = "stop"
 GIVE_WAY: Final = "give_way"
 _NO_ROADS: Final = frozenset({"footway", "cycleway", "path", "steps", "pedestrian", "bridleway", "track", "corridor"})
 _LONGEST_WALK: Final = 50
-"""Nodes from a sign to its junction at most."""
+"""Greatest number of nodes from a sign to its junction."""
 _HEADING_LIMIT_RAD: Final = 0.9
 _BESIDE_M: Final = 15.0
 """Greatest distance of a sign from the edge that it binds: half of a wide road."""
 _BEFORE_M: Final = 60.0
-"""Farthest that a sign may be from the end of its edge…"""
+"""Greatest distance of a sign before the end of its edge."""
 _BEYOND_M: Final = 25.0
-"""…and how far beyond the end, since netconvert cuts edges back where it joins junctions."""
+"""Greatest distance of a sign beyond the end of its edge: netconvert cuts edges back where it joins junctions."""
 _EARTH_RADIUS_M: Final = 6_371_000.0
 _TAPER_RADIUS_M: Final = 12.0
-"""Makes a junction of about 22 m, over which a car goes one lane aside at 30 km/h with 3 m/s². netconvert's own joints
-of 8 m allow 12 km/h."""
+"""Radius of the joints at which lanes fan out. It makes them about 22 m long, over which a car moves one lane aside at
+30 km/h with 3 m/s². netconvert's own joints of 8 m allow 12 km/h."""
 _TAPER_SWERVE_RAD: Final = 0.5
 """Sum of the turns to both sides from which a joint needs more length."""
 
@@ -58,7 +58,7 @@ def signed_edges(osm_xml: bytes, net: Element) -> tuple[frozenset[str], frozense
 
 
 def drives_on(edge: Element) -> bool:
-    """Whether cars may use some lane of an edge."""
+    """Whether cars may use at least one lane of an edge."""
     return any(permissions_on(lane).civilian for lane in edge.iterfind("lane"))
 
 
@@ -83,7 +83,7 @@ def _only_joins(network: RoadNetwork, movements: Sequence[Connection]) -> bool:
 
 
 def tags_of(element: Element) -> dict[str, str]:
-    """The tags of a node, way or relation."""
+    """The tags of a node, way or relation, by their keys."""
     return {tag.get("k", ""): tag.get("v", "") for tag in element.iterfind("tag")}
 
 
@@ -97,7 +97,7 @@ class _RoadGraph:
             if "lat" in node.attrib and "lon" in node.attrib
         }
         """Latitude and longitude of each node in degrees."""
-        # Dictionaries without values are sets that keep their order.
+        # Dictionaries with None as values serve as sets that keep their order.
         self._ahead: defaultdict[str, dict[str, None]] = defaultdict(dict)
         """Nodes to which traffic may drive from each node."""
         self._neighbours: defaultdict[str, dict[str, None]] = defaultdict(dict)
@@ -164,7 +164,7 @@ class _RoadGraph:
 
 
 def _point(net: Element, lat_deg: float, lon_deg: float) -> tuple[float, float] | None:
-    """A place in the net's coordinates; None where its projection is not known."""
+    """A place in the net's coordinates; None where the projection is not known."""
     location = net.find("location")
     if location is None:
         return None

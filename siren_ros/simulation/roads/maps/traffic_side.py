@@ -23,13 +23,13 @@ from siren_ros.simulation.roads.mirror_image import OTHER_SIDE
 from siren_ros.simulation.roads.net_parser import is_left_hand
 
 _SIDED_KEYS: Final = ("sidewalk", "cycleway", "busway", "parking")
-"""Keys of OpenStreetMap by whose sides netconvert adds lanes."""
+"""Keys of OpenStreetMap that name a side of a way, by which netconvert adds lanes."""
 
 
 def keeps_left(source: MapSource) -> bool:
-    """Whether traffic keeps left on a map; not where it says nothing of its side and of its place.
+    """Whether traffic keeps left on a map. The answer is no where the map states neither its side nor its place.
 
-    Nor where the map cannot be read: the compiler says what is wrong with it.
+    It is also no where the map cannot be read: the compiler says what is wrong with it.
     """
     told = _TOLD.get(source.kind)
     try:
@@ -87,7 +87,7 @@ _TOLD: Final[Mapping[SourceKind, Callable[[Element], bool]]] = {
 
 
 def with_sides_exchanged(osm: bytes) -> bytes:
-    """An extract whose sidewalks, cycle and bus lanes are on the other side of their ways.
+    """An extract with the sidewalks, cycle lanes and bus lanes on the other side of their ways.
 
     netconvert counts the right side of a way as that of the traffic along it, also where traffic keeps left.
     """

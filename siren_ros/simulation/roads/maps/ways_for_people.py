@@ -1,4 +1,4 @@
-"""What netconvert imports for people on foot and on bicycles, where an episode has some: other maps stay as they are.
+"""Adds the ways for pedestrians and cyclists where an episode has some; maps of other episodes stay as they are.
 
 Sidewalks get corners where they meet. Crossings join the sidewalks of both sides of a street at its junctions: in an
 OpenDRIVE map at those that have crosswalks, elsewhere at all. OpenStreetMap's own crossings come on top.
@@ -16,7 +16,7 @@ from siren_ros.simulation.roads.maps.netconvert import normal_edges, sumo_home
 
 _TYPES: Final = ("osmNetconvert", "osmNetconvertBicycle")
 _SEPARATE: Final = re.compile(rb"""(k=["']sidewalk(:both|:left|:right)?["']\s+v=["'])separate(["'])""")
-"""A sidewalk that is drawn as an own way, too. netconvert does not import such ways where it keeps streets alone."""
+"""Finds a sidewalk that is also drawn as a way of its own. netconvert drops such ways where it keeps streets alone."""
 _LEAST_ARMS: Final = 3
 _OUTLINE: Final = re.compile(rb' outlineShape="[^"]*"')
 
@@ -28,7 +28,7 @@ def cycle_options() -> tuple[str, ...]:
 
 
 def with_sidewalks_on_streets(osm: bytes) -> bytes:
-    """An OpenStreetMap extract whose separate sidewalks are sidewalks of their streets."""
+    """An OpenStreetMap extract in which separately drawn sidewalks belong to their streets."""
 
     def on_street(tag: "re.Match[bytes]") -> bytes:
         return tag[1] + (b"yes" if tag[2] else b"both") + tag[3]
@@ -42,7 +42,7 @@ def has_corners(net: bytes) -> bool:
 
 
 def without_outlines(net: bytes) -> bytes:
-    """A net whose crossings are as wide as their lanes: netconvert's outlines go on around corners of sidewalks."""
+    """A net with crossings as wide as their lanes. netconvert's own outlines extend around corners of sidewalks."""
     return _OUTLINE.sub(b"", net)
 
 
@@ -58,7 +58,7 @@ def real_junctions(net: Element) -> frozenset[str]:
 
 
 def crosswalk_junctions(drive: Element) -> frozenset[str]:
-    """Junctions of an OpenDRIVE map that have a crosswalk: on a road across, or before the nearer end of one."""
+    """Junctions of an OpenDRIVE map with a crosswalk: on a road across the junction, or near the end of a road."""
     found: set[str] = set()
     for road in drive.iterfind("road"):
         for crosswalk in road.iterfind("objects/object[@type='crosswalk']"):
@@ -72,7 +72,7 @@ def crosswalk_junctions(drive: Element) -> frozenset[str]:
 
 
 def crossing_places(source: MapSource, net: Element) -> Iterator[Element]:
-    """Elements of netconvert's plain XML: it guesses no crossings at other places than those of the map."""
+    """Elements of netconvert's plain XML that forbid crossings at all places but those of the map."""
     drive = source.kind is SourceKind.OPENDRIVE
     kept = crosswalk_junctions(fromstring(source.content, forbid_dtd=True)) if drive else real_junctions(net)
     nodes = (junction.attrib["id"] for junction in net.iterfind("junction") if junction.get("type") != "internal")

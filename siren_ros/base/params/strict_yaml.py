@@ -117,11 +117,12 @@ class StrictMapping:
             mappings.append(StrictMapping(self.file, f"{self.path}.{key}[{position}]".lstrip("."), item))
         return tuple(mappings)
 
-    def numbers(self, key: str, count: int, low: float, high: float) -> tuple[float, ...]:
-        """A list of ``count`` numbers within ``[low, high]``."""
-        allowed = f"a list of {count} numbers from {low:g} to {high:g}"
+    def numbers(self, key: str, count: int, low: float, high: float, *, times: bool = False) -> tuple[float, ...]:
+        """A list of ``count`` numbers within ``[low, high]``; with ``times`` of that many once or several times."""
+        allowed = f"a list of {count} numbers{' or a multiple,' if times else ''} from {low:g} to {high:g}"
         node = self._take(key, allowed)
-        if not isinstance(node, yaml.SequenceNode) or len(node.value) != count:
+        length = len(node.value) if isinstance(node, yaml.SequenceNode) else 0
+        if not isinstance(node, yaml.SequenceNode) or (length % count or not length if times else length != count):
             raise InputError(self.where(key), _shown(node), allowed)
         values = []
         for item in node.value:

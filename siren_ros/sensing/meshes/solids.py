@@ -79,8 +79,9 @@ class BodyProfile:
         """Check the outlines; ValueError if they cannot form a body, usually because a number is mistyped."""
         outlines = self._outlines
         places = [[s for s, _ in outline] for outline in outlines]
-        if len({(row[0], row[-1]) for row in places}) > 1 or any(np.diff(row).min() <= 0.0 for row in places):
-            raise ValueError("each outline's knots go from the same start to the same end")
+        ordered = all(len(row) > 1 and np.diff(row).min() > 0.0 for row in places)
+        if not ordered or len({(row[0], row[-1]) for row in places}) > 1:
+            raise ValueError("each outline's two knots or more go from the same start to the same end")
         s = np.unique(np.concatenate(places))
         top, belt, bottom, width, roof = (_at(outline, s) for outline in outlines)
         if (top < belt - _SLACK_M).any() or (belt < bottom).any() or (roof > width + _SLACK_M).any():

@@ -1,59 +1,47 @@
 """The shape of each vehicle class, fitted to the exact dimensions and axle positions of the vehicle parameters."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache, partial
-from typing import Final
+from functools import cache
 
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, Floats32
 from siren_ros.sensing.meshes.mesh import Limb, VehicleShape, Wheel
-from siren_ros.sensing.vehicles import cars, large_vehicles, people, two_wheels
-from siren_ros.sensing.vehicles.vehicle_parts import Drawn
+from siren_ros.sensing.vehicles.shape_files import Drawing, read_drawing
 from siren_ros.simulation.dynamics.parameters import VehicleParameters, load_vehicle_parameters
 from siren_ros.simulation.world.actors import ActorClass
-
-_DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
-    ActorClass.HATCHBACK: partial(cars.car, cars.HATCHBACK),
-    ActorClass.SEDAN: partial(cars.car, cars.SEDAN),
-    ActorClass.ESTATE: partial(cars.car, cars.ESTATE),
-    ActorClass.SUV: partial(cars.car, cars.SUV),
-    ActorClass.VAN: partial(cars.car, cars.VAN),
-    ActorClass.PICKUP: cars.pickup,
-    ActorClass.BUS: large_vehicles.bus,
-    ActorClass.TRUCK: large_vehicles.truck,
-    ActorClass.AMBULANCE: large_vehicles.ambulance,
-    ActorClass.FIRE_TRUCK: large_vehicles.fire_truck,
-    ActorClass.POLICE: cars.police,
-}
-_RIDDEN: Final[Mapping[ActorClass, Callable[[], two_wheels.Ridden]]] = {
-    ActorClass.MOTORCYCLE: two_wheels.motorcycle,
-    ActorClass.BICYCLE: two_wheels.bicycle,
-}
 
 
 @cache
 def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
-    """The shape of a vehicle class with the sizes and axles of ``params/vehicles``; InputError for an unusable file."""
+    """The shape of a class: the drawing of ``params/shapes`` with the sizes and axles of ``params/vehicles``.
+
+    Raises:
+        InputError: one of the two files is missing or unusable.
+    """
     size = load_vehicle_parameters()[actor_class]
-    if actor_class is ActorClass.PEDESTRIAN:
-        return people.walker(size.length_m, size.width_m, size.height_m)
-    if actor_class in _RIDDEN:
-        body, wheels, limbs = _RIDDEN[actor_class]()
-        return fitted(actor_class, (body, wheels), size, limbs)
-    return fitted(actor_class, _DRAWINGS[actor_class](), size)
+    drawing = read_drawing(actor_class.name.lower())
+    return fitted(actor_class, drawing, size) if drawing.wheels else scaled(actor_class, drawing, size)
 
 
-def fitted(
-    actor_class: ActorClass, drawn: Drawn, size: VehicleParameters, limbs: tuple[Limb, ...] = ()
-) -> VehicleShape:
+def scaled(actor_class: ActorClass, drawing: Drawing, size: VehicleParameters) -> VehicleShape:
+    """Stretch a body without wheels, and its limbs, from the size for which it is drawn to the given size."""
+    stretch = np.divide((size.length_m, size.width_m, size.height_m), drawing.size_m)
+    limbs = []
+    for limb in drawing.limbs:
+        x, y, z = (stretch * limb.joint_m).tolist()
+        limbs.append(Limb(limb.mesh.transformed(np.diag(stretch)), (x, y, z), limb.swing))
+    body = drawing.body.transformed(np.diag(stretch))
+    return VehicleShape(actor_class, body, (), size.length_m, size.width_m, size.height_m, tuple(limbs))
+
+
+def fitted(actor_class: ActorClass, drawing: Drawing, size: VehicleParameters) -> VehicleShape:
     """Stretch a drawn body so that it has exactly the given size and its axles are where the parameters say.
 
     Around the axles the body is moved and not stretched, and below the arches' height it keeps its height, so that
     the arches stay round. Wheels and limbs keep their drawn size.
     """
-    body, wheels = drawn
+    body, wheels = drawing.body, drawing.wheels
     low, high = (bound.astype(np.float64) for bound in body.bounds_m)
     vertices = body.vertices_m.astype(np.float64)
     x_drawn, x_fitted = _axle_map(wheels, float(low[0]), float(high[0]), size)
@@ -82,7 +70,7 @@ def fitted(
         length_m=size.length_m,
         width_m=size.width_m,
         height_m=size.height_m,
-        limbs=limbs,
+        limbs=drawing.limbs,
     )
 
 

@@ -5,7 +5,8 @@ import pytest
 from solids import one_sidedness, volume
 
 from siren_ros.sensing.meshes.mesh import Material, Swing
-from siren_ros.sensing.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.sensing.vehicles.shape_files import read_drawing
+from siren_ros.sensing.vehicles.vehicle_shapes import scaled, vehicle_shape
 from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
 from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
 
@@ -189,3 +190,15 @@ def test_somebody_who_walks_has_the_size_of_the_parameters_and_swings_arms_and_l
         assert lowest == pytest.approx(0.0, abs=0.01) if leg else 0.6 < lowest < 0.9
     materials = {Material(int(code)) for code in np.unique(shape.at_rest.material)}
     assert materials == {Material.CLOTHING, Material.SKIN, Material.PLASTIC}
+
+
+def test_somebody_smaller_is_smaller_in_all_parts():
+    size = load_vehicle_parameters()[ActorClass.PEDESTRIAN]
+    child = replace(size, length_m=size.length_m / 2.0, height_m=0.75 * size.height_m)
+    drawing = read_drawing("pedestrian")
+    adult, small = (scaled(ActorClass.PEDESTRIAN, drawing, each) for each in (size, child))
+    assert (small.length_m, small.width_m, small.height_m) == (child.length_m, size.width_m, child.height_m)
+    stretch = (0.5, 1.0, 0.75)
+    np.testing.assert_allclose(small.at_rest.vertices_m, adult.at_rest.vertices_m * stretch, atol=1e-6)
+    for limb, whole in zip(small.limbs, adult.limbs, strict=True):
+        assert limb.joint_m == pytest.approx(np.multiply(whole.joint_m, stretch))

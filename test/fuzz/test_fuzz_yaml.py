@@ -17,6 +17,7 @@ from siren_ros.errors import InputError
 from siren_ros.running.generation.episode_setup import default_bag_path
 from siren_ros.sensing.look import load_look
 from siren_ros.sensing.suite import load_suite
+from siren_ros.sensing.vehicles.shape_files import read_drawing
 from siren_ros.simulation.dynamics.parameters import read_vehicle_parameters
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.presets import load_preset
@@ -37,7 +38,7 @@ def load_sedan(path):
 READERS = {
     "templates": (load_template, "S2"), "presets": (load_preset, "paper"), "suites": (load_suite, "front"),
     "drivers": (load_drivers, "urban"), "looks": (load_look, "clear"), "vehicles": (load_sedan, "sedan"),
-    "strict": (lambda path: read_strict_yaml(Path(path)), "front"),
+    "shapes": (read_drawing, "bus"), "strict": (lambda path: read_strict_yaml(Path(path)), "front"),
 }  # fmt: skip
 NASTY = [
     *["!!python/object/apply:os.system ['touch hacked']", "a: &a [1, 2]\nb: *a", "a: &a\n  <<: *a"],

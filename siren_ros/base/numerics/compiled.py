@@ -26,6 +26,8 @@ if not is_writable(Path(__file__).with_name("__pycache__")):
 
 Array = Any
 """A numpy array; numba compiles for the element types that it is given."""
+X, Y, YAW = range(3)
+"""Columns of points and of bodies. A layout with more columns names them where it is described."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
 """Kinds of values that compiled code contains as constants from the time of its compilation."""
@@ -94,6 +96,8 @@ def within(value: float, low: float, high: float) -> float:
 
 Pose = tuple[float, float, float, float]
 """A pose: x and y of the centre, cosine and sine of the yaw."""
+COS, SIN = 2, 3
+"""Columns of poses after ``X`` and ``Y``."""
 
 
 @compiled

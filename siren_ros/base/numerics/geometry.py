@@ -2,16 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats, Points
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import X, Y, compiled
 
 _SAME_M: Final = 1e-6
 """Points nearer than this count as equal."""
+_S, _LEFT = range(2)
+"""Rows of projections."""
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
@@ -149,63 +151,63 @@ class Polyline:
 
 
 @compiled
-def through_points(points: Any) -> tuple[Any, Any]:
+def through_points(points: Points) -> tuple[Points, Floats]:
     """Points without repeated ones, and the arc length at each; the compiled part of ``Polyline.through``."""
     kept, arc_m = np.empty((len(points), 2)), np.zeros(len(points))
     count = 0
     for k in range(len(points)):
         if k > 0:
-            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            dx, dy = points[k, X] - points[k - 1, X], points[k, Y] - points[k - 1, Y]
             if np.sqrt(dx * dx + dy * dy) <= _SAME_M:
                 continue
-        kept[count, 0], kept[count, 1] = points[k, 0], points[k, 1]
+        kept[count, X], kept[count, Y] = points[k, X], points[k, Y]
         if count > 0:
-            dx, dy = kept[count, 0] - kept[count - 1, 0], kept[count, 1] - kept[count - 1, 1]
+            dx, dy = kept[count, X] - kept[count - 1, X], kept[count, Y] - kept[count - 1, Y]
             arc_m[count] = arc_m[count - 1] + np.sqrt(dx * dx + dy * dy)
         count += 1
     return kept[:count].copy(), arc_m[:count].copy()
 
 
 @compiled
-def _point_at(points: Any, arc_m: Any, s_m: float) -> tuple[float, float]:
+def _point_at(points: Points, arc_m: Floats, s_m: float) -> tuple[float, float]:
     """``Polyline.at`` for one arc length."""
     i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
     fraction = (s_m - arc_m[i]) / (arc_m[i + 1] - arc_m[i])
-    x_m, y_m = points[i, 0], points[i, 1]
-    return x_m + fraction * (points[i + 1, 0] - x_m), y_m + fraction * (points[i + 1, 1] - y_m)
+    x_m, y_m = points[i, X], points[i, Y]
+    return x_m + fraction * (points[i + 1, X] - x_m), y_m + fraction * (points[i + 1, Y] - y_m)
 
 
 @compiled
-def cut_points(points: Any, arc_m: Any, from_m: float, to_m: float) -> Any:
+def cut_points(points: Points, arc_m: Floats, from_m: float, to_m: float) -> Points:
     """The points of ``Polyline.cut``."""
     kept = np.empty((len(points) + 2, 2))
-    kept[0, 0], kept[0, 1] = _point_at(points, arc_m, from_m)
+    kept[0, X], kept[0, Y] = _point_at(points, arc_m, from_m)
     count = 1
     for k in range(len(points)):
         if from_m + _SAME_M < arc_m[k] < to_m - _SAME_M:
-            kept[count, 0], kept[count, 1] = points[k, 0], points[k, 1]
+            kept[count, X], kept[count, Y] = points[k, X], points[k, Y]
             count += 1
-    kept[count, 0], kept[count, 1] = _point_at(points, arc_m, to_m)
+    kept[count, X], kept[count, Y] = _point_at(points, arc_m, to_m)
     return kept[: count + 1]
 
 
 @compiled
-def resampled_points(points: Any, arc_m: Any, spacing_m: float) -> tuple[Any, Any]:
+def resampled_points(points: Points, arc_m: Floats, spacing_m: float) -> tuple[Points, Floats]:
     """Points and arc lengths of ``Polyline.resampled``."""
     count = max(2, int(np.ceil(arc_m[-1] / spacing_m)) + 1)
     even, step_m = np.empty((count, 2)), arc_m[-1] / (count - 1)
     for k in range(count):
-        even[k, 0], even[k, 1] = _point_at(points, arc_m, arc_m[-1] if k == count - 1 else k * step_m)
+        even[k, X], even[k, Y] = _point_at(points, arc_m, arc_m[-1] if k == count - 1 else k * step_m)
     return through_points(even)
 
 
 @compiled
-def project_on(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float]:
+def project_on(points: Points, arc_m: Floats, x_m: float, y_m: float) -> tuple[float, float]:
     """``Polyline.project`` for one point, for compiled loops."""
     last, least, s_m, left_m = len(points) - 2, np.inf, 0.0, 0.0
     for k in range(last + 1):
-        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-        from_x, from_y = x_m - points[k, 0], y_m - points[k, 1]
+        dx, dy = points[k + 1, X] - points[k, X], points[k + 1, Y] - points[k, Y]
+        from_x, from_y = x_m - points[k, X], y_m - points[k, Y]
         fraction = (from_x * dx + from_y * dy) / (dx * dx + dy * dy)
         fraction = max(fraction, 0.0) if k > 0 else fraction
         fraction = min(fraction, 1.0) if k < last else fraction
@@ -219,6 +221,6 @@ def project_on(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, 
 
 
 @compiled
-def _project(points: Any, arc_m: Any, queries: Any, places: Any) -> None:
+def _project(points: Points, arc_m: Floats, queries: Points, places: Floats) -> None:
     for n in range(len(queries)):
-        places[0, n], places[1, n] = project_on(points, arc_m, queries[n, 0], queries[n, 1])
+        places[_S, n], places[_LEFT, n] = project_on(points, arc_m, queries[n, X], queries[n, Y])

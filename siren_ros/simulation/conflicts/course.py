@@ -12,11 +12,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Floats, Rows
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.arrays import Floats, Ids, Points, Rows
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.conflicts.yielding import Rank, rank_inside, rank_of
-from siren_ros.simulation.conflicts.zones import TRACK_M, Ways
+from siren_ros.simulation.conflicts.zones import CUT, HALF_LENGTH, HALF_WIDTH, LEFT, PLACE, SPACING, TRACK_M, Ways
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
@@ -30,6 +30,8 @@ _FIRST_ROWS: Final = 256
 _STRAIGHT: Final = -1
 _UNKNOWN: Final = -2
 """Number that stands for a course in no book."""
+_FIRST_POINT, _LAST_POINT, _FIRST_MOVEMENT, _LAST_MOVEMENT = range(4)
+"""Rows of the ends of courses, as in ``CoursesOfStep.ends``."""
 _PRIORITY: Final = int(Rank.PRIORITY)
 _STRAIGHT_M: Final = 60.0
 """Length of the course of a vehicle off the road."""
@@ -77,6 +79,10 @@ class Course:
         s = np.arange(0.0, length_m, SPACING_M)
         points = np.stack((x_m + s * cos(yaw_rad), y_m + s * sin(yaw_rad)), axis=-1)
         return cls(points, SPACING_M, np.full(len(s), np.inf))
+
+
+Places = tuple[Floats, Floats, Floats]
+"""x, y and yaw of all vehicles."""
 
 
 class Rights(NamedTuple):
@@ -140,19 +146,21 @@ def _straight_of(traffic: TrafficState, row: int) -> Course:
 
 
 @compiled
-def _lay_straight_ways(rows: Any, poses: Any, offset: Any, used: int, points: Any, limit_mps: Any, ends: Any) -> None:
+def _lay_straight_ways(
+    rows: Rows, poses: Places, offset: Indices, used: int, points: Points, limit_mps: Floats, ends: Rows
+) -> None:
     """Append the straight courses of ``_straight_of`` and store where each begins and ends."""
     x_m, y_m, yaw_rad = poses
     for row in rows:
         length_m = _WALK_M if offset[row] == offset[row + 1] else _STRAIGHT_M
         cos, sin = np.cos(yaw_rad[row]), np.sin(yaw_rad[row])
-        ends[0, row], ends[2, row], ends[3, row] = used, 0, 0
+        ends[_FIRST_POINT, row], ends[_FIRST_MOVEMENT, row], ends[_LAST_MOVEMENT, row] = used, 0, 0
         for k in range(round(length_m / SPACING_M)):
             s_m = k * SPACING_M
-            points[used, 0], points[used, 1] = x_m[row] + s_m * cos, y_m[row] + s_m * sin
+            points[used, X], points[used, Y] = x_m[row] + s_m * cos, y_m[row] + s_m * sin
             limit_mps[used] = np.inf
             used += 1
-        ends[1, row] = used
+        ends[_LAST_POINT, row] = used
 
 
 class CourseBook:
@@ -248,7 +256,9 @@ class CourseBook:
 
 
 @compiled
-def _keep_courses(then: Any, now: Any, number: Any) -> bool:
+def _keep_courses(
+    then: tuple[Ids, Indices, Indices, Indices, Rows], now: tuple[Ids, Indices, Indices, Indices], number: Rows
+) -> bool:
     """Reuse the courses of vehicles whose lane and route did not change; returns whether that holds for all.
 
     Both steps hold ids, lanes, where routes begin, and their edges; the other one its courses too.
@@ -355,7 +365,7 @@ class Outlook:
 
     def centre_m(self, row: int) -> float:
         """Arc length of a vehicle's centre on its course."""
-        return float(self.ways.bodies[row, 4])
+        return float(self.ways.bodies[row, PLACE])
 
     def front_m(self, row: int) -> float:
         """Arc length of a vehicle's front on its course."""
@@ -385,22 +395,28 @@ class Outlook:
 
 
 @compiled
-def _bodies_of(poses: Any, places: Any, spacing_m: Any, half_length_m: Any, half_width_m: Any) -> Any:
+def _bodies_of(
+    poses: Places,
+    places: tuple[Indices, Floats, Floats],
+    spacing_m: Floats,
+    half_length_m: Floats,
+    half_width_m: Floats,
+) -> Floats:
     """``Ways.bodies`` of vehicles in traffic."""
     (x_m, y_m, yaw_rad), (lane, front_m, left_m) = poses, places
-    bodies = np.zeros((len(x_m), 10))
+    bodies = np.zeros((len(x_m), CUT + 1))
     for n in range(len(x_m)):
-        bodies[n, 0], bodies[n, 1], bodies[n, 2], bodies[n, 3] = x_m[n], y_m[n], yaw_rad[n], spacing_m[n]
-        bodies[n, 4] = front_m[n] - half_length_m[n] if lane[n] >= 0 else 0.0
-        bodies[n, 5] = left_m[n]
-        bodies[n, 7], bodies[n, 8], bodies[n, 9] = half_length_m[n], half_width_m[n], TRACK_M
+        bodies[n, X], bodies[n, Y], bodies[n, YAW], bodies[n, SPACING] = x_m[n], y_m[n], yaw_rad[n], spacing_m[n]
+        bodies[n, PLACE] = front_m[n] - half_length_m[n] if lane[n] >= 0 else 0.0
+        bodies[n, LEFT] = left_m[n]
+        bodies[n, HALF_LENGTH], bodies[n, HALF_WIDTH], bodies[n, CUT] = half_length_m[n], half_width_m[n], TRACK_M
     return bodies
 
 
 @compiled
-def rank_at(ways: Any, rights: Any, row: int, way_m: float) -> int:
+def rank_at(ways: Ways, rights: Rights, row: int, way_m: float) -> int:
     """``Outlook.rank`` for compiled loops."""
-    front_m = ways.bodies[row, 4] + ways.bodies[row, 7]
+    front_m = ways.bodies[row, PLACE] + ways.bodies[row, HALF_LENGTH]
     rank, start_m = _PRIORITY, np.inf
     for at in range(rights.first[row], rights.last[row]):
         if rights.start_m[at] <= front_m + way_m:
@@ -409,7 +425,7 @@ def rank_at(ways: Any, rights: Any, row: int, way_m: float) -> int:
 
 
 @compiled
-def limit_at_mps(ways: Any, rights: Any, row: int, way_m: float) -> float:
+def limit_at_mps(ways: Ways, rights: Rights, row: int, way_m: float) -> float:
     """``Outlook.limit_mps`` for compiled loops."""
-    place = int(np.rint((ways.bodies[row, 4] + way_m) / ways.bodies[row, 3]))
+    place = int(np.rint((ways.bodies[row, PLACE] + way_m) / ways.bodies[row, SPACING]))
     return rights.limit_mps[ways.first[row] + min(max(place, 0), ways.last[row] - ways.first[row] - 1)]

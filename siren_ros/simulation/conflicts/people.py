@@ -4,13 +4,13 @@ Where somebody will be near while a vehicle is on the crossing, it comes there a
 in its way, it stops before the crossing. People are expected to go on as they walk.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats, Points, Rows
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.simulation.conflicts.zones import way_point
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
@@ -44,6 +44,8 @@ _BESIDE_M: Final = 2.0
 _STEP_M: Final = 0.5
 _LEAST_M: Final = 0.3
 
+VX, VY, CROSSING, ON, ID = range(2, 7)
+"""Rows of people after ``X`` and ``Y``: velocity, crossing (−1 for none), whether somebody is on it, and id."""
 NOBODY: Final = np.empty((7, 0))
 """Array without people."""
 
@@ -56,6 +58,30 @@ class Outlines(NamedTuple):
     """Index at which each outline begins, and the end of the last."""
 
 
+class Line(NamedTuple):
+    """The course that a vehicle takes, among the points of all courses."""
+
+    points: Points
+    first: int
+    last: int
+    """Where its points begin and end."""
+    spacing_m: float
+
+
+class Passer(NamedTuple):
+    """A vehicle that comes to a crossing on its course."""
+
+    centre_m: float
+    """Place of its centre on the course."""
+    left_m: float
+    """Offset from the course."""
+    half_length_m: float
+    half_width_m: float
+    speed_mps: float
+    beside_mps: float
+    """Speed past people who stand beside a crossing; infinite: they do not count."""
+
+
 def outlines_of(network: RoadNetwork) -> Outlines:
     """The crossings of a map."""
     counts = [len(outline) for outline in network.crossings]
@@ -65,49 +91,49 @@ def outlines_of(network: RoadNetwork) -> Outlines:
 def people_at(actor_id: npt.ArrayLike, poses: tuple[Floats, Floats, Floats, Floats], outlines: Outlines) -> Floats:
     """Make the array of people for ``least_wait_for_people``, shape ``(7, P)``; ``poses`` are x, y, yaw and speed.
 
-    Rows are x, y, both velocities, the crossing (−1 for none), whether they are on it or beside it, and the id.
+    Rows are ``X``, ``Y``, ``VX`` and so on until ``ID``; those who are not on their crossing stand beside it.
     """
     x_m, y_m, yaw_rad, speed_mps = poses
     people = np.empty((7, len(x_m)))
     people[:4] = x_m, y_m, speed_mps * np.cos(yaw_rad), speed_mps * np.sin(yaw_rad)
-    people[6] = actor_id
+    people[ID] = actor_id
     _find_crossings(people, *outlines)
     return people
 
 
 @compiled
-def _find_crossings(people: Any, points: Any, begins: Any) -> None:
+def _find_crossings(people: Floats, points: Points, begins: Rows) -> None:
     """Find each person's crossing, and whether the person is on it."""
     for p in range(people.shape[1]):
-        people[4, p], people[5, p], least = -1.0, 0.0, _BESIDE_M
+        people[CROSSING, p], people[ON, p], least = -1.0, 0.0, _BESIDE_M
         for c in range(len(begins) - 1):
             first = points[begins[c]]
-            if abs(first[0] - people[0, p]) + abs(first[1] - people[1, p]) > 100.0:
+            if abs(first[X] - people[X, p]) + abs(first[Y] - people[Y, p]) > 100.0:
                 continue
-            apart = _apart_m(points[begins[c] : begins[c + 1]], people[0, p], people[1, p])
+            apart = _apart_m(points[begins[c] : begins[c + 1]], people[X, p], people[Y, p])
             if apart < least:
-                people[4, p], people[5, p], least = c, 1.0 if apart <= 0.0 else 0.0, apart
+                people[CROSSING, p], people[ON, p], least = c, 1.0 if apart <= 0.0 else 0.0, apart
 
 
 @compiled
-def _is_inside(outline: Any, x_m: float, y_m: float) -> bool:
+def _is_inside(outline: Points, x_m: float, y_m: float) -> bool:
     inside = False
     for k in range(len(outline)):
-        ax, ay, bx, by = outline[k - 1, 0], outline[k - 1, 1], outline[k, 0], outline[k, 1]
+        ax, ay, bx, by = outline[k - 1, X], outline[k - 1, Y], outline[k, X], outline[k, Y]
         if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) / (by - ay) * (bx - ax):
             inside = not inside
     return inside
 
 
 @compiled
-def _apart_m(outline: Any, x_m: float, y_m: float) -> float:
+def _apart_m(outline: Points, x_m: float, y_m: float) -> float:
     """Distance of a point from an outline, 0 inside."""
     if _is_inside(outline, x_m, y_m):
         return 0.0
     least = np.inf
     for k in range(len(outline)):
-        ax, ay = outline[k - 1, 0], outline[k - 1, 1]
-        dx, dy = outline[k, 0] - ax, outline[k, 1] - ay
+        ax, ay = outline[k - 1, X], outline[k - 1, Y]
+        dx, dy = outline[k, X] - ax, outline[k, Y] - ay
         part = ((x_m - ax) * dx + (y_m - ay) * dy) / max(dx * dx + dy * dy, 1e-12)
         part = min(max(part, 0.0), 1.0)
         least = min(least, np.hypot(ax + part * dx - x_m, ay + part * dy - y_m))
@@ -115,10 +141,10 @@ def _apart_m(outline: Any, x_m: float, y_m: float) -> float:
 
 
 @compiled
-def _beside_way(way: Any, own: Any, reach_m: float, x_m: float, y_m: float) -> tuple[float, float, float, float]:
+def _beside_way(way: Line, own: Passer, reach_m: float, x_m: float, y_m: float) -> tuple[float, float, float, float]:
     """Place on a path nearest to a point, the offset there (positive to the left), and the direction."""
     points, first, last, spacing = way
-    centre_m, left_m, half_length = own[0], own[1], own[2]
+    centre_m, left_m, half_length = own.centre_m, own.left_m, own.half_length_m
     best, nearest = centre_m, np.inf
     for k in range(int(reach_m + 2.0 * half_length) + 1):
         x, y = way_point(points, first, last, (centre_m - half_length + k) / spacing)
@@ -135,13 +161,13 @@ def _beside_way(way: Any, own: Any, reach_m: float, x_m: float, y_m: float) -> t
 
 
 @compiled
-def _over_crossing(way: Any, own: Any, reach_m: float, outline: Any) -> tuple[float, float]:
+def _over_crossing(way: Line, own: Passer, reach_m: float, outline: Points) -> tuple[float, float]:
     """Distance of a vehicle's front to a crossing (0 on it), and of its rear until it has left it.
 
     Infinite without one.
     """
     points, first, last, spacing = way
-    centre_m, left_m, half_length, half_width = own[0], own[1], own[2], own[3]
+    centre_m, left_m, half_length, half_width, _, _ = own
     enters, leaves, at_m = np.inf, np.inf, centre_m - half_length
     while at_m <= centre_m + half_length + reach_m:
         xs, ys = way_point(points, first, last, (at_m - 0.5) / spacing)
@@ -160,28 +186,25 @@ def _over_crossing(way: Any, own: Any, reach_m: float, outline: Any) -> tuple[fl
 
 
 @compiled
-def least_wait_for_people(way: Any, own: Any, people: Any, outlines: Any) -> tuple[int, float, float, float]:
-    """The person that restricts a driver most, with speed, needed deceleration and free distance; −1 without one.
-
-    ``way`` holds points, where the driver's own begin and end, and their distance; ``own`` the place of the vehicle's
-    centre on it and its offset to the left, half length, half width, speed, and the speed past people who stand beside
-    a crossing (infinite: they do not count).
-    """
-    (_, _, half_length, half_width, speed, beside_mps), (corners, begins) = own, outlines
-    centre_m, worst, least, hardest, free_m = own[0], -1, np.inf, 0.0, np.inf
+def least_wait_for_people(
+    way: Line, own: Passer, people: Floats, outlines: Outlines
+) -> tuple[int, float, float, float]:
+    """The person that restricts a driver most, with speed, needed deceleration and free distance; −1 without one."""
+    (centre_m, _, half_length, half_width, speed, beside_mps), (corners, begins) = own, outlines
+    worst, least, hardest, free_m = -1, np.inf, 0.0, np.inf
     reach_m = speed * speed / (2.0 * _GENTLE_MPS2) + _MORE_M
-    x, y = way_point(way[0], way[1], way[2], centre_m / way[3])
+    x, y = way_point(way.points, way.first, way.last, centre_m / way.spacing_m)
     for p in range(people.shape[1]):
-        across = people[5, p] > 0.0
-        if people[4, p] < 0.0 or (not across and beside_mps == np.inf):
+        across = people[ON, p] > 0.0
+        if people[CROSSING, p] < 0.0 or (not across and beside_mps == np.inf):
             continue
-        if np.hypot(people[0, p] - x, people[1, p] - y) > reach_m + half_length + _MORE_M:
+        if np.hypot(people[X, p] - x, people[Y, p] - y) > reach_m + half_length + _MORE_M:
             continue
-        place_m, left, cos, sin = _beside_way(way, own, reach_m, people[0, p], people[1, p])
-        drift = cos * people[3, p] - sin * people[2, p]
+        place_m, left, cos, sin = _beside_way(way, own, reach_m, people[X, p], people[Y, p])
+        drift = cos * people[VY, p] - sin * people[VX, p]
         if abs(left) - half_width > _NEAR_M + abs(drift) * 2.0 * _LONGEST_S:
             continue
-        c = int(people[4, p])
+        c = int(people[CROSSING, p])
         enters, leaves = _over_crossing(way, own, reach_m, corners[begins[c] : begins[c + 1]])
         if enters == np.inf:
             continue

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -150,7 +150,7 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
 
 
 @compiled
-def _time_at_s(bends: Any, s_m: float) -> float:
+def _time_at_s(bends: Bends, s_m: float) -> float:
     place = max(s_m / bends.spacing_m, 0.0)
     i = int(min(place, len(bends.times_s) - 2.0))
     low, high = bends.times_s[i], bends.times_s[i + 1]
@@ -158,7 +158,7 @@ def _time_at_s(bends: Any, s_m: float) -> float:
 
 
 @compiled
-def bend_time_s(bends: Any, way_m: float) -> float:
+def bend_time_s(bends: Bends, way_m: float) -> float:
     """Least time for a distance, at the path's allowed speed."""
     if len(bends.times_s) == 0:
         return 0.0
@@ -166,7 +166,7 @@ def bend_time_s(bends: Any, way_m: float) -> float:
 
 
 @compiled
-def approach_time_s(approach: Any, way_m: float) -> float:
+def approach_time_s(approach: Approach, way_m: float) -> float:
     """Time of an approach for a distance."""
     time_s = time_to_go_s(way_m, approach.speed_mps, approach.top_mps, approach.accel_mps2)
     return max(time_s, bend_time_s(approach.bends, way_m))
@@ -194,7 +194,9 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: Margins) -> Wai
 
 
 @compiled
-def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) -> tuple[float, float, float]:
+def least_wait(
+    zone: Zone, own: Approach, other: Approach, other_sq: float, config: YieldingConfig
+) -> tuple[float, float, float]:
     """How the own vehicle must wait for the other, as a ``Wait``; its speed is infinite if it need not.
 
     It need not where both are in the zone at different times; where it has the right of way, or arrives first among
@@ -225,7 +227,7 @@ def least_wait(zone: Any, own: Any, other: Any, other_sq: float, config: Any) ->
 
 
 @compiled
-def _goes_first(zone: Any, own: Any, other: Any, own_earlier: bool, config: Any) -> bool:
+def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:
     if zone.own_in_m <= 0.0:
         return math.isinf(zone.blocked_m)
     merges = zone.along > SAME_DIRECTION
@@ -239,7 +241,9 @@ def _goes_first(zone: Any, own: Any, other: Any, own_earlier: bool, config: Any)
 
 
 @compiled
-def _yield_brake_mps2(way_m: float, own: Any, first_way_m: float, first: Any, merges: bool, config: Any) -> float:
+def _yield_brake_mps2(
+    way_m: float, own: Approach, first_way_m: float, first: Approach, merges: bool, config: YieldingConfig
+) -> float:
     """Deceleration to let another vehicle go first: by a stop, or by merging behind it.
 
     Ways are those to the zone.
@@ -266,7 +270,7 @@ def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float
 
 
 @compiled
-def _gap_m(zone: Any, other: Any) -> float:
+def _gap_m(zone: Zone, other: Approach) -> float:
     """Distance to the rear of the body that merges in front; negative next to it.
 
     Its front comes to the zone first. What of it follows is less the more it already is in line.
@@ -277,7 +281,7 @@ def _gap_m(zone: Any, other: Any) -> float:
 
 @compiled
 def _waiting(
-    zone: Any, own: Any, other: Any, other_sq: float, free_s: float, config: Any
+    zone: Zone, own: Approach, other: Approach, other_sq: float, free_s: float, config: YieldingConfig
 ) -> tuple[float, float, float]:
     if zone.along > SAME_DIRECTION:
         gap = _gap_m(zone, other)

@@ -1,12 +1,13 @@
 """Finds where the paths of two bodies meet, by a compiled search along both courses."""
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.compiled import box_gap_m, compiled, wrapped_rad
+from siren_ros.base.numerics.arrays import Floats, Points, Rows
+from siren_ros.base.numerics.compiled import COS, SIN, YAW, Pose, X, Y, box_gap_m, compiled, wrapped_rad
 
 # No parameters: compiled code contains the resolution as constants.
 STEP_M: Final = 1.0
@@ -27,6 +28,18 @@ _STRAIGHT_STEP_M: Final = 0.25
 """Distance between checked places straight ahead."""
 _REAR_M: Final = 1.25
 """Distance from a body's centre back to the middle of these points, because bodies turn later than their centre."""
+SPACING, PLACE, LEFT, REACH, HALF_LENGTH, HALF_WIDTH, CUT = range(3, 10)
+"""Columns of ``Ways.bodies`` after ``X``, ``Y`` and ``YAW``."""
+OWN, OTHER = range(2)
+"""Columns of pairs of bodies."""
+MET, OWN_IN, OWN_OUT, OTHER_IN, OTHER_OUT, ALONG, BLOCKED, BLOCKED_ALONG = range(8)
+"""Columns of zones: whether two ways meet, then the fields of ``Zone``."""
+_LOW_X, _HIGH_X, _LOW_Y, _HIGH_Y = range(4)
+"""Columns of bounds."""
+Sizes = tuple[float, float, float, float]
+"""Half length and half width of two bodies."""
+Poses = tuple[Floats, Rows]
+"""Poses of bodies along their courses, one body after the other, shape ``(K, 4)``, and where each body's begin."""
 
 
 class Way(NamedTuple):
@@ -87,7 +100,7 @@ class Ways(NamedTuple):
     last: npt.NDArray[np.intp]
     """End of each body's course in ``points``, shape ``(W,)``."""
     bodies: npt.NDArray[np.float64]
-    """Shape ``(W, 10)``: x, y, yaw, spacing, place, offset, reach, half length, half width and cut, as in ``Way``."""
+    """Shape ``(W, 10)``, columns as in ``Way``: ``X``, ``Y``, ``YAW``, ``SPACING`` and so on until ``CUT``."""
 
     @classmethod
     def of(cls, ways: Sequence[Way]) -> "Ways":
@@ -98,18 +111,16 @@ class Ways(NamedTuple):
 
 
 @compiled
-def way_point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
+def way_point(points: Points, first: int, last: int, place: float) -> tuple[float, float]:
     """X and y at a position of ``points[first:last]``, counted in point distances; straight at both ends."""
     i = min(max(int(place), 0), last - first - 2) + first
     f = place - (i - first)
-    x, y = points[i, 0], points[i, 1]
-    return x + f * (points[i + 1, 0] - x), y + f * (points[i + 1, 1] - y)
+    x, y = points[i, X], points[i, Y]
+    return x + f * (points[i + 1, X] - x), y + f * (points[i + 1, Y] - y)
 
 
 @compiled
-def _pose(
-    points: Any, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float
-) -> tuple[float, float, float, float]:
+def _pose(points: Points, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float) -> Pose:
     """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``."""
     xs, ys = way_point(points, first, last, (s_m - _REAR_M - TRACK_M) / spacing)
     xe, ye = way_point(points, first, last, (s_m - _REAR_M + TRACK_M) / spacing)
@@ -124,35 +135,36 @@ def _pose(
 
 
 @compiled
-def follows_course(ways: Any, row: int) -> bool:
+def follows_course(ways: Ways, row: int) -> bool:
     """Whether a body points along its course, within 6°."""
     yaw_rad, spacing_m, centre_m, left_m = ways.bodies[row, 2:6]
     first, last = ways.first[row], ways.last[row]
-    _, _, cos, sin = _pose(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, 9])
+    _, _, cos, sin = _pose(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, CUT])
     return np.cos(yaw_rad) * cos + np.sin(yaw_rad) * sin > _ALONG_COURSE
 
 
 @compiled
-def straight_to_m(ways: Any, own: int, other: int, reach_m: float) -> float:
+def straight_to_m(ways: Ways, own: int, other: int, reach_m: float) -> float:
     """Distance that a body drives straight ahead until it touches another one; infinite if it does not."""
     x, y, yaw_rad = ways.bodies[own, :3]
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    theirs = ways.bodies[other]
-    pose = theirs[0], theirs[1], np.cos(theirs[2]), np.sin(theirs[2])
+    body, theirs = ways.bodies[own], ways.bodies[other]
+    size = body[HALF_LENGTH], body[HALF_WIDTH], theirs[HALF_LENGTH], theirs[HALF_WIDTH]
+    pose = theirs[X], theirs[Y], np.cos(theirs[YAW]), np.sin(theirs[YAW])
     for k in range(1, int(reach_m / _STRAIGHT_STEP_M) + 1):
         way_m = k * _STRAIGHT_STEP_M
         ahead = x + way_m * cos, y + way_m * sin, cos, sin
-        if box_gap_m(ahead, pose, ways.bodies[own, 7], ways.bodies[own, 8], theirs[7], theirs[8]) <= 0.0:
+        if box_gap_m(ahead, pose, *size) <= 0.0:
             return way_m - _STRAIGHT_STEP_M
     return np.inf
 
 
 @compiled
-def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
+def _poses(ways: Ways, used: Rows) -> Poses:
     """Poses of the used bodies along their courses, ``STEP_M`` apart, in one array, and where each body's begin."""
     begins = np.zeros(ways.first.shape[0] + 1, np.intp)
     for n in used:
-        begins[n + 1] = int(ways.bodies[n, 6] / STEP_M) + 1
+        begins[n + 1] = int(ways.bodies[n, REACH] / STEP_M) + 1
     for n in range(ways.first.shape[0]):
         begins[n + 1] += begins[n]
     poses = np.empty((begins[-1], 4))
@@ -161,23 +173,24 @@ def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
         for k in range(begins[n + 1] - begins[n]):
             pose = _pose_after(ways, n, off, k * STEP_M)
             at = begins[n] + k
-            poses[at, 0], poses[at, 1], poses[at, 2], poses[at, 3] = pose
+            poses[at, X], poses[at, Y], poses[at, COS], poses[at, SIN] = pose
     return poses, begins
 
 
 @compiled
-def _off_course(ways: Any, n: int) -> tuple[float, float]:
+def _off_course(ways: Ways, n: int) -> tuple[float, float]:
     """Difference between a body's pose and its course: to the left, and in yaw."""
     body = ways.bodies[n]
-    x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4], body[5], body[9])
-    return cos * (body[1] - y) - sin * (body[0] - x), wrapped_rad(body[2] - np.arctan2(sin, cos))
+    x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[SPACING], body[PLACE], body[LEFT], body[CUT])
+    return cos * (body[Y] - y) - sin * (body[X] - x), wrapped_rad(body[YAW] - np.arctan2(sin, cos))
 
 
 @compiled
-def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tuple[float, float, float, float]:
+def _pose_after(ways: Ways, n: int, off: tuple[float, float], way_m: float) -> Pose:
     """Pose of a body after a distance; its present difference from the course decreases to zero."""
     body = ways.bodies[n]
-    x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[3], body[4] + way_m, body[5], body[9])
+    first, last, s_m = ways.first[n], ways.last[n], body[PLACE] + way_m
+    x, y, cos, sin = _pose(ways.points, first, last, body[SPACING], s_m, body[LEFT], body[CUT])
     if way_m > _STRAIGHT_AFTER_M:
         return x, y, cos, sin
     left = 1.0 - way_m / _STRAIGHT_AFTER_M
@@ -187,7 +200,7 @@ def _pose_after(ways: Any, n: int, off: tuple[float, float], way_m: float) -> tu
 
 
 @compiled
-def _next_touch(own: tuple[float, float, float, float], theirs: Any, sizes: Any, j: int) -> int:
+def _next_touch(own: Pose, theirs: Floats, sizes: Sizes, j: int) -> int:
     """First position on another path, from ``j`` on, that touches a body in a pose; the path's length if there is none.
 
     Places that are too far away to matter are stepped over: the distance changes by no more than the way does.
@@ -195,10 +208,10 @@ def _next_touch(own: tuple[float, float, float, float], theirs: Any, sizes: Any,
     half_length, half_width, length, width = sizes
     around = np.sqrt(half_length**2 + half_width**2) + np.sqrt(length**2 + width**2)
     while j < theirs.shape[0]:
-        dx, dy = theirs[j, 0] - own[0], theirs[j, 1] - own[1]
+        dx, dy = theirs[j, X] - own[X], theirs[j, Y] - own[Y]
         gap = np.sqrt(dx * dx + dy * dy) - around
         if gap <= 0.0:
-            pose = theirs[j, 0], theirs[j, 1], theirs[j, 2], theirs[j, 3]
+            pose = theirs[j, X], theirs[j, Y], theirs[j, COS], theirs[j, SIN]
             gap = box_gap_m(own, pose, half_length, half_width, length, width)
             if gap <= 0.0:
                 return j
@@ -207,7 +220,7 @@ def _next_touch(own: tuple[float, float, float, float], theirs: Any, sizes: Any,
 
 
 @compiled
-def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, float, float]) -> float:
+def _entry_m(ways: Ways, n: int, k: int, theirs: Floats, sizes: Sizes) -> float:
     """Distance of a body until just before contact, between positions k − 1 and k, by bisection."""
     low, high, off = max(k - 1, 0) * STEP_M, k * STEP_M, _off_course(ways, n)
     for _ in range(_BISECTIONS):
@@ -220,56 +233,59 @@ def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, 
 
 
 @compiled
-def _around(poses: Any, begins: Any) -> Any:
+def _around(poses: Floats, begins: Rows) -> Floats:
     """Bounding box of each body's poses, shape ``(W, 4)``; inverted for a body without poses."""
     boxes = np.empty((begins.shape[0] - 1, 4))
     for n in range(boxes.shape[0]):
-        boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3] = np.inf, -np.inf, np.inf, -np.inf
+        boxes[n, _LOW_X], boxes[n, _HIGH_X], boxes[n, _LOW_Y], boxes[n, _HIGH_Y] = np.inf, -np.inf, np.inf, -np.inf
         for at in range(begins[n], begins[n + 1]):
-            boxes[n, 0], boxes[n, 1] = min(boxes[n, 0], poses[at, 0]), max(boxes[n, 1], poses[at, 0])
-            boxes[n, 2], boxes[n, 3] = min(boxes[n, 2], poses[at, 1]), max(boxes[n, 3], poses[at, 1])
+            x, y = poses[at, X], poses[at, Y]
+            boxes[n, _LOW_X], boxes[n, _HIGH_X] = min(boxes[n, _LOW_X], x), max(boxes[n, _HIGH_X], x)
+            boxes[n, _LOW_Y], boxes[n, _HIGH_Y] = min(boxes[n, _LOW_Y], y), max(boxes[n, _HIGH_Y], y)
     return boxes
 
 
 @compiled
-def _bounds(ways: Any, used: Any) -> Any:
+def _bounds(ways: Ways, used: Rows) -> Floats:
     """Bounding box of each used body's edges on its path, shape ``(W, 4)``."""
     bounds = np.full((ways.first.shape[0], 4), np.nan)
     for n in used:
-        if not np.isnan(bounds[n, 0]):
+        if not np.isnan(bounds[n, _LOW_X]):
             continue
         first, last, body = ways.first[n], ways.last[n], ways.bodies[n]
-        x, y, cos, sin = _pose(ways.points, first, last, body[3], body[4], body[5], body[9])
-        aside = abs(cos * (body[1] - y) - sin * (body[0] - x)) + abs(body[5])
-        margin = aside + np.sqrt(body[7] ** 2 + body[8] ** 2) + _CLOSE_M
-        begin, end = (body[4] - body[9]) / body[3], (body[4] + body[6] + body[9]) / body[3]
+        x, y, cos, sin = _pose(ways.points, first, last, body[SPACING], body[PLACE], body[LEFT], body[CUT])
+        aside = abs(cos * (body[Y] - y) - sin * (body[X] - x)) + abs(body[LEFT])
+        margin = aside + np.sqrt(body[HALF_LENGTH] ** 2 + body[HALF_WIDTH] ** 2) + _CLOSE_M
+        begin, end = (body[PLACE] - body[CUT]) / body[SPACING], (body[PLACE] + body[REACH] + body[CUT]) / body[SPACING]
         low_x, low_y = way_point(ways.points, first, last, begin)
         high_x, high_y = low_x, low_y
         x, y = way_point(ways.points, first, last, end)
         low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
         for at in range(first + max(int(begin), 0), min(first + int(max(end, 0.0)) + 1, last)):
-            x, y = ways.points[at, 0], ways.points[at, 1]
+            x, y = ways.points[at, X], ways.points[at, Y]
             low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
-        bounds[n, 0], bounds[n, 1] = low_x - margin, high_x + margin
-        bounds[n, 2], bounds[n, 3] = low_y - margin, high_y + margin
+        bounds[n, _LOW_X], bounds[n, _HIGH_X] = low_x - margin, high_x + margin
+        bounds[n, _LOW_Y], bounds[n, _HIGH_Y] = low_y - margin, high_y + margin
     return bounds
 
 
 @compiled
-def _near_each_other(own: Any, others: Any, pairs: Any) -> Any:
+def _near_each_other(own: Ways, others: Ways, pairs: Rows) -> Rows:
     """Pairs whose bounding boxes overlap; only these need poses."""
-    a, b = _bounds(own, pairs[:, 0]), _bounds(others, pairs[:, 1])
+    a, b = _bounds(own, pairs[:, OWN]), _bounds(others, pairs[:, OTHER])
     near, count = np.empty_like(pairs), 0
     for p in range(pairs.shape[0]):
-        i, n = pairs[p, 0], pairs[p, 1]
-        if a[i, 0] <= b[n, 1] and b[n, 0] <= a[i, 1] and a[i, 2] <= b[n, 3] and b[n, 2] <= a[i, 3]:
-            near[count, 0], near[count, 1] = i, n
+        i, n = pairs[p, OWN], pairs[p, OTHER]
+        mine, theirs = a[i], b[n]
+        beside_x = mine[_LOW_X] <= theirs[_HIGH_X] and theirs[_LOW_X] <= mine[_HIGH_X]
+        if beside_x and mine[_LOW_Y] <= theirs[_HIGH_Y] and theirs[_LOW_Y] <= mine[_HIGH_Y]:
+            near[count, OWN], near[count, OTHER] = i, n
             count += 1
     return near[:count]
 
 
 @compiled
-def zones_of(own: Any, others: Any, pairs: Any, leads: bool) -> Any:
+def zones_of(own: Ways, others: Ways, pairs: Rows, leads: bool) -> Floats:
     """The first zone in which the ways of each pair meet: ``(P, 8)``, whether they meet, then the fields of ``Zone``.
 
     A pair is an own and another body, shape ``(P, 2)``. A margin beside a body is part of its half width. Without
@@ -277,13 +293,13 @@ def zones_of(own: Any, others: Any, pairs: Any, leads: bool) -> Any:
     """
     out = np.empty((pairs.shape[0], _COLUMNS))
     near = _near_each_other(own, others, pairs)
-    own_poses, their_poses = _poses(own, near[:, 0].copy()), _poses(others, near[:, 1].copy())
+    own_poses, their_poses = _poses(own, near[:, OWN].copy()), _poses(others, near[:, OTHER].copy())
     _search_poses(own, own_poses, others, their_poses, pairs, leads, out)
     return out
 
 
 @compiled
-def search_among(ways: Any, pairs: Any) -> Any:
+def search_among(ways: Ways, pairs: Rows) -> Floats:
     """``zones_of`` without leads, where both bodies of a pair are of the same ways."""
     out = np.empty((pairs.shape[0], _COLUMNS))
     poses = _poses(ways, _near_each_other(ways, ways, pairs).ravel())
@@ -292,26 +308,30 @@ def search_among(ways: Any, pairs: Any) -> Any:
 
 
 @compiled
-def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs: Any, leads: bool, out: Any) -> None:
+def _search_poses(
+    own: Ways, own_poses: Poses, others: Ways, their_poses: Poses, pairs: Rows, leads: bool, out: Floats
+) -> None:
     """``zones_of`` with poses of both along their courses. Ways that stay apart as a whole are not looked at."""
     ways, own_begins = own_poses
     their_ways, their_begins = their_poses
     own_box, their_box = _around(ways, own_begins), _around(their_ways, their_begins)
     for p in range(pairs.shape[0]):
-        i, n = pairs[p, 0], pairs[p, 1]
+        i, n = pairs[p, OWN], pairs[p, OTHER]
         ahead = ways[own_begins[i] : own_begins[i + 1]]
         theirs = their_ways[their_begins[n] : their_begins[n + 1]]
-        sizes = own.bodies[i, 7], own.bodies[i, 8], others.bodies[n, 7], others.bodies[n, 8]
+        mine, other = own.bodies[i], others.bodies[n]
+        sizes = mine[HALF_LENGTH], mine[HALF_WIDTH], other[HALF_LENGTH], other[HALF_WIDTH]
         far = _CLOSE_M + np.sqrt(sizes[0] ** 2 + sizes[1] ** 2) + np.sqrt(sizes[2] ** 2 + sizes[3] ** 2)
-        low_x, high_x = their_box[n, 0] - far, their_box[n, 1] + far
-        low_y, high_y = their_box[n, 2] - far, their_box[n, 3] + far
+        low_x, high_x = their_box[n, _LOW_X] - far, their_box[n, _HIGH_X] + far
+        low_y, high_y = their_box[n, _LOW_Y] - far, their_box[n, _HIGH_Y] + far
         met, s_in, s_out, q_in, q_out, course = 0.0, 0.0, np.inf, np.inf, 0.0, 0.0
         blocked, blocked_along = np.inf, 0.0
-        apart = own_box[i, 1] < low_x or own_box[i, 0] > high_x or own_box[i, 3] < low_y or own_box[i, 2] > high_y
+        apart = own_box[i, _HIGH_X] < low_x or own_box[i, _LOW_X] > high_x
+        apart = apart or own_box[i, _HIGH_Y] < low_y or own_box[i, _LOW_Y] > high_y
         for k in range(0 if apart else ahead.shape[0]):
-            pose = ahead[k, 0], ahead[k, 1], ahead[k, 2], ahead[k, 3]
+            pose = ahead[k, X], ahead[k, Y], ahead[k, COS], ahead[k, SIN]
             at = theirs.shape[0]
-            if low_x <= pose[0] <= high_x and low_y <= pose[1] <= high_y:
+            if low_x <= pose[X] <= high_x and low_y <= pose[Y] <= high_y:
                 at = _next_touch(pose, theirs, sizes, 0)
             if at == theirs.shape[0]:
                 if met > 0.0:
@@ -320,7 +340,7 @@ def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs
                 continue
             if at == 0 and blocked == np.inf:
                 blocked = _entry_m(own, i, k, theirs[:1], sizes)
-                blocked_along = pose[2] * theirs[0, 2] + pose[3] * theirs[0, 3]
+                blocked_along = pose[COS] * theirs[at, COS] + pose[SIN] * theirs[at, SIN]
                 if not leads and blocked_along > SAME_DIRECTION:
                     met = 1.0
                     break
@@ -330,6 +350,7 @@ def _search_poses(own: Any, own_poses: Any, others: Any, their_poses: Any, pairs
             while at < theirs.shape[0]:
                 end, at = at, _next_touch(pose, theirs, sizes, at + 1)
             q_out = max(q_out, end * STEP_M)
-            course = pose[2] * theirs[end, 2] + pose[3] * theirs[end, 3]
-        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = met, s_in, s_out, q_in
-        out[p, 4], out[p, 5], out[p, 6], out[p, 7] = q_out + STEP_M, course, blocked, blocked_along
+            course = pose[COS] * theirs[end, COS] + pose[SIN] * theirs[end, SIN]
+        out[p, MET], out[p, OWN_IN], out[p, OWN_OUT], out[p, OTHER_IN] = met, s_in, s_out, q_in
+        out[p, OTHER_OUT], out[p, ALONG] = q_out + STEP_M, course
+        out[p, BLOCKED], out[p, BLOCKED_ALONG] = blocked, blocked_along

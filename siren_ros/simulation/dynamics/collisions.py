@@ -4,12 +4,12 @@ Two vehicles in contact go on together along the contact's normal, and do not ov
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, TypeAlias, cast
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 import shapely
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Ids
+from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import box_gap_m, compiled
 from siren_ros.base.numerics.geometry import footprint_corners, separation_m
 from siren_ros.simulation.dynamics.parameters import ParameterTable
@@ -20,6 +20,8 @@ SEPARATION_GAP_M: Final = 0.1
 _CLOSING_MPS: Final = 1e-6
 _LONGEST_S: Final = 0.5
 """Longest duration of an overlap, since bodies in contact are moved apart at each step."""
+_ROW, _OTHER, _GAP = range(3)
+"""Columns of close pairs."""
 
 Pairs: TypeAlias = tuple[tuple[int, int], ...]
 """Pairs of actor ids or of rows, the smaller first, sorted."""
@@ -93,17 +95,19 @@ def overlapping(boxes: Footprints, pairs: Pairs) -> Pairs:
 def _close_pairs(boxes: Footprints) -> Floats:
     """Rows of the pairs within the separation gap, the smaller row first, sorted, and the gap; shape ``(M, 3)``."""
     found = _close(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m, boxes.walks)
-    return found[np.lexsort((found[:, 1], found[:, 0]))]
+    return found[np.lexsort((found[:, _OTHER], found[:, _ROW]))]
 
 
 def _close(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats, walks: Flags) -> Floats:
     """``_find_close`` within the separation gap; numpy sorts, since numba's sorting takes seconds to compile."""
     order = np.argsort(x_m, kind="stable")
-    return cast("Floats", _find_close(order, x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M))
+    return _find_close(order, x_m, y_m, yaw_rad, length_m, width_m, walks, SEPARATION_GAP_M)
 
 
 @compiled
-def _find_close(order: Any, x: Any, y: Any, yaw: Any, length: Any, width: Any, walks: Any, within_m: float) -> Any:
+def _find_close(
+    order: Rows, x: Floats, y: Floats, yaw: Floats, length: Floats, width: Floats, walks: Flags, within_m: float
+) -> Floats:
     """Pairs of boxes nearer than a gap, except two pedestrians: ``(M, 3)`` with both rows and the gap.
 
     Boxes are looked at in the ``order`` of x, each with those near it.
@@ -127,7 +131,7 @@ def _find_close(order: Any, x: Any, y: Any, yaw: Any, length: Any, width: Any, w
             if gap < within_m:
                 if count == len(found):
                     found = np.concatenate((found, np.empty_like(found)))
-                found[count, 0], found[count, 1], found[count, 2] = a, b, gap
+                found[count, _ROW], found[count, _OTHER], found[count, _GAP] = a, b, gap
                 count += 1
     return found[:count]
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids
 from siren_ros.base.numerics.changed import changed
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.dynamics.collisions import (
@@ -22,8 +22,36 @@ from siren_ros.simulation.dynamics.collisions import (
 )
 from siren_ros.simulation.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.simulation.dynamics.parameters import ParameterTable, VehicleParameters
-from siren_ros.simulation.dynamics.tracker import DEFAULT_GAINS, TrackerState, follow
-from siren_ros.simulation.dynamics.vehicle_model import BodyState, advance, substeps
+from siren_ros.simulation.dynamics.tracker import (
+    DEFAULT_GAINS,
+    NEXT_ACCEL,
+    NEXT_PACE,
+    NEXT_YAW,
+    PACE,
+    SMOOTH_ACCEL,
+    SPEED,
+    SUMO_ACCEL,
+    TrackerGains,
+    TrackerState,
+    follow,
+)
+from siren_ros.simulation.dynamics.vehicle_model import (
+    ACCEL,
+    ASKED_BRAKE,
+    ASKED_HAND_BRAKE,
+    ASKED_STEER,
+    ASKED_THROTTLE,
+    BRAKE,
+    DRIVE_FACTOR,
+    FORWARD,
+    LATERAL,
+    QUICKNESS,
+    YAW_RATE,
+    BodyState,
+    Records,
+    advance,
+    substeps,
+)
 from siren_ros.simulation.dynamics.walkers import walk
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.simulation.world.commands import VehicleCommands
@@ -229,7 +257,13 @@ def _move(
 
 
 @compiled
-def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> tuple[Any, Any]:
+def _one_step(
+    before: tuple[Floats, Floats, Floats],
+    asked: tuple[Floats, Floats, Floats, Flags],
+    owners: tuple[Codes, Codes, Flags],
+    records: Records,
+    how: tuple[TrackerGains, int, Flags],
+) -> tuple[Floats, Floats]:
     """Columns of bodies and tracker one step later; ``how`` has the tracker's gains, substeps, and who is a pedestrian.
 
     Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
@@ -241,24 +275,27 @@ def _one_step(before: Any, asked: Any, owners: Any, records: Any, how: Any) -> t
     handed_back = ((owner_before == _ROS) & ~driven) | brought_back
     for k in range(n):
         if handed_back[k]:
-            ahead, yaw = STEP_S * bodies[3, k], bodies[2, k]
-            reference[0, k], reference[1, k] = bodies[0, k] + ahead * np.cos(yaw), bodies[1, k] + ahead * np.sin(yaw)
-            reference[2, k], reference[3, k], reference[4, k] = yaw, bodies[3, k], 0.0
+            ahead, yaw = STEP_S * bodies[FORWARD, k], bodies[YAW, k]
+            reference[X, k], reference[Y, k] = bodies[X, k] + ahead * np.cos(yaw), bodies[Y, k] + ahead * np.sin(yaw)
+            reference[YAW, k], reference[SPEED, k], reference[SUMO_ACCEL, k] = yaw, bodies[FORWARD, k], 0.0
     follow(bodies, tracker, reference, records, walks, STEP_S, gains, controls)
     tracked = np.empty((5, n))
     for k in range(n):
-        tracked[0, k], tracked[1, k] = reference[0, k], reference[1, k]
-        tracked[2, k], tracked[3, k], tracked[4, k] = controls[3, k], controls[4, k], controls[5, k]
-        controls[3, k], controls[4, k], controls[5, k] = 0.0, gains.quickness, gains.drive_factor
+        tracked[X, k], tracked[Y, k] = reference[X, k], reference[Y, k]
+        tracked[YAW, k], tracked[PACE, k] = controls[NEXT_YAW, k], controls[NEXT_PACE, k]
+        tracked[SMOOTH_ACCEL, k] = controls[NEXT_ACCEL, k]
+        controls[ASKED_HAND_BRAKE, k] = 0.0
+        controls[QUICKNESS, k], controls[DRIVE_FACTOR, k] = gains.quickness, gains.drive_factor
         if driven[k]:
-            controls[0, k], controls[1, k], controls[2, k] = throttle[k], brake[k], steer_rad[k]
-            controls[3, k], controls[4, k], controls[5, k] = hand_brake[k], 1.0, 1.0
+            controls[ASKED_THROTTLE, k], controls[ASKED_BRAKE, k] = throttle[k], brake[k]
+            controls[ASKED_STEER, k], controls[ASKED_HAND_BRAKE, k] = steer_rad[k], hand_brake[k]
+            controls[QUICKNESS, k], controls[DRIVE_FACTOR, k] = 1.0, 1.0
     advance(bodies, controls, records, walks, count, STEP_S / count, after)
     walk(bodies, reference, walks, STEP_S, after)
     for k in range(n):
         if driven[k] or handed_back[k]:
-            tracked[0, k], tracked[1, k], tracked[2, k] = after[0, k], after[1, k], after[2, k]
-            tracked[3, k], tracked[4, k] = 1.0, 0.0
+            tracked[X, k], tracked[Y, k], tracked[YAW, k] = after[X, k], after[Y, k], after[YAW, k]
+            tracked[PACE, k], tracked[SMOOTH_ACCEL, k] = 1.0, 0.0
     return after, tracked
 
 
@@ -313,8 +350,13 @@ def _states(
 
 @compiled
 def _shown(
-    bodies: Any, sumo: Any, lights: Any, owners: Any, records: Any, brake_light: Any
-) -> tuple[Any, Any, Any, Any]:
+    bodies: Floats,
+    sumo: tuple[Floats, Floats],
+    lights: Codes,
+    owners: tuple[Codes, Codes, Flags],
+    records: Records,
+    brake_light: np.uint8,
+) -> tuple[Codes, Floats, Floats, Floats]:
     """Lights with the brake light, velocities as ``BodyState.velocity_mps``, and the distances from SUMO's poses.
 
     The distance is 0 for those whose pose SUMO mirrors.
@@ -322,13 +364,13 @@ def _shown(
     shown, n, (owner, owner_before, brought_back) = lights.copy(), len(lights), owners
     vx_mps, vy_mps, residual_m = np.empty(n), np.empty(n), np.zeros(n)
     for k in range(n):
-        cos, sin = np.cos(bodies[2, k]), np.sin(bodies[2, k])
-        forward, left = bodies[3, k], bodies[4, k] + records[k].centre_ahead_of_cg_m * bodies[5, k]
+        cos, sin = np.cos(bodies[YAW, k]), np.sin(bodies[YAW, k])
+        forward, left = bodies[FORWARD, k], bodies[LATERAL, k] + records[k].centre_ahead_of_cg_m * bodies[YAW_RATE, k]
         vx_mps[k], vy_mps[k] = forward * cos - left * sin, forward * sin + left * cos
-        if bodies[10, k] > BRAKE_LIGHT_PEDAL or bodies[6, k] < -BRAKE_LIGHT_DECEL_MPS2:
+        if bodies[BRAKE, k] > BRAKE_LIGHT_PEDAL or bodies[ACCEL, k] < -BRAKE_LIGHT_DECEL_MPS2:
             shown[k] |= brake_light
         if owner[k] != _ROS and (owner_before[k] != _ROS or brought_back[k]):
-            residual_m[k] = np.hypot(sumo[0][k] - bodies[0, k], sumo[1][k] - bodies[1, k])
+            residual_m[k] = np.hypot(sumo[X][k] - bodies[X, k], sumo[Y][k] - bodies[Y, k])
     return shown, vx_mps, vy_mps, residual_m
 
 

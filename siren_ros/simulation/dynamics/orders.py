@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Floats, Ids
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.world.actors import Lights, Mode, Owner, rows_of_ids
@@ -17,6 +17,10 @@ from siren_ros.simulation.world.traffic_state import TrafficState
 _SUMO: Final = np.uint8(Owner.SUMO)
 _NOMINAL: Final = np.uint8(Mode.NOMINAL)
 """A plain number, because numpy is several times slower with members of enumerations."""
+_THROTTLE, _BRAKE, _STEER = range(3)
+"""Rows of pedals."""
+_OWNER, _MODE, _LIGHTS = range(3)
+"""Rows of codes."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
     """
     n = len(traffic)
     pedals, codes, hand_brake = np.zeros((3, n)), np.zeros((3, n), np.uint8), np.zeros(n, np.bool_)
-    codes[0], codes[1], codes[2] = _SUMO, _NOMINAL, traffic.lights
+    codes[_OWNER], codes[_MODE], codes[_LIGHTS] = _SUMO, _NOMINAL, traffic.lights
     source_of = np.zeros(n, np.intp)
     for number, command in enumerate(commands, start=1):
         if not len(command):
@@ -53,12 +57,20 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
         ids = traffic.actor_id, traffic.removed, command.actor_id
         if not _take_over(number, ids, asked, told, pedals, codes, hand_brake, source_of):
             _check(traffic, commands, command, source_of)
-    return Orders(codes[0], pedals[0], pedals[1], pedals[2], hand_brake, codes[1], codes[2])
+    throttle, brake, steer_rad = pedals
+    return Orders(codes[_OWNER], throttle, brake, steer_rad, hand_brake, codes[_MODE], codes[_LIGHTS])
 
 
 @compiled
 def _take_over(
-    number: int, ids: Any, asked: Any, told: Any, pedals: Any, codes: Any, hand_brake: Any, source_of: Any
+    number: int,
+    ids: tuple[Ids, Ids, Ids],
+    asked: tuple[Floats, Floats, Floats],
+    told: tuple[Codes, Codes, Codes, Codes],
+    pedals: Floats,
+    codes: Codes,
+    hand_brake: Flags,
+    source_of: Rows,
 ) -> bool:
     """Put one controller's commands on the rows of their actors; False if something is wrong."""
     (actor_id, removed, commanded), (throttle, brake, steer_rad), (hand, owner, mode, lights) = ids, asked, told
@@ -73,8 +85,8 @@ def _take_over(
         if source_of[row] != 0:
             return False
         source_of[row] = number
-        pedals[0, row], pedals[1, row], pedals[2, row] = throttle[n], brake[n], steer_rad[n]
-        codes[0, row], codes[1, row], codes[2, row] = owner[n], mode[n], lights[n]
+        pedals[_THROTTLE, row], pedals[_BRAKE, row], pedals[_STEER, row] = throttle[n], brake[n], steer_rad[n]
+        codes[_OWNER, row], codes[_MODE, row], codes[_LIGHTS, row] = owner[n], mode[n], lights[n]
         hand_brake[row] = hand[n] != 0
     return True
 

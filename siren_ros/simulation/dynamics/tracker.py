@@ -4,15 +4,27 @@ The law runs for one vehicle after the other in a compiled loop.
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Columns, Floats
-from siren_ros.base.numerics.compiled import Array, compiled, within, wrapped_rad
+from siren_ros.base.numerics.arrays import Columns, Flags, Floats
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled, within, wrapped_rad
 from siren_ros.base.numerics.units import GRAVITY_MPS2
 from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
-from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, Record
+from siren_ros.simulation.dynamics.vehicle_model import (
+    ASKED_BRAKE,
+    ASKED_STEER,
+    ASKED_THROTTLE,
+    BRAKE,
+    FORWARD,
+    STEER,
+    THROTTLE,
+    BodyState,
+    Controls,
+    Record,
+    Records,
+)
 
 _SLOWEST_STEP_M: Final = 0.01
 """A centre that moved less than this in a step has no direction of motion."""
@@ -24,6 +36,12 @@ _STRAIGHT_PM: Final = 1e-3
 """Smaller curvatures, in 1/m, do not limit the speed."""
 _FULL_LOCK_RAD: Final = 1.4
 """Larger than any steering angle, but below 90°, where the tangent ends."""
+SPEED, SUMO_ACCEL = 3, 4
+"""Rows of ``Reference.columns`` after ``X``, ``Y`` and ``YAW``."""
+PACE, SMOOTH_ACCEL = 3, 4
+"""The same of ``TrackerState.columns``."""
+NEXT_YAW, NEXT_PACE, NEXT_ACCEL = range(3, 6)
+"""Rows of what ``follow`` gives, after the pedals and the steering angle: the tracker's state then."""
 
 
 class TrackerGains(NamedTuple):
@@ -75,7 +93,7 @@ def _steer(
     pose: tuple[float, float, float, float, float],
     goal: tuple[float, float, float, float],
     dt_s: float,
-    gains: Any,
+    gains: TrackerGains,
 ) -> tuple[float, float]:
     """Steering angle to command, and the resulting curvature.
 
@@ -113,7 +131,12 @@ def _before_lag(wanted: float, present: float, lag_s: float, dt_s: float) -> flo
 
 @compiled
 def _pedals(
-    vehicle: Record, motion: tuple[float, float, float], wanted_mps: float, accel_mps2: float, dt_s: float, gains: Any
+    vehicle: Record,
+    motion: tuple[float, float, float],
+    wanted_mps: float,
+    accel_mps2: float,
+    dt_s: float,
+    gains: TrackerGains,
 ) -> tuple[float, float]:
     """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds a waiting vehicle.
 
@@ -133,42 +156,49 @@ def _pedals(
 
 @compiled
 def follow(
-    bodies: Array, tracker: Array, reference: Array, records: Array, walks: Array, dt_s: float, gains: Any, out: Array
+    bodies: Floats,
+    tracker: Floats,
+    reference: Floats,
+    records: Records,
+    walks: Flags,
+    dt_s: float,
+    gains: TrackerGains,
+    out: Floats,
 ) -> None:
     """Controls of all vehicles for one step; pedestrians have none.
 
-    They follow from the columns of ``BodyState``, ``TrackerState`` and ``Reference``. Result in ``out``: throttle,
-    brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the step, shape ``(6, N)``.
+    They follow from the columns of ``BodyState``, ``TrackerState`` and ``Reference``. Result in ``out``, shape
+    ``(6, N)``: the first three rows of ``Controls.columns``, then ``NEXT_YAW``, ``NEXT_PACE`` and ``NEXT_ACCEL``.
     """
     pace_share, accel_share = -np.expm1(-dt_s / gains.pace_time_s), -np.expm1(-dt_s / gains.accel_time_s)
     for n in range(records.shape[0]):
         if walks[n]:
             continue
         vehicle = records[n]
-        x_m, y_m, yaw, speed = bodies[0, n], bodies[1, n], bodies[2, n], bodies[3, n]
-        last_x, last_y, last_yaw = tracker[0, n], tracker[1, n], tracker[2, n]
-        last_pace, last_accel = tracker[3, n], tracker[4, n]
-        dx, dy, sumo_mps = reference[0, n] - last_x, reference[1, n] - last_y, reference[3, n]
+        x_m, y_m, yaw, speed = bodies[X, n], bodies[Y, n], bodies[YAW, n], bodies[FORWARD, n]
+        last_x, last_y, last_yaw = tracker[X, n], tracker[Y, n], tracker[YAW, n]
+        last_pace, last_accel = tracker[PACE, n], tracker[SMOOTH_ACCEL, n]
+        dx, dy, sumo_mps = reference[X, n] - last_x, reference[Y, n] - last_y, reference[SPEED, n]
         moved = np.sqrt(dx * dx + dy * dy)
         pull = vehicle.centre_ahead_of_rear_axle_m
-        course = np.arctan2(dy, dx) if moved > _SLOWEST_STEP_M else reference[2, n]
+        course = np.arctan2(dy, dx) if moved > _SLOWEST_STEP_M else reference[YAW, n]
         most = np.arctan(pull / vehicle.wheelbase_m * np.tan(vehicle.max_steer_rad))
         swerve = within(wrapped_rad(course - last_yaw), -most, most)
         goal = last_x, last_y, last_yaw, np.tan(swerve) / pull
-        steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed, bodies[8, n]), goal, dt_s, gains)
+        steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed, bodies[STEER, n]), goal, dt_s, gains)
         ratio = within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)
         pace = last_pace + (ratio - last_pace) * pace_share
-        accel = last_accel + (reference[4, n] - last_accel) * accel_share
+        accel = last_accel + (reference[SUMO_ACCEL, n] - last_accel) * accel_share
         course = last_yaw + swerve
         gap = (last_x - x_m) * np.cos(course) + (last_y - y_m) * np.sin(course)
         correction = within(gains.along_per_s * gap, -gains.along_most_mps, gains.along_most_mps)
         grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
         fastest = np.sqrt(grip / max(abs(steered), _STRAIGHT_PM))
         wanted = min(max(pace * sumo_mps + correction, 0.0), fastest)
-        motion = speed, bodies[9, n], bodies[10, n]
-        out[0, n], out[1, n] = _pedals(vehicle, motion, wanted, accel, dt_s, gains)
-        out[2, n] = steer
-        out[3, n], out[4, n], out[5, n] = last_yaw + moved * np.sin(swerve) / pull, pace, accel
+        motion = speed, bodies[THROTTLE, n], bodies[BRAKE, n]
+        out[ASKED_THROTTLE, n], out[ASKED_BRAKE, n] = _pedals(vehicle, motion, wanted, accel, dt_s, gains)
+        out[ASKED_STEER, n] = steer
+        out[NEXT_YAW, n], out[NEXT_PACE, n], out[NEXT_ACCEL, n] = last_yaw + moved * np.sin(swerve) / pull, pace, accel
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,19 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Columns, Floats
-from siren_ros.base.numerics.compiled import Array, compiled, within
+from siren_ros.base.numerics.arrays import Columns, Flags, Floats
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled, within
 from siren_ros.base.numerics.units import GRAVITY_MPS2
 from siren_ros.simulation.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
 
 Record = Any
 """One vehicle's row of ``ParameterTable.records``."""
+Records = npt.NDArray[np.void]
+"""``ParameterTable.records``."""
+FORWARD, LATERAL, YAW_RATE, ACCEL, LATERAL_ACCEL, STEER, THROTTLE, BRAKE = range(3, 11)
+"""Rows of ``BodyState.columns`` after ``X``, ``Y`` and ``YAW``."""
+ASKED_THROTTLE, ASKED_BRAKE, ASKED_STEER, ASKED_HAND_BRAKE, QUICKNESS, DRIVE_FACTOR = range(6)
+"""Rows of ``Controls.columns``."""
 _LONGITUDINAL_SHARE: Final = 0.95
 """Share of an axle's grip to which anti-lock brakes and traction control limit the longitudinal force."""
 _REAR_BRAKE_SHARE: Final = 0.7
@@ -117,7 +123,9 @@ def _tyre_forces_n(
 
 
 @compiled
-def advance(before: Array, controls: Array, records: Array, walks: Array, count: int, h: float, after: Array) -> None:
+def advance(
+    before: Floats, controls: Floats, records: Records, walks: Flags, count: int, h: float, after: Floats
+) -> None:
     """Move all vehicles by ``count`` substeps of ``h`` seconds; pedestrians do not move.
 
     ``before`` and the result, ``after``, are ``BodyState.columns``, shape ``(11, N)``; ``controls`` are
@@ -127,24 +135,24 @@ def advance(before: Array, controls: Array, records: Array, walks: Array, count:
         if walks[n]:
             continue
         vehicle = records[n]
-        x_m, y_m, start_yaw = before[0, n], before[1, n], before[2, n]
-        u, v, w = before[3, n], before[4, n], before[5, n]
-        steer, wanted_steer, quickness = before[8, n], controls[2, n], controls[4, n]
+        x_m, y_m, start_yaw = before[X, n], before[Y, n], before[YAW, n]
+        u, v, w = before[FORWARD, n], before[LATERAL, n], before[YAW_RATE, n]
+        steer, wanted_steer, quickness = before[STEER, n], controls[ASKED_STEER, n], controls[QUICKNESS, n]
         wanted_steer = within(wanted_steer, -vehicle.max_steer_rad, vehicle.max_steer_rad)
         share = -np.expm1(-h * quickness / vehicle.steer_lag_s)
         most = h * quickness * vehicle.max_steer_rate_radps
         mass = vehicle.mass_kg
-        loads = _axle_loads_n(vehicle, before[6, n])
+        loads = _axle_loads_n(vehicle, before[ACCEL, n])
         power_n = vehicle.drive_power_w / max(u, _POWER_FROM_MPS)
-        full_n = min(mass * vehicle.max_drive_accel_mps2, power_n) * controls[5, n]
-        hand_n = controls[3, n] * (mass * vehicle.hand_brake_decel_mps2)
+        full_n = min(mass * vehicle.max_drive_accel_mps2, power_n) * controls[DRIVE_FACTOR, n]
+        hand_n = controls[ASKED_HAND_BRAKE, n] * (mass * vehicle.hand_brake_decel_mps2)
         drag_n = 0.5 * AIR_DENSITY_KGPM3 * vehicle.drag_area_m2 * u * u
         resistance_n = drag_n + vehicle.rolling_resistance * GRAVITY_MPS2 * mass
-        yaw, moved_x, moved_y, throttle, brake = start_yaw, 0.0, 0.0, before[9, n], before[10, n]
+        yaw, moved_x, moved_y, throttle, brake = start_yaw, 0.0, 0.0, before[THROTTLE, n], before[BRAKE, n]
         for i in range(count):
             elapsed = h * (i + 1) * quickness
-            throttle = _lagged(controls[0, n], before[9, n], elapsed, vehicle.throttle_lag_s)
-            brake = _lagged(controls[1, n], before[10, n], elapsed, vehicle.brake_lag_s)
+            throttle = _lagged(controls[ASKED_THROTTLE, n], before[THROTTLE, n], elapsed, vehicle.throttle_lag_s)
+            brake = _lagged(controls[ASKED_BRAKE, n], before[BRAKE, n], elapsed, vehicle.brake_lag_s)
             steer += within((wanted_steer - steer) * share, -most, most)
             braking_n = brake * (mass * vehicle.max_brake_decel_mps2)
             tyres = _tyre_forces_n(vehicle, loads, throttle * full_n, braking_n, hand_n)
@@ -156,12 +164,14 @@ def advance(before: Array, controls: Array, records: Array, walks: Array, count:
             moved_x += u * np.cos(middle) - left * np.sin(middle)
             moved_y += u * np.sin(middle) + left * np.cos(middle)
         dt = count * h
-        after[0, n], after[1, n] = x_m + h * moved_x, y_m + h * moved_y
-        after[2, n] = yaw - 2.0 * np.pi * np.rint(yaw / (2.0 * np.pi))
-        after[3, n], after[4, n], after[5, n] = u, v, w
-        after[6, n] = (u - before[3, n]) / dt - 0.5 * (before[4, n] * before[5, n] + v * w)
-        after[7, n] = (v - before[4, n]) / dt + 0.5 * (before[3, n] * before[5, n] + u * w)
-        after[8, n], after[9, n], after[10, n] = steer, throttle, brake
+        after[X, n], after[Y, n] = x_m + h * moved_x, y_m + h * moved_y
+        after[YAW, n] = yaw - 2.0 * np.pi * np.rint(yaw / (2.0 * np.pi))
+        after[FORWARD, n], after[LATERAL, n], after[YAW_RATE, n] = u, v, w
+        after[ACCEL, n] = (u - before[FORWARD, n]) / dt - 0.5 * (before[LATERAL, n] * before[YAW_RATE, n] + v * w)
+        after[LATERAL_ACCEL, n] = (v - before[LATERAL, n]) / dt + 0.5 * (
+            before[FORWARD, n] * before[YAW_RATE, n] + u * w
+        )
+        after[STEER, n], after[THROTTLE, n], after[BRAKE, n] = steer, throttle, brake
 
 
 SUBSTEP_S: Final = 0.01

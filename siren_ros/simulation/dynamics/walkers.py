@@ -4,11 +4,14 @@ SUMO's pedestrians change stripes and corners from one step to the next, by up t
 two. They keep SUMO's pace, so they do not lag behind.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.compiled import compiled, within, wrapped_rad
+from siren_ros.base.numerics.arrays import Flags, Floats
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled, within, wrapped_rad
+from siren_ros.simulation.dynamics.tracker import SPEED
+from siren_ros.simulation.dynamics.vehicle_model import ACCEL, FORWARD, LATERAL, YAW_RATE
 
 # No parameters: they only smooth jumps of SUMO's model.
 _CATCH_UP_S: Final = 0.5
@@ -23,28 +26,32 @@ _STEADY_MPS: Final = 0.4
 
 
 @compiled
-def walk(bodies: Any, sumo: Any, walks: Any, step_s: float, after: Any) -> None:
-    """Move pedestrians by one step: from ``bodies`` towards SUMO's x, y, yaw and speed into ``after``.
+def walk(bodies: Floats, sumo: Floats, walks: Flags, step_s: float, after: Floats) -> None:
+    """Move pedestrians by one step: from ``bodies`` towards ``sumo`` into ``after``.
 
-    Bodies have the columns of ``BodyState``: pose, speed ahead and to the left, turn rate and accelerations first.
+    Bodies are ``BodyState.columns``, and ``sumo`` is ``Reference.columns``.
     """
     for k in range(len(walks)):
         if not walks[k]:
             continue
-        yaw, ahead, left = bodies[2, k], bodies[3, k], bodies[4, k]
+        yaw, ahead, left = bodies[YAW, k], bodies[FORWARD, k], bodies[LATERAL, k]
         vx, vy = ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)
-        ux, uy = sumo[3, k] * np.cos(sumo[2, k]), sumo[3, k] * np.sin(sumo[2, k])
-        wx = ux + (sumo[0, k] - step_s * ux - bodies[0, k]) / _CATCH_UP_S
-        wy = uy + (sumo[1, k] - step_s * uy - bodies[1, k]) / _CATCH_UP_S
-        scale = min(1.0, (sumo[3, k] + _FASTER_MPS) / max(np.hypot(wx, wy), 1e-9))
+        ux, uy = sumo[SPEED, k] * np.cos(sumo[YAW, k]), sumo[SPEED, k] * np.sin(sumo[YAW, k])
+        wx = ux + (sumo[X, k] - step_s * ux - bodies[X, k]) / _CATCH_UP_S
+        wy = uy + (sumo[Y, k] - step_s * uy - bodies[Y, k]) / _CATCH_UP_S
+        scale = min(1.0, (sumo[SPEED, k] + _FASTER_MPS) / max(np.hypot(wx, wy), 1e-9))
         dx, dy = scale * wx - vx, scale * wy - vy
         part = min(1.0, _ACCEL_MPS2 * step_s / max(np.hypot(dx, dy), 1e-9))
         vx, vy = vx + part * dx, vy + part * dy
-        facing = np.arctan2(vy, vx) if np.hypot(vx, vy) > _STEADY_MPS else sumo[2, k]
+        facing = np.arctan2(vy, vx) if np.hypot(vx, vy) > _STEADY_MPS else sumo[YAW, k]
         turn = within(wrapped_rad(facing - yaw), -_TURN_RADPS * step_s, _TURN_RADPS * step_s)
         after[:, k] = 0.0
-        after[0, k], after[1, k] = bodies[0, k] + step_s * vx, bodies[1, k] + step_s * vy
-        after[2, k] = wrapped_rad(yaw + turn)
-        cos, sin = np.cos(after[2, k]), np.sin(after[2, k])
-        after[3, k], after[4, k], after[5, k] = vx * cos + vy * sin, vy * cos - vx * sin, turn / step_s
-        after[6, k] = (after[3, k] - ahead) / step_s
+        after[X, k], after[Y, k] = bodies[X, k] + step_s * vx, bodies[Y, k] + step_s * vy
+        after[YAW, k] = wrapped_rad(yaw + turn)
+        cos, sin = np.cos(after[YAW, k]), np.sin(after[YAW, k])
+        after[FORWARD, k], after[LATERAL, k], after[YAW_RATE, k] = (
+            vx * cos + vy * sin,
+            vy * cos - vx * sin,
+            turn / step_s,
+        )
+        after[ACCEL, k] = (after[FORWARD, k] - ahead) / step_s

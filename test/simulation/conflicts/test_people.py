@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from hand_made_record import crossing
 
-from siren_ros.simulation.conflicts.people import Outlines, least_wait_for_people, outlines_of, people_at
+from siren_ros.simulation.conflicts.people import (
+    Line,
+    Outlines,
+    Passer,
+    least_wait_for_people,
+    outlines_of,
+    people_at,
+)
 
 HALF_LENGTH_M, HALF_WIDTH_M = 2.0, 1.0
 BEGINS_M, ENDS_M = 20.0, 24.0
@@ -24,8 +31,9 @@ def wait(along_m, left_m, turn=0.3, speed_mps=8.0, walks_mps=(0.0, 0.0), beside_
     points = turned(np.stack((np.arange(0.0, 60.0), np.zeros(60)), axis=-1), turn)
     (x, y), yaw = turned((along_m, left_m), turn), turn + np.arctan2(walks_mps[1], walks_mps[0])
     pose = (np.array([x]), np.array([y]), np.array([yaw]), np.array([np.hypot(*walks_mps)]))
-    own = 0.0, 0.0, HALF_LENGTH_M, HALF_WIDTH_M, speed_mps, beside_mps
-    return least_wait_for_people((points, 0, len(points), 1.0), own, people_at([7], pose, outlines), outlines)
+    own = Passer(0.0, 0.0, HALF_LENGTH_M, HALF_WIDTH_M, speed_mps, beside_mps)
+    way = Line(points, 0, len(points), 1.0)
+    return least_wait_for_people(way, own, people_at([7], pose, outlines), outlines)
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.2, -1.1])

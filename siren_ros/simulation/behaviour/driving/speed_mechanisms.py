@@ -47,7 +47,7 @@ from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.paths.curve import nearest_point
 from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
-from siren_ros.simulation.conflicts.people import PACE_MPS, least_wait_for_people
+from siren_ros.simulation.conflicts.people import ID, PACE_MPS, Line, Passer, least_wait_for_people
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, Mode
@@ -284,14 +284,14 @@ def _people(drive: Drive) -> SpeedLimit:
     ego, curve, people = drive.ego, drive.path.curve, drive.ego.seen.people
     if not people.shape[1]:
         return UNLIMITED
-    way = curve.points, 0, len(curve.points), curve.spacing_m
-    sizes = ego.half_length_m, ego.half_width_m, ego.speed_mps, _PAST_KERB_MPS if ego.is_emv else PACE_MPS
-    own = drive.progress_m, 0.0, *sizes
+    way = Line(curve.points, 0, len(curve.points), curve.spacing_m)
+    beside_mps = _PAST_KERB_MPS if ego.is_emv else PACE_MPS
+    own = Passer(drive.progress_m, 0.0, ego.half_length_m, ego.half_width_m, ego.speed_mps, beside_mps)
     worst, speed, brake, free = least_wait_for_people(way, own, people, ego.world.crossings)
     if worst < 0:
         return UNLIMITED
     must_brake = brake if brake > drive.config.comfort_brake_mps2 else 0.0
-    return SpeedLimit(speed, must_brake, int(people[6, worst]), free)
+    return SpeedLimit(speed, must_brake, int(people[ID, worst]), free)
 
 
 _STRAYS: Final = 0.5

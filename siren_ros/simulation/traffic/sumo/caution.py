@@ -18,10 +18,15 @@ from siren_ros.base.numerics.arrays import Flags, Floats, Ids
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
-from siren_ros.simulation.conflicts.people import NOBODY, least_wait_for_people, outlines_of
+from siren_ros.simulation.conflicts.people import ID, NOBODY, Line, Passer, least_wait_for_people, outlines_of
 from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Margins, Wait, least_wait
 from siren_ros.simulation.conflicts.zones import (
+    HALF_LENGTH,
+    HALF_WIDTH,
+    LEFT,
+    PLACE,
     SAME_DIRECTION,
+    SPACING,
     STEP_M,
     Ways,
     Zone,
@@ -388,7 +393,7 @@ class CautiousDrivers:
         drivers = traffic.owner, traffic.sumo_speed_mps
         rows, others, waits = _waits_for_people(*drivers, outlook.ways, people, self._crossings)
         ids = traffic.actor_id[rows].tolist()
-        found = zip(ids, people[6, others].astype(int).tolist(), waits.tolist(), strict=True)
+        found = zip(ids, people[ID, others].astype(int).tolist(), waits.tolist(), strict=True)
         return [Caution(actor_id, other_id, Wait(*wait)) for actor_id, other_id, wait in found]
 
 
@@ -401,8 +406,9 @@ def _waits_for_people(owner: Any, speed_mps: Any, ways: Any, people: Any, outlin
         if owner[row] != _BY_SUMO:
             continue
         body = ways.bodies[row]
-        way = ways.points, ways.first[row], ways.last[row], body[3]
-        own = body[4], body[5], body[7], body[8], speed_mps[row], np.inf
+        way = Line(ways.points, ways.first[row], ways.last[row], body[SPACING])
+        lengths = body[HALF_LENGTH], body[HALF_WIDTH]
+        own = Passer(body[PLACE], body[LEFT], *lengths, speed_mps[row], np.inf)
         worst, speed, brake, free = least_wait_for_people(way, own, people, outlines)
         if worst >= 0:
             rows[count], others[count] = row, worst

@@ -100,10 +100,14 @@ def pixel_boxes(instance: npt.NDArray[np.uint32], actor_id: npt.NDArray[np.uint3
     """Count and bound each actor's pixels in an instance image, shape ``(H, W)``; ids are sorted, shape ``(N,)``."""
     count = np.zeros(len(actor_id), np.int64)
     bounds = np.zeros((len(actor_id), 4), np.int64)
-    bounds[:, :2] = max(instance.shape)
-    bounds[:, 2:] = -1
+    bounds[:, :_LAST_COLUMN] = max(instance.shape)
+    bounds[:, _LAST_COLUMN:] = -1
     _scan(instance, actor_id, count, bounds)
     return PixelBoxes(count, bounds)
+
+
+_FIRST_COLUMN, _FIRST_ROW, _LAST_COLUMN, _LAST_ROW = range(4)
+"""Columns of ``PixelBoxes.bounds``."""
 
 
 @compiled
@@ -121,10 +125,10 @@ def _scan(instance: Array, actor_id: Array, count: Array, bounds: Array) -> None
                         row = place
             if row >= 0:
                 count[row] += 1
-                bounds[row, 0] = min(bounds[row, 0], u)
-                bounds[row, 1] = min(bounds[row, 1], v)
-                bounds[row, 2] = max(bounds[row, 2], u)
-                bounds[row, 3] = max(bounds[row, 3], v)
+                bounds[row, _FIRST_COLUMN] = min(bounds[row, _FIRST_COLUMN], u)
+                bounds[row, _FIRST_ROW] = min(bounds[row, _FIRST_ROW], v)
+                bounds[row, _LAST_COLUMN] = max(bounds[row, _LAST_COLUMN], u)
+                bounds[row, _LAST_ROW] = max(bounds[row, _LAST_ROW], v)
 
 
 class ImageLabeller:

@@ -26,8 +26,10 @@ if not is_writable(Path(__file__).with_name("__pycache__")):
 
 Array = Any
 """A numpy array; numba compiles for the element types that it is given."""
-X, Y, YAW = range(3)
-"""Columns of points and of bodies. A layout with more columns names them where it is described."""
+X, Y, Z = range(3)
+"""Columns of points. A layout with more columns names them where it is described."""
+YAW: Final = 2
+"""Column of bodies after ``X`` and ``Y``."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
 """Kinds of values that compiled code contains as constants from the time of its compilation."""

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import shapely
 
-from siren_ros.base.numerics.arrays import Points, Rows
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.arrays import Flags, Floats, Points, Rows
+from siren_ros.base.numerics.compiled import COS, SIN, X, Y, compiled
 from siren_ros.base.numerics.geometry import footprint_corners
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.judging.physics import PAPER_PRESET
@@ -89,14 +89,14 @@ def _fastest(record: EpisodeRecord, passage: Rows, across: Rows, sizes_m: Points
 
 
 @compiled
-def _near(poses: Any, points: Any, half_length_m: float, half_width_m: float, near_m: float) -> Any:
+def _near(poses: Floats, points: Points, half_length_m: float, half_width_m: float, near_m: float) -> Flags:
     """Which points ``(P, 2)`` are near a box in one of some poses: x, y, cosine and sine of the yaw, ``(4, K)``."""
     near = np.zeros(len(points), np.bool_)
     for p in range(len(points)):
         for k in range(poses.shape[1]):
-            dx, dy = points[p, 0] - poses[0, k], points[p, 1] - poses[1, k]
-            ahead = max(abs(dx * poses[2, k] + dy * poses[3, k]) - half_length_m, 0.0)
-            left = max(abs(dy * poses[2, k] - dx * poses[3, k]) - half_width_m, 0.0)
+            dx, dy = points[p, X] - poses[X, k], points[p, Y] - poses[Y, k]
+            ahead = max(abs(dx * poses[COS, k] + dy * poses[SIN, k]) - half_length_m, 0.0)
+            left = max(abs(dy * poses[COS, k] - dx * poses[SIN, k]) - half_width_m, 0.0)
             if ahead * ahead + left * left <= near_m * near_m:
                 near[p] = True
                 break

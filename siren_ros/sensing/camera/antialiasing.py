@@ -29,6 +29,9 @@ def smooth_edges(rgba: npt.NDArray[np.uint8]) -> None:
     _smooth_along_columns(drawn, edges, rgba)
 
 
+_RED, _GREEN, _BLUE = range(3)
+
+
 @compiled
 def _find_edges(rgba: Array, brightness: Array, edges: Array) -> None:
     """Mark edges with two bits per pixel.
@@ -38,7 +41,7 @@ def _find_edges(rgba: Array, brightness: Array, edges: Array) -> None:
     height, width = edges.shape
     for y in range(height):
         for x in range(width):
-            red, green, blue = np.int16(rgba[y, x, 0]), np.int16(rgba[y, x, 1]), np.int16(rgba[y, x, 2])
+            red, green, blue = np.int16(rgba[y, x, _RED]), np.int16(rgba[y, x, _GREEN]), np.int16(rgba[y, x, _BLUE])
             brightness[y, x] = (red * np.int16(2) + green * np.int16(5) + blue) >> np.int16(3)
     contrast = np.int16(_CONTRAST)
     for y in range(height):

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, Floats32
-from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.compiled import Array, X, Y, Z, compiled
 from siren_ros.sensing.meshes.mesh import Material, Mesh
 
 GROUND_M: Final = 0.0
@@ -23,6 +23,10 @@ _RINGS: Final = 112
 _MARGIN: Final = 1e-4
 """Safety margin on slopes, for the rounding of coordinates."""
 _SLACK_M: Final = 1e-3
+_FIRST_X, _FIRST_Y, _LAST_X, _LAST_Y, _NORMAL_X, _NORMAL_Y, _TOP, _AREA = range(8)
+"""Columns of walls."""
+_REACH, _LOW, _HIGH = range(2, 5)
+"""Columns of bounding circles after ``X`` and ``Y``."""
 
 
 def standing_walls(mesh: Mesh) -> Floats:
@@ -100,12 +104,17 @@ class Horizon:
 def _raise_horizon(walls: Array, directions: Array, eye: Array, smallest: float, reach: float, slopes: Array) -> None:
     bins, rings = slopes.shape[1], slopes.shape[0]
     for w in range(walls.shape[0]):
-        ax, ay, bx, by = walls[w, 0] - eye[0], walls[w, 1] - eye[1], walls[w, 2] - eye[0], walls[w, 3] - eye[1]
-        nx, ny, up = walls[w, 4], walls[w, 5], walls[w, 6] - eye[2]
+        ax, ay, bx, by = (
+            walls[w, _FIRST_X] - eye[X],
+            walls[w, _FIRST_Y] - eye[Y],
+            walls[w, _LAST_X] - eye[X],
+            walls[w, _LAST_Y] - eye[Y],
+        )
+        nx, ny, up = walls[w, _NORMAL_X], walls[w, _NORMAL_Y], walls[w, _TOP] - eye[Z]
         before = -(nx * ax + ny * ay)
-        farthest = np.sqrt(max(ax * ax + ay * ay, bx * bx + by * by) + max(up * up, eye[2] * eye[2]))
+        farthest = np.sqrt(max(ax * ax + ay * ay, bx * bx + by * by) + max(up * up, eye[Z] * eye[Z]))
         # A wall is two triangles; each has half of its area.
-        if before <= 0.0 or farthest >= reach or 0.5 * walls[w, 7] * before < smallest * farthest**3:
+        if before <= 0.0 or farthest >= reach or 0.5 * walls[w, _AREA] * before < smallest * farthest**3:
             continue
         first, last = _way_around(ax, ay), _way_around(bx, by)
         if ax * by - ay * bx < 0.0:
@@ -130,13 +139,13 @@ def _raise_horizon(walls: Array, directions: Array, eye: Array, smallest: float,
 def is_hidden(slopes: Array, eye: Array, circle: Array) -> bool:
     """Whether walls hide all within a bounding circle (x, y, radius, low, high) from the eye whose slopes these are."""
     bins = slopes.shape[1]
-    x, y, reach = circle[0] - eye[0], circle[1] - eye[1], float(circle[2])
+    x, y, reach = circle[X] - eye[X], circle[Y] - eye[Y], float(circle[_REACH])
     away = np.sqrt(x * x + y * y)
     near = away - reach
-    if near < _RING_M or reach > 0.5 * away or circle[3] < GROUND_M:
+    if near < _RING_M or reach > 0.5 * away or circle[_LOW] < GROUND_M:
         return False
     ring = min(int(near / _RING_M), slopes.shape[0] - 1)
-    up = circle[4] - eye[2]
+    up = circle[_HIGH] - eye[Z]
     slope = (up / near if up > 0.0 else up / (away + reach)) + _MARGIN
     # An upper bound that is cheaper than asin: asin(a) <= a π / 2.
     middle, half = _way_around(x, y), 0.5 * np.pi * reach / away

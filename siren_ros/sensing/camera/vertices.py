@@ -12,13 +12,18 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.compiled import Array, X, Y, Z, compiled
 from siren_ros.sensing.camera.occlusion import is_hidden
 from siren_ros.sensing.meshes.mesh import Mesh
 
 VERTEX: Final = np.dtype([("position", "<f4", 3), ("normal_material", "<f2", 4), ("colour", "u1", 4)])
 """Record of a vertex, 24 bytes. The colour's fourth byte is the semantic class; half floats hold material codes
 exactly."""
+
+_FIRST, _SECOND, _LAST = range(3)
+"""Corners of a triangle."""
+_OFFSET: Final = 3
+"""Column of planes, after the normal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ def _distinct(rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArra
 
 
 @compiled
-def _share(triangles: Any, key: Any, source: Any, owner: Any, points: int) -> int:
+def _share(triangles: Array, key: Array, source: Array, owner: Array, points: int) -> int:
     """Reorder or copy corners so that no two triangles share a last corner; returns the number of vertices.
 
     ``owner`` becomes the triangle whose values a vertex holds (−1 for none), ``source`` the point that it stands for.
@@ -80,19 +85,19 @@ def _share(triangles: Any, key: Any, source: Any, owner: Any, points: int) -> in
                 break
             if o < 0 and chosen < 0:
                 chosen = k
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        a, b, c = triangles[t, _FIRST], triangles[t, _SECOND], triangles[t, _LAST]
         if chosen < 0:
             source[count] = source[c]
-            triangles[t, 2] = count
+            triangles[t, _LAST] = count
             owner[count] = t
             count += 1
         else:
             if chosen == 0:
-                triangles[t, 0], triangles[t, 1], triangles[t, 2] = b, c, a
+                triangles[t, _FIRST], triangles[t, _SECOND], triangles[t, _LAST] = b, c, a
             elif chosen == 1:
-                triangles[t, 0], triangles[t, 1], triangles[t, 2] = c, a, b
-            if owner[triangles[t, 2]] < 0:
-                owner[triangles[t, 2]] = t
+                triangles[t, _FIRST], triangles[t, _SECOND], triangles[t, _LAST] = c, a, b
+            if owner[triangles[t, _LAST]] < 0:
+                owner[triangles[t, _LAST]] = t
     return count
 
 
@@ -112,7 +117,7 @@ def chunks_in_view(low: Array, high: Array, reach: Array, planes: Array, eye: Ar
         far = np.sqrt(square)
         inside = far < reach[k]
         for p in range(planes.shape[0]):
-            most = planes[p, 3]
+            most = planes[p, _OFFSET]
             for axis in range(3):
                 n = planes[p, axis]
                 most += n * (high[k, axis] if n > 0.0 else low[k, axis])
@@ -150,7 +155,7 @@ def visible_triangles(
     ``circles`` bound the triangles and ``chunk_circles`` the chunks, and ``slopes`` are those of the horizon around the
     eye (``occlusion``).
     """
-    x, y, z = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])
+    x, y, z = np.float32(eye[X]), np.float32(eye[Y]), np.float32(eye[Z])
     count = 0
     for d in range(counts.shape[0]):
         before = count
@@ -160,12 +165,12 @@ def visible_triangles(
                 continue
             least = np.float32(smallest * distance[chunk] ** 3)
             for t in range(first[chunk], first[chunk + 1]):
-                above = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z - planes[t, 3]
+                above = planes[t, X] * x + planes[t, Y] * y + planes[t, Z] * z - planes[t, _OFFSET]
                 large = above > np.float32(-0.01) and area[t] * above >= least
                 if large and not is_hidden(slopes, eye, circles[t]):
-                    out[count, 0] = triangles[t, 0]
-                    out[count, 1] = triangles[t, 1]
-                    out[count, 2] = triangles[t, 2]
+                    out[count, _FIRST] = triangles[t, _FIRST]
+                    out[count, _SECOND] = triangles[t, _SECOND]
+                    out[count, _LAST] = triangles[t, _LAST]
                     count += 1
         counts[d] = count - before
     return count

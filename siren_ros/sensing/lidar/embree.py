@@ -26,7 +26,7 @@ import numpy.typing as npt
 from numba import types
 
 from siren_ros.base.numerics.arrays import Floats32
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import X, Y, Z, compiled
 from siren_ros.errors import SirenError
 from siren_ros.sensing.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.simulation.world.actors import ActorClass
@@ -79,8 +79,9 @@ _NATIVE: Final = {16: 34, 8: 33, 4: 32}
 """Packet sizes in rays, each with the Embree property that says whether the processor has registers of that width.
 Without them, Embree casts the rays of a packet one by one."""
 _ROWS: Final = 21
-"""Rows of ``RTCRayHit4``, ``8`` and ``16``, each a number per ray: origin 0-2, near 3, direction 4-6, time 7, far 8,
-mask 9, id 10, flags 11, normal 12-14, u v 15-16, primitive 17, geometry 18, instances 19-20."""
+_ORIGIN, _NEAR, _DIRECTION, _TIME, _FAR, _MASK, _ID, _FLAGS, _NORMAL = 0, 3, 4, 7, 8, 9, 10, 11, 12
+_TRIANGLE, _MESH, _INSTANCE, _INSTANCE_PART = range(17, _ROWS)
+"""Rows of ``RTCRayHit4``, ``8`` and ``16``, each a number per ray; vectors have three rows."""
 _PART: Final = 512 * max(_NATIVE)
 """Rays that one thread takes at a time: about a millisecond of work, a multiple of all packet sizes."""
 _ALIGNMENT: Final = 64
@@ -137,6 +138,10 @@ class RayHits:
     def for_rays(cls, count: int) -> "RayHits":
         """Allocate memory for the hits of ``count`` rays."""
         return cls(np.empty(count, np.float32), np.empty(count, np.uint32), np.empty((count, 3), np.float32))
+
+
+HitArrays = tuple[Floats32, npt.NDArray[np.uint32], Floats32]
+"""The arrays of ``RayHits``."""
 
 
 class PacketTree(NamedTuple):
@@ -229,16 +234,21 @@ def tiles(columns: int, rows: int, side: int = 4) -> npt.NDArray[np.int32]:
 
 
 @compiled
-def cast_packets(tree: PacketTree, rays: Any, order: Any, hits: Any) -> None:
+def cast_packets(
+    tree: PacketTree,
+    rays: Floats32,
+    order: npt.NDArray[np.int32],
+    hits: HitArrays,
+) -> None:
     """Cast rays (N, 6) in packets in the given order (N,), and write distance, triangle and normal of each hit."""
     packet, valid = tree.packet, tree.valid
     distance, triangle, normal = hits
     names = packet.view(np.uint32)
     lanes = packet.shape[1]
-    packet[3] = np.float32(0.0)
-    packet[7] = np.float32(0.0)
-    names[9] = np.uint32(0xFFFFFFFF)
-    names[10:12] = np.uint32(0)
+    packet[_NEAR] = np.float32(0.0)
+    packet[_TIME] = np.float32(0.0)
+    names[_MASK] = np.uint32(0xFFFFFFFF)
+    names[_ID : _FLAGS + 1] = np.uint32(0)
     valid[:] = -1
     for first in range(0, order.shape[0], lanes):
         count = min(lanes, order.shape[0] - first)
@@ -246,18 +256,20 @@ def cast_packets(tree: PacketTree, rays: Any, order: Any, hits: Any) -> None:
             valid[count:] = 0
         for lane in range(count):
             ray = rays[order[first + lane]]
-            packet[0, lane], packet[1, lane], packet[2, lane] = ray[0], ray[1], ray[2]
-            packet[4, lane], packet[5, lane], packet[6, lane] = ray[3], ray[4], ray[5]
-            packet[8, lane] = np.float32(np.inf)
-            names[18, lane] = np.uint32(0xFFFFFFFF)
-            names[19, lane] = np.uint32(0xFFFFFFFF)
-            names[20, lane] = np.uint32(0xFFFFFFFF)
+            x, y, z, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
+            packet[_ORIGIN + X, lane], packet[_ORIGIN + Y, lane], packet[_ORIGIN + Z, lane] = x, y, z
+            packet[_DIRECTION + X, lane], packet[_DIRECTION + Y, lane], packet[_DIRECTION + Z, lane] = dx, dy, dz
+            packet[_FAR, lane] = np.float32(np.inf)
+            names[_MESH, lane] = np.uint32(0xFFFFFFFF)
+            names[_INSTANCE, lane] = np.uint32(0xFFFFFFFF)
+            names[_INSTANCE_PART, lane] = np.uint32(0xFFFFFFFF)
         _intersect(tree.valid_at, tree.scene, tree.packet_at, tree.arguments)
         for lane in range(count):
             i = order[first + lane]
-            distance[i] = packet[8, lane]
-            triangle[i] = names[17, lane]
-            normal[i, 0], normal[i, 1], normal[i, 2] = packet[12, lane], packet[13, lane], packet[14, lane]
+            distance[i] = packet[_FAR, lane]
+            triangle[i] = names[_TRIANGLE, lane]
+            normal[i, X], normal[i, Y] = packet[_NORMAL + X, lane], packet[_NORMAL + Y, lane]
+            normal[i, Z] = packet[_NORMAL + Z, lane]
 
 
 def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any]:

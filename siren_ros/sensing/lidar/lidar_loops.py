@@ -8,7 +8,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.compiled import Array, X, Y, Z, compiled
+
+ORIGIN = 3
+"""Column of a pose, shape ``(3, 4)``, after those of its axes."""
+DX, DY, DZ = range(3, 6)
+"""Columns of rays: the direction, after the origin."""
+HEADING = 3
+"""Column of ``Vehicles.pose``, after the place."""
+VX, VY, YAW_RATE = range(3)
+"""Columns of ``Vehicles.motion``."""
+LENGTH, WIDTH, HEIGHT = range(3)
+"""Columns of ``Vehicles.size``."""
+LOW, HIGH = range(2)
+"""Corners of ``Vehicles.bounds``."""
+RATE, LIMIT, RATE_AT_ZERO = range(3)
+"""Places of ``Receiver.dropoff``."""
+INTENSITY, TIME = 3, 4
+"""Columns of ``Records.f4``, after the place."""
+RING, ACTOR = 10, 11
+"""Columns of ``Records.u2``."""
 
 
 class Pattern(NamedTuple):
@@ -111,7 +130,7 @@ class Records(NamedTuple):
     f4: Array
     """float32 (R, 6): x, y, z, intensity, time; the last is not used."""
     u2: Array
-    """uint16 (R, 12): ring at 10, actor at 11."""
+    """uint16 (R, 12): ring and actor; the others are parts of the numbers in ``f4``."""
 
 
 @compiled
@@ -124,13 +143,13 @@ def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
     for column in range(map_from_lidar.shape[0]):
         m = map_from_lidar[column]
         for i in range(column * rings, (column + 1) * rings):
-            x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-            rays[i, 0] = m[0, 3]
-            rays[i, 1] = m[1, 3]
-            rays[i, 2] = m[2, 3]
-            rays[i, 3] = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z
-            rays[i, 4] = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z
-            rays[i, 5] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z
+            x, y, z = directions[i, X], directions[i, Y], directions[i, Z]
+            rays[i, X] = m[X, ORIGIN]
+            rays[i, Y] = m[Y, ORIGIN]
+            rays[i, Z] = m[Z, ORIGIN]
+            rays[i, DX] = m[X, X] * x + m[X, Y] * y + m[X, Z] * z
+            rays[i, DY] = m[Y, X] * x + m[Y, Y] * y + m[Y, Z] * z
+            rays[i, DZ] = m[Z, X] * x + m[Z, Y] * y + m[Z, Z] * z
 
 
 @compiled
@@ -149,7 +168,7 @@ def merge_vehicles(  # arguments are positional, because compiled code cannot ta
             square = np.float32(0.0)
             for axis in range(3):
                 n = normal[j, axis]
-                along += n * candidates.rays[j, 3 + axis]
+                along += n * candidates.rays[j, DX + axis]
                 square += (n / vehicles.scale[v, axis]) ** 2
             hits.cosine[i] = abs(along) / np.sqrt(square)
 
@@ -157,9 +176,9 @@ def merge_vehicles(  # arguments are positional, because compiled code cannot ta
 @compiled
 def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
     """Whether a return is lost at random or for its low intensity, as CARLA's documentation of its LiDAR describes."""
-    rate = dropoff[0]
-    if intensity < dropoff[1]:
-        rate = 1.0 - (1.0 - rate) * (1.0 - dropoff[2] * (1.0 - intensity / dropoff[1]))
+    rate = dropoff[RATE]
+    if intensity < dropoff[LIMIT]:
+        rate = 1.0 - (1.0 - rate) * (1.0 - dropoff[RATE_AT_ZERO] * (1.0 - intensity / dropoff[LIMIT]))
     return draw < rate
 
 
@@ -191,7 +210,7 @@ def pack_points(  # arguments are positional, because compiled code cannot take 
             t = distance[ring]
             if not t <= receiver.range_m:
                 continue
-            x, y, z = directions[ring, 0], directions[ring, 1], directions[ring, 2]
+            x, y, z = directions[ring, X], directions[ring, Y], directions[ring, Z]
             row = vehicle[ring] - 1
             if row >= 0:
                 i = column * rings + ring
@@ -202,9 +221,9 @@ def pack_points(  # arguments are positional, because compiled code cannot take 
             else:
                 reflectivity = surfaces.static_reflectivity[static_triangle[ring]]
                 n = normal[ring]
-                nx = n[0] * m[0, 0] + n[1] * m[1, 0] + n[2] * m[2, 0]
-                ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
-                nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
+                nx = n[X] * m[X, X] + n[Y] * m[Y, X] + n[Z] * m[Z, X]
+                ny = n[X] * m[X, Y] + n[Y] * m[Y, Y] + n[Z] * m[Z, Y]
+                nz = n[X] * m[X, Z] + n[Y] * m[Y, Z] + n[Z] * m[Z, Z]
                 cosine = abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
             place = np.uint32(t * receiver.steps_per_m)
             intensity = reflectivity * cosine * receiver.attenuation[place]
@@ -214,15 +233,15 @@ def pack_points(  # arguments are positional, because compiled code cannot take 
                 continue
             if noisy:
                 t = max(np.float32(0.0), t + receiver.range_noise_m[column * rings + ring])
-            out.f4[written, 0] = (x * t + grid) - grid
-            out.f4[written, 1] = (y * t + grid) - grid
-            out.f4[written, 2] = (z * t + grid) - grid
-            out.f4[written, 3] = np.float32(np.int32(intensity * levels + np.float32(0.5))) * per_level
-            out.f4[written, 4] = time_s
-            out.u2[written, 10] = ring
-            out.u2[written, 11] = 0
+            out.f4[written, X] = (x * t + grid) - grid
+            out.f4[written, Y] = (y * t + grid) - grid
+            out.f4[written, Z] = (z * t + grid) - grid
+            out.f4[written, INTENSITY] = np.float32(np.int32(intensity * levels + np.float32(0.5))) * per_level
+            out.f4[written, TIME] = time_s
+            out.u2[written, RING] = ring
+            out.u2[written, ACTOR] = 0
             if row >= 0:
-                out.u2[written, 11] = vehicles.actor_id[row]
+                out.u2[written, ACTOR] = vehicles.actor_id[row]
                 count_on[row] += 1
             written += 1
     return written
@@ -236,12 +255,12 @@ def _entry(bounds: Array, origin: Array, direction: Array) -> np.float32:
     for axis in range(3):
         o, d = origin[axis], direction[axis]
         if d == np.float32(0.0):
-            if o < bounds[0, axis] or o > bounds[1, axis]:
+            if o < bounds[LOW, axis] or o > bounds[HIGH, axis]:
                 return np.float32(np.inf)
         else:
             inverse = np.float32(1.0) / d
-            a = (bounds[0, axis] - o) * inverse
-            b = (bounds[1, axis] - o) * inverse
+            a = (bounds[LOW, axis] - o) * inverse
+            b = (bounds[HIGH, axis] - o) * inverse
             near = max(near, min(a, b))
             far = min(far, max(a, b))
     return np.float32(near) if near <= far else np.float32(np.inf)
@@ -257,11 +276,11 @@ def _window(
     ``reach`` is how far the vehicle moves while the beams turn.
     """
     columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
-    radius = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2 + size[2] ** 2) + reach
-    m, z = lidar_from_map, pose[2] + 0.5 * size[2]
-    sx = m[0, 0] * pose[0] + m[0, 1] * pose[1] + m[0, 2] * z + m[0, 3]
-    sy = m[1, 0] * pose[0] + m[1, 1] * pose[1] + m[1, 2] * z + m[1, 3]
-    sz = m[2, 0] * pose[0] + m[2, 1] * pose[1] + m[2, 2] * z + m[2, 3]
+    radius = 0.5 * np.sqrt(size[LENGTH] ** 2 + size[WIDTH] ** 2 + size[HEIGHT] ** 2) + reach
+    m, z = lidar_from_map, pose[Z] + 0.5 * size[HEIGHT]
+    sx = m[X, X] * pose[X] + m[X, Y] * pose[Y] + m[X, Z] * z + m[X, ORIGIN]
+    sy = m[Y, X] * pose[X] + m[Y, Y] * pose[Y] + m[Y, Z] * z + m[Y, ORIGIN]
+    sz = m[Z, X] * pose[X] + m[Z, Y] * pose[Y] + m[Z, Z] * z + m[Z, ORIGIN]
     flat = np.hypot(sx, sy)
     if flat <= radius:
         return 0, columns, 0, rings
@@ -296,18 +315,18 @@ def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: f
     near, far = -np.inf, np.inf
     for axis in range(2):
         if abs(ahead[axis]) < 1e-9:
-            if origin[axis] < bounds[0, axis] or origin[axis] > bounds[1, axis]:
+            if origin[axis] < bounds[LOW, axis] or origin[axis] > bounds[HIGH, axis]:
                 return 0, 0
         else:
-            a = (bounds[0, axis] - origin[axis]) / ahead[axis]
-            b = (bounds[1, axis] - origin[axis]) / ahead[axis]
+            a = (bounds[LOW, axis] - origin[axis]) / ahead[axis]
+            b = (bounds[HIGH, axis] - origin[axis]) / ahead[axis]
             near, far = max(near, min(a, b)), min(far, max(a, b))
     if near > far or far <= 0.0:
         return 0, 0
     rings = pattern.slope.shape[0]
     if near <= 0.0:
         return 0, rings
-    bottom, top = (bounds[0, 2] - origin[2]) / rise, (bounds[1, 2] - origin[2]) / rise
+    bottom, top = (bounds[LOW, Z] - origin[Z]) / rise, (bounds[HIGH, Z] - origin[Z]) / rise
     low = _rank(pattern.slope, min(bottom / near, bottom / far)) - 1
     high = _rank(pattern.slope, max(top / near, top / far)) + 1
     return max(low, 0), min(high, rings)
@@ -323,39 +342,39 @@ def select_candidates(  # arguments are positional, because compiled code cannot
     """
     columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
     turn_s = np.abs(pattern.world_time_s[0])
-    upright = abs(lidar_from_map[2, 0]) + abs(lidar_from_map[2, 1]) < 1e-9
+    upright = abs(lidar_from_map[Z, X]) + abs(lidar_from_map[Z, Y]) < 1e-9
     written = 0
     for v in range(vehicles.pose.shape[0]):
         unit = np.float32(1.0)
-        sx, sy, sz = unit / vehicles.scale[v, 0], unit / vehicles.scale[v, 1], unit / vehicles.scale[v, 2]
+        sx, sy, sz = unit / vehicles.scale[v, X], unit / vehicles.scale[v, Y], unit / vehicles.scale[v, Z]
         pose, motion = vehicles.pose[v], vehicles.motion[v]
-        reach = turn_s * (np.hypot(motion[0], motion[1]) + vehicles.size[v, 0] * np.abs(motion[2]))
+        reach = turn_s * (np.hypot(motion[VX], motion[VY]) + vehicles.size[v, LENGTH] * np.abs(motion[YAW_RATE]))
         first_column, count, low, high = _window(pattern, pose, vehicles.size[v], reach, lidar_from_map)
-        cos, sin = np.float32(np.cos(pose[3])), np.float32(np.sin(pose[3]))
+        cos, sin = np.float32(np.cos(pose[HEADING])), np.float32(np.sin(pose[HEADING]))
         for k in range(count):
             column = (first_column + k) % columns
             t = pattern.world_time_s[column]
             if t != 0.0:
-                yaw = pose[3] + motion[2] * t
+                yaw = pose[HEADING] + motion[YAW_RATE] * t
                 cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
             first = column * rings
-            rx = np.float32(rays[first, 0] - pose[0] - motion[0] * t)
-            ry = np.float32(rays[first, 1] - pose[1] - motion[1] * t)
-            rz = np.float32(rays[first, 2] - pose[2])
+            rx = np.float32(rays[first, X] - pose[X] - motion[VX] * t)
+            ry = np.float32(rays[first, Y] - pose[Y] - motion[VY] * t)
+            rz = np.float32(rays[first, Z] - pose[Z])
             o = ((cos * rx + sin * ry) * sx, (cos * ry - sin * rx) * sy, rz * sz)
             if upright:
-                x, y = rays[first, 3], rays[first, 4]
+                x, y = rays[first, DX], rays[first, DY]
                 per_m = unit / np.sqrt(x * x + y * y)
                 ahead = ((cos * x + sin * y) * sx * per_m, (cos * y - sin * x) * sy * per_m)
                 low, high = _rings(pattern, vehicles.bounds[v], o, ahead, sz)
             for i in range(first + low, first + high):
-                x, y = rays[i, 3], rays[i, 4]
-                d = ((cos * x + sin * y) * sx, (cos * y - sin * x) * sy, rays[i, 5] * sz)
+                x, y = rays[i, DX], rays[i, DY]
+                d = ((cos * x + sin * y) * sx, (cos * y - sin * x) * sy, rays[i, DZ] * sz)
                 if _entry(vehicles.bounds[v], o, d) < distance[i]:
                     if written < out.ray.shape[0]:
                         for axis in range(3):
                             out.rays[written, axis] = o[axis] + vehicles.offset[v, axis]
-                            out.rays[written, 3 + axis] = d[axis]
+                            out.rays[written, DX + axis] = d[axis]
                         out.ray[written] = i
                         out.vehicle[written] = v
                     written += 1

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, CAR, Boxes, FoundBoxes, TruthBoxes
 
@@ -59,7 +59,7 @@ def _match(detected: Floats, first: Rows, last: Rows, truth: Floats, limits_m: F
             nearest, chosen = np.inf, -1
             for row in range(first[number], last[number]):
                 if free[row]:
-                    away = np.hypot(detected[number, 0] - truth[row, 0], detected[number, 1] - truth[row, 1])
+                    away = np.hypot(detected[number, X] - truth[row, X], detected[number, Y] - truth[row, Y])
                     if away < nearest:
                         nearest, chosen = away, row
             if nearest < limits_m[distance]:

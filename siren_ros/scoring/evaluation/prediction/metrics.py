@@ -12,12 +12,12 @@ world k has every vehicle's k-th most probable path; a vehicle with fewer paths 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats
-from siren_ros.base.numerics.compiled import box_gap_m, compiled
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
+from siren_ros.base.numerics.compiled import X, Y, box_gap_m, compiled
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.road_use import off_road, wrong_way
@@ -201,22 +201,31 @@ def _headings(path: Floats, batch: SampleBatch) -> Floats:
     return heading
 
 
+_LENGTH, _WIDTH = range(2)
+"""Rows of sizes."""
+
+
 @compiled
-def _mark(path: Any, cos: Any, sin: Any, half: Any, first: Any, end: Any, hit: Any) -> None:
+def _mark(path: Floats, cos: Floats, sin: Floats, half: Floats, first: Rows, end: Rows, hit: Floats) -> None:
     """Set ``hit`` to 1 for samples whose box overlaps that of another sample of their frame."""
     for frame in range(len(first)):
         for a in range(first[frame], end[frame]):
             for b in range(a + 1, end[frame]):
                 if hit[a] > 0.0 and hit[b] > 0.0:
                     continue
-                reach = np.hypot(half[0, a], half[1, a]) + np.hypot(half[0, b], half[1, b])
+                reach = np.hypot(half[_LENGTH, a], half[_WIDTH, a]) + np.hypot(half[_LENGTH, b], half[_WIDTH, b])
                 for t in range(path.shape[1]):
-                    dx, dy = path[b, t, 0] - path[a, t, 0], path[b, t, 1] - path[a, t, 1]
+                    dx, dy = path[b, t, X] - path[a, t, X], path[b, t, Y] - path[a, t, Y]
                     if dx * dx + dy * dy >= reach * reach:
                         continue
-                    first_box = (path[a, t, 0], path[a, t, 1], cos[a, t], sin[a, t])
-                    second_box = (path[b, t, 0], path[b, t, 1], cos[b, t], sin[b, t])
-                    if box_gap_m(first_box, second_box, half[0, a], half[1, a], half[0, b], half[1, b]) < 0.0:
+                    first_box = (path[a, t, X], path[a, t, Y], cos[a, t], sin[a, t])
+                    second_box = (path[b, t, X], path[b, t, Y], cos[b, t], sin[b, t])
+                    if (
+                        box_gap_m(
+                            first_box, second_box, half[_LENGTH, a], half[_WIDTH, a], half[_LENGTH, b], half[_WIDTH, b]
+                        )
+                        < 0.0
+                    ):
                         hit[a] = hit[b] = 1.0
                         break
 

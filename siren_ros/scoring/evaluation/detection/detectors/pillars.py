@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats32
-from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.compiled import Array, X, Y, Z, compiled
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.simulation.world.actors import ActorClass
@@ -131,6 +131,10 @@ def sorted_points(points: Floats32, grid: PillarGrid) -> SortedPoints:
     return SortedPoints(slots[:filled], np.minimum(seen[:filled], grid.points), cell[:filled])
 
 
+_INTENSITY, _AGE = 3, 4
+"""Columns of points after the place."""
+
+
 @compiled
 def _sort(
     points: Array, limits: tuple[float, ...], cells: int, pillar_of_cell: Array, slots: Array, seen: Array, cell: Array
@@ -139,12 +143,12 @@ def _sort(
     half_width_m, cells_per_m, low_m, high_m = limits
     most, filled, state = slots.shape[1], 0, 1
     for row in range(points.shape[0]):
-        column = int(np.floor((points[row, 0] + half_width_m) * cells_per_m))
-        line = int(np.floor((points[row, 1] + half_width_m) * cells_per_m))
+        column = int(np.floor((points[row, X] + half_width_m) * cells_per_m))
+        line = int(np.floor((points[row, Y] + half_width_m) * cells_per_m))
         if column < 0 or line < 0 or column >= cells or line >= cells:
             continue
-        away = points[row, 0] * points[row, 0] + points[row, 1] * points[row, 1]
-        if not (low_m <= points[row, 2] <= high_m and away <= half_width_m * half_width_m):
+        away = points[row, X] * points[row, X] + points[row, Y] * points[row, Y]
+        if not (low_m <= points[row, Z] <= high_m and away <= half_width_m * half_width_m):
             continue
         place = line * cells + column
         pillar = pillar_of_cell[place]
@@ -177,17 +181,17 @@ def _describe(
         held = count[pillar]
         mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
         for slot in range(held):
-            mean_x += slots[pillar, slot, 0]
-            mean_y += slots[pillar, slot, 1]
-            mean_z += slots[pillar, slot, 2]
+            mean_x += slots[pillar, slot, X]
+            mean_y += slots[pillar, slot, Y]
+            mean_z += slots[pillar, slot, Z]
         mean_x, mean_y, mean_z = mean_x / held, mean_y / held, mean_z / held
         middle_x = (cell[pillar] % cells + 0.5) * cell_m - half_width_m
         middle_y = (cell[pillar] // cells + 0.5) * cell_m - half_width_m
         for place in range(slots.shape[1]):
             slot = place if place < held else 0
-            x, y, z = slots[pillar, slot, 0], slots[pillar, slot, 1], slots[pillar, slot, 2]
+            x, y, z = slots[pillar, slot, X], slots[pillar, slot, Y], slots[pillar, slot, Z]
             row = features[pillar, place]
             row[0], row[1], row[2] = x / half_width_m, y / half_width_m, z / _HEIGHT_M
-            row[3], row[4] = slots[pillar, slot, 3], slots[pillar, slot, 4] / _AGE_S
+            row[3], row[4] = slots[pillar, slot, _INTENSITY], slots[pillar, slot, _AGE] / _AGE_S
             row[5], row[6], row[7] = x - mean_x, y - mean_y, z - mean_z
             row[8], row[9] = x - middle_x, y - middle_y

@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, Floats32, Rows
-from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.compiled import Array, X, Y, compiled
 from siren_ros.data.datasets.ngsim import (
     CELLS,
     FOOT_M,
@@ -250,8 +250,8 @@ def _closeness(graphs: Array, joined_squared: float) -> Array:
         for i in range(vertices):
             joined[i] = bit << np.uint64(i)
             for j in range(i):
-                dx = graphs[graph, i, 0] - graphs[graph, j, 0]
-                dy = graphs[graph, i, 1] - graphs[graph, j, 1]
+                dx = graphs[graph, i, X] - graphs[graph, j, X]
+                dy = graphs[graph, i, Y] - graphs[graph, j, Y]
                 if dx * dx + dy * dy < joined_squared:
                     joined[i] |= bit << np.uint64(j)
                     joined[j] |= bit << np.uint64(i)

@@ -4,13 +4,13 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Ids
+from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.changed import changed
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.simulation.behaviour.civilians.pull_over import (
     emv_waits_behind,
@@ -40,14 +40,21 @@ from siren_ros.simulation.behaviour.driving.civilian_unit import (
     yield_event,
 )
 from siren_ros.simulation.behaviour.driving.navigator import DriveCommand
-from siren_ros.simulation.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
+from siren_ros.simulation.behaviour.driving.step_view import (
+    SEEN_HALF_LENGTH,
+    ActorTable,
+    BehaviourWorld,
+    Ego,
+    StepView,
+    Surroundings,
+)
 from siren_ros.simulation.behaviour.paths.lane_path import lanes_along
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.interaction_region import in_region
 from siren_ros.simulation.scenario.paper import CivilianResponse, ControlConstants
 from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
 from siren_ros.simulation.world.commands import CommandRow, VehicleCommands
-from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficState
+from siren_ros.simulation.world.traffic_state import Event, EventKind, Indices, TrafficState
 
 SOURCE: Final = "yield_manager"
 _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)
@@ -108,15 +115,15 @@ def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
     ``starts_m`` says where each lane starts, measured from the start of the EMV's lane (``EmvRoad.lane_start_m``).
     """
     traffic = view.traffic
-    return cast("Floats", _ways_from(traffic.lane, traffic.lane_position_m, view.seen.bodies, starts_m, emv_row))
+    return _ways_from(traffic.lane, traffic.lane_position_m, view.seen.bodies, starts_m, emv_row)
 
 
 @compiled
-def _ways_from(lane: Any, front_m: Any, bodies: Any, starts_m: Any, emv_row: int) -> Any:
+def _ways_from(lane: Indices, front_m: Floats, bodies: Floats, starts_m: Floats, emv_row: int) -> Floats:
     way_m = np.full(len(lane), np.inf)
     for n in range(len(lane)):
         if lane[n] >= 0:
-            way_m[n] = starts_m[lane[n]] + front_m[n] - 2.0 * bodies[6, n] - front_m[emv_row]
+            way_m[n] = starts_m[lane[n]] + front_m[n] - 2.0 * bodies[SEEN_HALF_LENGTH, n] - front_m[emv_row]
     return way_m
 
 
@@ -127,22 +134,24 @@ def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: Con
 
 
 @compiled
-def _in_region(bodies: Any, actor_id: Any, is_emv: Any, emv_row: int, before: Any, limits: Any) -> Any:
+def _in_region(
+    bodies: Floats, actor_id: Ids, is_emv: Flags, emv_row: int, before: Ids, limits: tuple[float, float]
+) -> Flags:
     """Which actors are civilians in an EMV's interaction region."""
     at, inside = 0, np.zeros(len(actor_id), np.bool_)
     for n in range(len(actor_id)):
         while at < len(before) and before[at] < actor_id[n]:
             at += 1
         was_inside = at < len(before) and before[at] == actor_id[n]
-        distance = np.hypot(bodies[0, n] - bodies[0, emv_row], bodies[1, n] - bodies[1, emv_row])
+        distance = np.hypot(bodies[X, n] - bodies[X, emv_row], bodies[Y, n] - bodies[Y, emv_row])
         inside[n] = not is_emv[n] and in_region(distance, was_inside, limits[0], limits[1])
     return inside
 
 
 @compiled
-def _may_notice(way_m: Any, bodies: Any, is_emv: Any) -> Any:
+def _may_notice(way_m: Floats, bodies: Floats, is_emv: Flags) -> Rows:
     """Rows of the civilians on an EMV's path that it has not passed."""
-    return np.flatnonzero(np.isfinite(way_m) & ~is_emv & (way_m > -2.0 * bodies[6]))
+    return np.flatnonzero(np.isfinite(way_m) & ~is_emv & (way_m > -2.0 * bodies[SEEN_HALF_LENGTH]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,19 +1,38 @@
 """Collision handling: limits a driver's speed for vehicles ahead on its path and for those whose paths meet it."""
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from siren_ros.base.numerics.arrays import Flags, Floats, Points, Rows
 from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
-from siren_ros.simulation.behaviour.driving.step_view import Surroundings
-from siren_ros.simulation.behaviour.paths.curve import nearest_point
+from siren_ros.simulation.behaviour.driving.step_view import (
+    SEEN_COS,
+    SEEN_HALF_LENGTH,
+    SEEN_HALF_WIDTH,
+    SEEN_SIN,
+    SEEN_SPEED,
+    SEEN_SQUARE,
+    Surroundings,
+)
+from siren_ros.simulation.behaviour.paths.curve import LineArrays, nearest_point
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
-from siren_ros.simulation.conflicts.yielding import Approach, Bends, least_wait
-from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, Way, Ways, Zone, follows_course, zones_of
+from siren_ros.simulation.conflicts.yielding import Approach, Bends, YieldingConfig, least_wait
+from siren_ros.simulation.conflicts.zones import (
+    CUT,
+    OTHER,
+    REACH,
+    SAME_DIRECTION,
+    Way,
+    Ways,
+    Zone,
+    follows_course,
+    zones_of,
+)
 
 
 def stricter(first: SpeedLimit | None, second: SpeedLimit | None) -> SpeedLimit | None:
@@ -118,13 +137,20 @@ def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
 
 _PART_HALF_LENGTH_M: Final = 2.5
 """Half the length of a car; longer vehicles are checked in parts of this size."""
-_UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 10)))
+_UNKNOWN: Final = Ways(np.empty((0, 2)), np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, CUT + 1)))
 """Paths if no courses are known."""
 
 
 @compiled
 def _leads(
-    bodies: Any, other: int, from_middle_m: float, line: Any, window: Any, own: Any, ways: Any, sides: Any
+    bodies: Floats,
+    other: int,
+    from_middle_m: float,
+    line: LineArrays,
+    window: tuple[int, int],
+    own: tuple[float, float, float],
+    ways: Ways,
+    sides: tuple[float, ...],
 ) -> tuple[bool, float, float, bool]:
     """Whether a vehicle is ahead in the corridor that another sweeps; its gap and speed along the path.
 
@@ -135,13 +161,17 @@ def _leads(
     """
     (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
     side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
-    x_m = bodies[0, other] + from_middle_m * bodies[3, other]
-    y_m = bodies[1, other] + from_middle_m * bodies[4, other]
+    x_m = bodies[X, other] + from_middle_m * bodies[SEEN_COS, other]
+    y_m = bodies[Y, other] + from_middle_m * bodies[SEEN_SIN, other]
     s_m, left_m, nearest = nearest_point(line, x_m, y_m, window[0], window[1])
     if s_m <= progress_m:
         return False, 0.0, 0.0, False
-    speed, half_length, half_width = bodies[5, other], min(bodies[6, other], _PART_HALF_LENGTH_M), bodies[7, other]
-    turned = bodies[2, other] - heading_rad[nearest]
+    speed, half_length, half_width = (
+        bodies[SEEN_SPEED, other],
+        min(bodies[SEEN_HALF_LENGTH, other], _PART_HALF_LENGTH_M),
+        bodies[SEEN_HALF_WIDTH, other],
+    )
+    turned = bodies[YAW, other] - heading_rad[nearest]
     along, across = np.cos(turned), np.sin(turned)
     extent = abs(along) * half_length + abs(across) * half_width
     side = abs(across) * half_length + abs(along) * half_width
@@ -165,7 +195,12 @@ def _leads(
 
 @compiled
 def _strictest_leader(
-    bodies: Any, line: Any, own: Any, ways: Any, sides: Any, keeps: Any
+    bodies: Floats,
+    line: LineArrays,
+    own: tuple[int, float, float, float],
+    ways: Ways,
+    sides: tuple[float, ...],
+    keeps: tuple[float, float, float],
 ) -> tuple[int, float, float, float]:
     """The most restrictive leader on a path: its row (−1 without one), safe speed, braking and gap.
 
@@ -174,7 +209,11 @@ def _strictest_leader(
     """
     points, _, _, spacing_m = line
     row, progress_m, target_mps, reach_m = own
-    own_speed, own_length, own_width = bodies[5, row], bodies[6, row], bodies[7, row]
+    own_speed, own_length, own_width = (
+        bodies[SEEN_SPEED, row],
+        bodies[SEEN_HALF_LENGTH, row],
+        bodies[SEEN_HALF_WIDTH, row],
+    )
     own_body, drift_time_s = (progress_m, own_length, own_width), sides[1]
     standstill_gap_m, brake_mps2, headway_s = keeps
     first = min(max(int(progress_m / spacing_m) - 2, 0), len(points) - 2)
@@ -182,10 +221,10 @@ def _strictest_leader(
     around_m = reach_m + 8.0
     worst, least, least_gap, needed = -1, np.inf, np.inf, 0.0
     for other in range(bodies.shape[1]):
-        dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
+        dx, dy = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row]
         if other == row or dx * dx + dy * dy >= around_m * around_m:
             continue
-        beyond = max(bodies[6, other] - _PART_HALF_LENGTH_M, 0.0)
+        beyond = max(bodies[SEEN_HALF_LENGTH, other] - _PART_HALF_LENGTH_M, 0.0)
         parts = int(np.ceil(beyond / _PART_HALF_LENGTH_M))
         gap, approaching, meets = np.inf, 0.0, False
         for part in range(parts + 1):
@@ -210,31 +249,41 @@ def _strictest_leader(
 
 
 @compiled
-def _approaching(bodies: Any, own: Any, reach_m: Any, limits: Any) -> Any:
+def _approaching(
+    bodies: Floats, own: tuple[int, float, float, float], reach_m: Floats, limits: tuple[float, ...]
+) -> Rows:
     """Pairs of the driver and moving vehicles that may reach the path, without those that only follow.
 
     Fills in ``reach_m``: how far ahead each one is looked at.
     """
     row, _, _, own_reach_m = own
     moving_mps, crossing_cosine, others_time_s, others_more_m, others_most_m, _ = limits
-    around_m, cos, sin = own_reach_m + others_most_m, bodies[3, row], bodies[4, row]
+    around_m, cos, sin = own_reach_m + others_most_m, bodies[SEEN_COS, row], bodies[SEEN_SIN, row]
     pairs, count = np.zeros((bodies.shape[1], 2), np.intp), 0
     for other in range(bodies.shape[1]):
-        dx, dy, speed = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row], bodies[5, other]
+        dx, dy, speed = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row], bodies[SEEN_SPEED, other]
         if other == row or dx * dx + dy * dy >= around_m * around_m or speed <= moving_mps:
             continue
         reach_m[other] = min(others_time_s * speed + others_more_m, others_most_m)
-        along = cos * bodies[3, other] + sin * bodies[4, other]
+        along = cos * bodies[SEEN_COS, other] + sin * bodies[SEEN_SIN, other]
         behind = cos * dx + sin * dy < 0.0 and along > crossing_cosine
         if np.hypot(dx, dy) <= own_reach_m + reach_m[other] and not behind:
-            pairs[count, 1] = other
+            pairs[count, OTHER] = other
             count += 1
     return pairs[:count]
 
 
 @compiled
 def _strictest_wait(
-    who: Any, ways: Any, rights: Any, line: Any, own: Any, leaders: bool, limits: Any, speeds: Any, config: Any
+    who: tuple[Floats, Flags],
+    ways: Ways,
+    rights: Rights,
+    line: tuple[Points, float, Floats],
+    own: tuple[int, float, float, float],
+    leaders: bool,
+    limits: tuple[float, ...],
+    speeds: tuple[float, float, float],
+    config: YieldingConfig,
 ) -> tuple[int, float, float, float]:
     """The vehicle that makes a driver wait most.
 
@@ -249,16 +298,22 @@ def _strictest_wait(
     rolling_mps, accel_mps2, comfort_brake_mps2 = speeds
     worst, least, hardest, free_m = -1, np.inf, 0.0, np.inf
     bodies = ways.bodies.copy()
-    pairs = _approaching(seen, own, bodies[:, 6], limits)
+    pairs = _approaching(seen, own, bodies[:, REACH], limits)
     if len(pairs) == 0:
         return worst, least, hardest, free_m
-    x_m, y_m, yaw_rad, own_mps, half_length_m = seen[0, row], seen[1, row], seen[2, row], seen[5, row], seen[6, row]
-    half_width_m = seen[7, row] + limits[5]
+    x_m, y_m, yaw_rad, own_mps, half_length_m = (
+        seen[X, row],
+        seen[Y, row],
+        seen[YAW, row],
+        seen[SEEN_SPEED, row],
+        seen[SEEN_HALF_LENGTH, row],
+    )
+    half_width_m = seen[SEEN_HALF_WIDTH, row] + limits[5]
     body = np.array([[x_m, y_m, yaw_rad, spacing_m, progress_m, 0.0, reach_m, half_length_m, half_width_m, 0.0]])
     path = Ways(points, np.zeros(1, np.intp), np.full(1, len(points)), body)
     zones = zones_of(path, Ways(ways.points, ways.first, ways.last, bodies), pairs, leaders)
     for p in range(len(pairs)):
-        other = pairs[p, 1]
+        other = pairs[p, OTHER]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
         leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
         if met == 0.0 or (leads and not (leaders and merges)):
@@ -270,8 +325,10 @@ def _strictest_wait(
         if is_emv[row] and is_emv[other]:
             own_rank, rank = 2 * own_rank + (row < other), 2 * rank + (other < row)
         driver = Approach(own_mps, target_mps, accel_mps2, own_rank, bends, 2.0 * half_length_m)
-        approach = Approach(seen[5, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[6, other])
-        speed, brake, free = least_wait(zone, driver, approach, seen[8, other], config)
+        approach = Approach(
+            seen[SEEN_SPEED, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[SEEN_HALF_LENGTH, other]
+        )
+        speed, brake, free = least_wait(zone, driver, approach, seen[SEEN_SQUARE, other], config)
         if speed == np.inf:
             continue
         if worst < 0 or speed < least:

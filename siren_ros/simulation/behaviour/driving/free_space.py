@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Columns, Floats, Ids
+from siren_ros.base.numerics.arrays import Columns, Floats, Ids, Points
 from siren_ros.base.numerics.braking import needed_brake_mps2, speed_before_mps
-from siren_ros.base.numerics.compiled import Array, box_gap_m, compiled, wrapped_rad
+from siren_ros.base.numerics.compiled import COS, SIN, X, Y, box_gap_m, compiled, wrapped_rad
 from siren_ros.simulation.behaviour.driving.step_view import Body, Surroundings
 from siren_ros.simulation.behaviour.paths.curve import curve_place
 from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
@@ -29,6 +29,8 @@ _TOUCH_M: Final = 0.03
 """Bodies nearer than this count as touching."""
 _TOLERANCE_M: Final = 0.01
 """Amount by which a vehicle inside the clearance may still come nearer: the noise of tracking."""
+_HALF_LENGTH, _HALF_WIDTH = 4, 5
+"""Rows of boxes after those of a pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +77,13 @@ def _gaps_m(poses: Floats, body: Body, obstacles: Obstacles) -> Floats:
 
 
 @compiled
-def _separate(poses: Array, boxes: Array, half_length: float, half_width: float, gap: Array) -> None:
+def _separate(poses: Floats, boxes: Floats, half_length: float, half_width: float, gap: Floats) -> None:
     """Compute the gap of a body in each pose (x, y, cosine, sine; ``(4, P)``) from each box ``(6, M)``."""
     for n in range(poses.shape[1]):
-        pose = poses[0, n], poses[1, n], poses[2, n], poses[3, n]
+        pose = poses[X, n], poses[Y, n], poses[COS, n], poses[SIN, n]
         for m in range(boxes.shape[1]):
-            box = boxes[0, m], boxes[1, m], boxes[2, m], boxes[3, m]
-            gap[n, m] = box_gap_m(pose, box, half_length, half_width, boxes[4, m], boxes[5, m])
+            box = boxes[X, m], boxes[Y, m], boxes[COS, m], boxes[SIN, m]
+            gap[n, m] = box_gap_m(pose, box, half_length, half_width, boxes[_HALF_LENGTH, m], boxes[_HALF_WIDTH, m])
 
 
 def clearances_m(
@@ -210,8 +212,8 @@ class FreeWay:
 
 @compiled
 def _poses_ahead(
-    points: Array, heading_rad: Array, curvature_1pm: Array, spacing_m: float, progress_m: float, left_m: float,
-    yaw_rad: float, centre_ahead_m: float, way_m: Array, poses: Array,
+    points: Points, heading_rad: Floats, curvature_1pm: Floats, spacing_m: float, progress_m: float, left_m: float,
+    yaw_rad: float, centre_ahead_m: float, way_m: Floats, poses: Floats,
 ) -> None:  # fmt: skip
     """Compute x, y, cosine and sine of a body after each distance ``(K,)``; offset and yaw error decrease to zero.
 
@@ -227,13 +229,13 @@ def _poses_ahead(
         yaw += wrapped_rad(heading - yaw) * (1.0 - np.exp(-(way_m[k] - before) / max(centre_ahead_m, _PATH_STEP_M)))
         before = way_m[k]
         fading = np.exp(-max(way_m[k] - _OFFSET_KEPT_M, 0.0) / _OFFSET_LENGTH_M)
-        poses[0, k] = x - left_m * fading * np.sin(heading)
-        poses[1, k] = y + left_m * fading * np.cos(heading)
-        poses[2, k], poses[3, k] = np.cos(yaw + turned * fading), np.sin(yaw + turned * fading)
+        poses[X, k] = x - left_m * fading * np.sin(heading)
+        poses[Y, k] = y + left_m * fading * np.cos(heading)
+        poses[COS, k], poses[SIN, k] = np.cos(yaw + turned * fading), np.sin(yaw + turned * fading)
 
 
 @compiled
-def _first_nearer(way_m: Array, gap_m: Array, clearance_m: Array, first_m: Array) -> None:
+def _first_nearer(way_m: Floats, gap_m: Floats, clearance_m: Floats, first_m: Floats) -> None:
     """Find for each clearance ``(M,)`` the first distance ``(K,)`` at which the gap ``(K, M)`` is smaller."""
     for m in range(gap_m.shape[1]):
         first_m[m] = np.inf

@@ -3,14 +3,15 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.base.numerics.braking import braking_distance_m
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.geometry import project_on
-from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.driving.step_view import SEEN_HALF_LENGTH, SEEN_HALF_WIDTH, Ego
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, nearest_on_line, neighbour_lane
 from siren_ros.simulation.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.simulation.roads.movements import road_lane_of
@@ -105,24 +106,29 @@ def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
 
 
 @compiled
-def _gaps(points: Any, arc_m: Any, bodies: Any, row: int, range_m: float) -> tuple[int, int, float, float]:
+def _gaps(points: Points, arc_m: Floats, bodies: Floats, row: int, range_m: float) -> tuple[int, int, float, float]:
     """Rows of the vehicles ahead and behind in a lane (−1 if there is none), and the gaps."""
-    x_m, y_m, half_length_m, half_width_m = bodies[0, row], bodies[1, row], bodies[6, row], bodies[7, row]
+    x_m, y_m, half_length_m, half_width_m = (
+        bodies[X, row],
+        bodies[Y, row],
+        bodies[SEEN_HALF_LENGTH, row],
+        bodies[SEEN_HALF_WIDTH, row],
+    )
     own_s_m, _, heading = nearest_on_line(points, arc_m, x_m, y_m)
     front, rear, front_m, rear_m = -1, -1, np.inf, np.inf
     for other in range(bodies.shape[1]):
-        dx, dy = bodies[0, other] - x_m, bodies[1, other] - y_m
+        dx, dy = bodies[X, other] - x_m, bodies[Y, other] - y_m
         if other == row or dx * dx + dy * dy >= range_m * range_m:
             continue
-        turned = bodies[2, other] - heading
+        turned = bodies[YAW, other] - heading
         cos, sin = abs(np.cos(turned)), abs(np.sin(turned))
-        s_m, left_m = project_on(points, arc_m, bodies[0, other], bodies[1, other])
-        side = cos * bodies[7, other] + sin * bodies[6, other]
+        s_m, left_m = project_on(points, arc_m, bodies[X, other], bodies[Y, other])
+        side = cos * bodies[SEEN_HALF_WIDTH, other] + sin * bodies[SEEN_HALF_LENGTH, other]
         if abs(left_m) - side >= half_width_m + 0.1 or cos <= 0.5:
             continue
         if front < 0:
             front = rear = other
-        gap = abs(s_m - own_s_m) - bodies[6, other] - half_length_m
+        gap = abs(s_m - own_s_m) - bodies[SEEN_HALF_LENGTH, other] - half_length_m
         if s_m >= own_s_m and gap < front_m:
             front, front_m = other, gap
         if s_m < own_s_m and gap < rear_m:

@@ -15,14 +15,14 @@ SUMO's car-following model; ``traffic`` limits them further (``traffic.sumo.rule
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Rows
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
 from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.base.numerics.changed import changed
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.simulation.behaviour.driving.civilian_unit import YieldUnit
 from siren_ros.simulation.behaviour.driving.collision_watch import ROLLING_MPS, CollisionWatch, stricter
 from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
@@ -43,8 +43,8 @@ from siren_ros.simulation.behaviour.driving.navigator import (
     press_pedals,
     steer_along,
 )
-from siren_ros.simulation.behaviour.driving.step_view import Ego
-from siren_ros.simulation.behaviour.paths.curve import nearest_point
+from siren_ros.simulation.behaviour.driving.step_view import SEEN_HALF_LENGTH, SEEN_HALF_WIDTH, SEEN_SPEED, Ego
+from siren_ros.simulation.behaviour.paths.curve import LineArrays, nearest_point
 from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.people import ID, PACE_MPS, Line, Passer, least_wait_for_people
@@ -164,21 +164,37 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 
 
 @compiled
-def _anticipated(bodies: Any, line: Any, own: Any, along_cosine: float, limits: Any) -> tuple[bool, float]:
+def _anticipated(
+    bodies: Floats,
+    line: LineArrays,
+    own: tuple[int, float, float, float],
+    along_cosine: float,
+    limits: tuple[float, ...],
+) -> tuple[bool, float]:
     """Whether no vehicle is near, and the smallest ``approach_speed_mps`` towards those ahead on a path."""
     points, heading_rad, _, spacing_m = line
     row, progress_m, around_m, side_margin_m = own
     alone, least = True, np.inf
     for other in range(bodies.shape[1]):
-        dx, dy = bodies[0, other] - bodies[0, row], bodies[1, other] - bodies[1, row]
+        dx, dy = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row]
         if other == row or dx * dx + dy * dy >= around_m * around_m:
             continue
         alone = False
-        s_m, left_m, nearest = nearest_point(line, bodies[0, other], bodies[1, other], 0, len(points))
-        turned = bodies[2, other] - heading_rad[nearest]
-        cos, sin, speed = np.cos(turned), np.sin(turned), bodies[5, other]
-        gap = s_m - (abs(cos) * bodies[6, other] + abs(sin) * bodies[7, other]) - progress_m - bodies[6, row]
-        inside = abs(sin) * bodies[6, other] + abs(cos) * bodies[7, other] + bodies[7, row] + side_margin_m
+        s_m, left_m, nearest = nearest_point(line, bodies[X, other], bodies[Y, other], 0, len(points))
+        turned = bodies[YAW, other] - heading_rad[nearest]
+        cos, sin, speed = np.cos(turned), np.sin(turned), bodies[SEEN_SPEED, other]
+        gap = (
+            s_m
+            - (abs(cos) * bodies[SEEN_HALF_LENGTH, other] + abs(sin) * bodies[SEEN_HALF_WIDTH, other])
+            - progress_m
+            - bodies[SEEN_HALF_LENGTH, row]
+        )
+        inside = (
+            abs(sin) * bodies[SEEN_HALF_LENGTH, other]
+            + abs(cos) * bodies[SEEN_HALF_WIDTH, other]
+            + bodies[SEEN_HALF_WIDTH, row]
+            + side_margin_m
+        )
         overlap = inside - abs(left_m)
         if cos > along_cosine and overlap > 0.0 and gap > 0.0 and s_m < spacing_m * (len(points) - 1):
             leaving = speed * sin * np.sign(left_m)
@@ -213,7 +229,9 @@ def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
 
 
 @compiled
-def approach_speed_mps(gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: Any) -> float:
+def approach_speed_mps(
+    gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: tuple[float, ...]
+) -> float:
     """Speed towards a vehicle ahead; ``limits`` are the fields of ``AnticipationConfig``.
 
     The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with

@@ -4,14 +4,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats, Ids, Rows
 from siren_ros.base.numerics.braking import braking_distance_m
-from siren_ros.base.numerics.compiled import Array, compiled
+from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.simulation.behaviour.driving.line_book import LineBook
 from siren_ros.simulation.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
@@ -98,6 +98,10 @@ class ActorTable:
         return self.of(left | {actor.actor_id: actor for actor in traffic.spawned})
 
 
+SEEN_COS, SEEN_SIN, SEEN_SPEED, SEEN_HALF_LENGTH, SEEN_HALF_WIDTH, SEEN_SQUARE = range(3, 9)
+"""Rows of ``Surroundings.bodies`` after ``X``, ``Y`` and ``YAW``; the last is the square of the speed."""
+
+
 @dataclass(frozen=True, eq=False)
 class Surroundings:
     """Poses and sizes of all actors at one step, row by row those of the ``TrafficState``; frame ``map``."""
@@ -121,7 +125,7 @@ class Surroundings:
 
     @cached_property
     def bodies(self) -> Floats:
-        """x, y, yaw, its cosine and sine, speed, half length and half width, and the speed's square, shape ``(9, N)``.
+        """All as one array, shape ``(9, N)``: ``X``, ``Y``, ``YAW`` and then ``SEEN_COS`` until ``SEEN_SQUARE``.
 
         The square is as Python's ``v**2`` gives it.
         """
@@ -165,11 +169,11 @@ class Surroundings:
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
         """Rows of the actors within a radius, except row ``but``."""
-        return cast("npt.NDArray[np.intp]", _near(self.x_m, self.y_m, x_m, y_m, radius_m, but))
+        return _near(self.x_m, self.y_m, x_m, y_m, radius_m, but)
 
 
 @compiled
-def _near(xs_m: Array, ys_m: Array, x_m: float, y_m: float, radius_m: float, but: int) -> Array:
+def _near(xs_m: Floats, ys_m: Floats, x_m: float, y_m: float, radius_m: float, but: int) -> Rows:
     rows = np.empty(xs_m.shape[0], np.intp)
     count = 0
     for row in range(xs_m.shape[0]):

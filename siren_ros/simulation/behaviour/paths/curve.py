@@ -1,13 +1,13 @@
 """A smooth curve through equally spaced points, with heading and curvature at every point."""
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Floats
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.arrays import Floats, Points, Rows
+from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.base.numerics.geometry import Polyline
 
 # No parameters: compiled loops contain the resolution of curves as constants.
@@ -16,6 +16,8 @@ SPACING_M: Final = 1.0
 SMOOTHING_M: Final = 1.5
 """Standard deviation of the Gaussian that smooths the corners of lane centre lines."""
 _NEAREST_ITERATIONS: Final = 3
+LineArrays = tuple[Points, Floats, Floats, float]
+"""``Curve.line``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ class Curve:
         return self.spacing_m * (len(self.points) - 1)
 
     @property
-    def line(self) -> tuple[npt.NDArray[np.float64], Floats, Floats, float]:
+    def line(self) -> LineArrays:
         """Points, headings, curvatures and spacing as arguments of compiled loops."""
         return self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
 
@@ -103,7 +105,7 @@ def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np
 
 
 @compiled
-def _reflected(points: Any, radius: int) -> Any:
+def _reflected(points: Points, radius: int) -> Floats:
     """X and y of the points, shape ``(2, K)``, extended at both ends by mirrored points."""
     n = len(points)
     padded = np.empty((2, n + 2 * radius))
@@ -117,16 +119,16 @@ def _reflected(points: Any, radius: int) -> Any:
 
 
 @compiled
-def _shape_of(points: Any) -> tuple[float, Any, Any]:
+def _shape_of(points: Points) -> tuple[float, Floats, Floats]:
     """Spacing of evenly spaced points, heading and curvature at each."""
     n, length = len(points), 0.0
     heading, curvature, before = np.empty(n), np.empty(n), 0.0
     for k in range(n):
         if k > 0:
-            dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+            dx, dy = points[k, X] - points[k - 1, X], points[k, Y] - points[k - 1, Y]
             length += np.sqrt(dx * dx + dy * dy)
         first, last = max(k - 1, 0), min(k + 1, n - 1)
-        heading[k] = np.arctan2(points[last, 1] - points[first, 1], points[last, 0] - points[first, 0])
+        heading[k] = np.arctan2(points[last, Y] - points[first, Y], points[last, X] - points[first, X])
     spacing, turns, before = length / (n - 1), 0.0, heading[0]
     for k in range(1, n):  # removes jumps by a full turn
         change = heading[k] - before
@@ -143,7 +145,7 @@ def _shape_of(points: Any) -> tuple[float, Any, Any]:
 
 @compiled
 def curve_place(
-    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, s_m: float
+    points: Points, heading_rad: Floats, curvature_1pm: Floats, spacing_m: float, s_m: float
 ) -> tuple[float, float, float, float]:
     """``Curve.place`` for compiled loops."""
     place = s_m / spacing_m
@@ -152,13 +154,13 @@ def curve_place(
     inside = min(max(fraction, 0.0), 1.0)
     heading = heading_rad[i] + inside * (heading_rad[i + 1] - heading_rad[i])
     curvature = curvature_1pm[i] + inside * (curvature_1pm[i + 1] - curvature_1pm[i]) if inside == fraction else 0.0
-    x = points[i, 0] + fraction * (points[i + 1, 0] - points[i, 0])
-    return x, points[i, 1] + fraction * (points[i + 1, 1] - points[i, 1]), heading, curvature
+    x = points[i, X] + fraction * (points[i + 1, X] - points[i, X])
+    return x, points[i, Y] + fraction * (points[i + 1, Y] - points[i, Y]), heading, curvature
 
 
 @compiled
 def _nearest(
-    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, guess_m: float, x_m: float, y_m: float
+    points: Points, heading_rad: Floats, curvature_1pm: Floats, spacing_m: float, guess_m: float, x_m: float, y_m: float
 ) -> tuple[float, float]:
     """Arc length and offset of the place nearest to a point, searched from a guess."""
     s, left = guess_m, 0.0
@@ -171,16 +173,16 @@ def _nearest(
 
 
 @compiled
-def nearest_point(line: Any, x_m: float, y_m: float, first: int, end: int) -> tuple[float, float, int]:
+def nearest_point(line: LineArrays, x_m: float, y_m: float, first: int, end: int) -> tuple[float, float, int]:
     """``Curve.project`` of one place for compiled loops; ``line`` is ``Curve.line``."""
     points, heading_rad, curvature_1pm, spacing_m = line
     best, best_square = first, np.inf
     for k in range(first, end):
-        dx, dy = x_m - points[k, 0], y_m - points[k, 1]
+        dx, dy = x_m - points[k, X], y_m - points[k, Y]
         square = dx * dx + dy * dy
         if square < best_square:
             best, best_square = k, square
-    dx, dy = x_m - points[best, 0], y_m - points[best, 1]
+    dx, dy = x_m - points[best, X], y_m - points[best, Y]
     cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
     left = cos * dy - sin * dx
     along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
@@ -188,7 +190,9 @@ def nearest_point(line: Any, x_m: float, y_m: float, first: int, end: int) -> tu
 
 
 @compiled
-def _project(line: Any, xs_m: Any, ys_m: Any, first: int, end: int, s_m: Any, left_m: Any, nearest: Any) -> None:
+def _project(
+    line: LineArrays, xs_m: Floats, ys_m: Floats, first: int, end: int, s_m: Floats, left_m: Floats, nearest: Rows
+) -> None:
     """Compute arc length, offset and nearest curve point of each place."""
     for n in range(nearest.shape[0]):
         s_m[n], left_m[n], nearest[n] = nearest_point(line, xs_m[n], ys_m[n], first, end)

@@ -7,13 +7,13 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Floats
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.arrays import Floats, Points
+from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.behaviour.paths.curve import SMOOTHING_M, Curve
 from siren_ros.simulation.behaviour.paths.sideways_jump import without_jumps
@@ -246,14 +246,14 @@ def nearest_on_lane(centre: Polyline, x_m: float, y_m: float) -> tuple[float, fl
 
 
 @compiled
-def nearest_on_line(points: Any, arc_m: Any, x_m: float, y_m: float) -> tuple[float, float, float]:
+def nearest_on_line(points: Points, arc_m: Floats, x_m: float, y_m: float) -> tuple[float, float, float]:
     """``nearest_on_lane`` for compiled loops."""
     last, least = len(points) - 2, np.inf
     s_m, left_m, heading_x, heading_y = 0.0, 0.0, 1.0, 0.0
     for i in range(last + 1):
         length = arc_m[i + 1] - arc_m[i]
-        along_x, along_y = (points[i + 1, 0] - points[i, 0]) / length, (points[i + 1, 1] - points[i, 1]) / length
-        dx, dy = x_m - points[i, 0], y_m - points[i, 1]
+        along_x, along_y = (points[i + 1, X] - points[i, X]) / length, (points[i + 1, Y] - points[i, Y]) / length
+        dx, dy = x_m - points[i, X], y_m - points[i, Y]
         along = dx * along_x + dy * along_y
         inside = min(max(along, 0.0), length)
         if i == 0:
@@ -274,9 +274,9 @@ def lane_heading(centre: Polyline, s_m: float) -> float:
 
 
 @compiled
-def _heading_at(points: Any, arc_m: Any, s_m: float) -> float:
+def _heading_at(points: Points, arc_m: Floats, s_m: float) -> float:
     i = min(max(int(np.searchsorted(arc_m, s_m, side="right")) - 1, 0), len(points) - 2)
-    return math.atan2(points[i + 1, 1] - points[i, 1], points[i + 1, 0] - points[i, 0])
+    return math.atan2(points[i + 1, Y] - points[i, Y], points[i + 1, X] - points[i, X])
 
 
 _RIGHT_TURNS: Final = frozenset({"r", "R"})

@@ -4,6 +4,7 @@ Where somebody will be near while a vehicle is on the crossing, it comes there a
 in its way, it stops before the crossing. People are expected to go on as they walk.
 """
 
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -88,7 +89,7 @@ def outlines_of(network: RoadNetwork) -> Outlines:
     return Outlines(np.concatenate([np.empty((0, 2)), *network.crossings]), np.cumsum([0, *counts]).astype(np.intp))
 
 
-def people_at(actor_id: npt.ArrayLike, poses: tuple[Floats, Floats, Floats, Floats], outlines: Outlines) -> Floats:
+def people_at(actor_id: npt.ArrayLike, poses: Iterable[Floats], outlines: Outlines) -> Floats:
     """Make the array of people for ``least_wait_for_people``, shape ``(7, P)``; ``poses`` are x, y, yaw and speed.
 
     Rows are ``X``, ``Y``, ``VX`` and so on until ``ID``; those who are not on their crossing stand beside it.

@@ -195,7 +195,7 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: Margins) -> Wai
 
 @compiled
 def least_wait(
-    zone: Zone, own: Approach, other: Approach, other_sq: float, config: YieldingConfig
+    zone: Zone, own: Approach, other: Approach, other_sq: float, config: Margins
 ) -> tuple[float, float, float]:
     """How the own vehicle must wait for the other, as a ``Wait``; its speed is infinite if it need not.
 
@@ -227,7 +227,7 @@ def least_wait(
 
 
 @compiled
-def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:
+def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: Margins) -> bool:
     if zone.own_in_m <= 0.0:
         return math.isinf(zone.blocked_m)
     merges = zone.along > SAME_DIRECTION
@@ -242,7 +242,7 @@ def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, c
 
 @compiled
 def _yield_brake_mps2(
-    way_m: float, own: Approach, first_way_m: float, first: Approach, merges: bool, config: YieldingConfig
+    way_m: float, own: Approach, first_way_m: float, first: Approach, merges: bool, config: Margins
 ) -> float:
     """Deceleration to let another vehicle go first: by a stop, or by merging behind it.
 
@@ -281,7 +281,7 @@ def _gap_m(zone: Zone, other: Approach) -> float:
 
 @compiled
 def _waiting(
-    zone: Zone, own: Approach, other: Approach, other_sq: float, free_s: float, config: YieldingConfig
+    zone: Zone, own: Approach, other: Approach, other_sq: float, free_s: float, config: Margins
 ) -> tuple[float, float, float]:
     if zone.along > SAME_DIRECTION:
         gap = _gap_m(zone, other)

@@ -5,12 +5,12 @@ An episode that breaks a check fails.
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Floats, Ids
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
@@ -113,7 +113,7 @@ class CrossingWatch:
 
 
 @compiled
-def _elsewhere(last_lane: Any, actor_id: Any, lane: Any) -> Any:
+def _elsewhere(last_lane: Indices, actor_id: Ids, lane: Indices) -> Rows:
     """Rows of vehicles that are on the road, and not on their last lanes, which are given by actor id."""
     rows, count = np.empty(len(lane), np.intp), 0
     for row in range(len(lane)):
@@ -181,7 +181,9 @@ class Reactions:
 
 
 @compiled
-def _junctions_and_near(lane: Any, internal: Any, points: Any, emvs: Any, range_m: float) -> tuple[Any, Any]:
+def _junctions_and_near(
+    lane: Indices, internal: Flags, points: tuple[Floats, Floats], emvs: Rows, range_m: float
+) -> tuple[Codes, Rows]:
     """Flags of vehicles on junctions, and the rows of all vehicles within a distance of an EMV; ``emvs`` are rows."""
     x_m, y_m = points
     flags = np.zeros(len(lane), np.uint8)
@@ -231,8 +233,12 @@ def find_teleports(
     return events
 
 
+Moving = tuple[Ids, Codes, Floats, Floats, Floats, Floats]
+"""Ids, owners, x, y, yaw and speed of vehicles."""
+
+
 @compiled
-def _jumped(now: Any, then: Any, lengths_m: Any, jump_m: float) -> Any:
+def _jumped(now: Moving, then: Moving, lengths_m: Floats, jump_m: float) -> Rows:
     """Rows of vehicles that SUMO owned at two steps and that have moved further than they drove.
 
     Both steps hold ids, which are sorted, owners, poses and speeds. Lengths have the rows of the present one.

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, Final, Self
+from typing import ClassVar, Final, Self
 
 import libsumo
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Codes, Floats, Ids
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError, MapError
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, mirrored_map
@@ -438,8 +438,14 @@ class SumoSimulation:
         return tuple(events)
 
 
+_SPEED: Final = 3
+"""Row of poses after ``X``, ``Y`` and ``YAW``."""
+
+
 @compiled
-def _simulated(ids: Any, poses: Any, known: Any, known_owner: Any, motion: Any) -> tuple[Any, Any]:
+def _simulated(
+    ids: Ids, poses: tuple[Floats, Floats, Floats, Floats], known: Ids, known_owner: Codes, motion: tuple[Floats, ...]
+) -> tuple[Floats, Codes]:
     """x, y, yaw and speed of the simulated vehicles, SUMO's ``poses`` of others, shape ``(4, N)``; and owners.
 
     ``known`` are the ids of simulated vehicles; both kinds of ids are sorted.
@@ -450,8 +456,8 @@ def _simulated(ids: Any, poses: Any, known: Any, known_owner: Any, motion: Any) 
         while k < len(known) and known[k] < ids[row]:
             k += 1
         if k < len(known) and known[k] == ids[row]:
-            values[0, row], values[1, row], values[2, row] = x_m[k], y_m[k], yaw_rad[k]
-            values[3, row], owner[row] = np.hypot(vx_mps[k], vy_mps[k]), known_owner[k]
+            values[X, row], values[Y, row], values[YAW, row] = x_m[k], y_m[k], yaw_rad[k]
+            values[_SPEED, row], owner[row] = np.hypot(vx_mps[k], vy_mps[k]), known_owner[k]
         else:
             for column in range(4):
                 values[column, row] = poses[column][row]

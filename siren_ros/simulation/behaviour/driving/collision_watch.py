@@ -21,7 +21,7 @@ from siren_ros.simulation.behaviour.driving.step_view import (
 from siren_ros.simulation.behaviour.paths.curve import LineArrays, nearest_point
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
-from siren_ros.simulation.conflicts.yielding import Approach, Bends, YieldingConfig, least_wait
+from siren_ros.simulation.conflicts.yielding import Approach, Bends, Margins, least_wait
 from siren_ros.simulation.conflicts.zones import (
     CUT,
     OTHER,
@@ -283,7 +283,7 @@ def _strictest_wait(
     leaders: bool,
     limits: tuple[float, ...],
     speeds: tuple[float, float, float],
-    config: YieldingConfig,
+    config: Margins,
 ) -> tuple[int, float, float, float]:
     """The vehicle that makes a driver wait most.
 

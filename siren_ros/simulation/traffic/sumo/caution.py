@@ -9,22 +9,31 @@ its drivers are slowed here by the same rule by which the outside ones are drive
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import libsumo
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Ids
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
+from siren_ros.base.numerics.compiled import YAW, compiled
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.simulation.conflicts.course import CourseBook, Outlook, limit_at_mps, rank_at
-from siren_ros.simulation.conflicts.people import ID, NOBODY, Line, Passer, least_wait_for_people, outlines_of
+from siren_ros.simulation.conflicts.course import CourseBook, Outlook, Places, Rights, limit_at_mps, rank_at
+from siren_ros.simulation.conflicts.people import ID, NOBODY, Line, Outlines, Passer, least_wait_for_people, outlines_of
 from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Margins, Wait, least_wait
 from siren_ros.simulation.conflicts.zones import (
+    ALONG,
+    BLOCKED,
+    BLOCKED_ALONG,
     HALF_LENGTH,
     HALF_WIDTH,
     LEFT,
+    MET,
+    OTHER,
+    OTHER_IN,
+    OWN,
+    OWN_IN,
     PLACE,
+    REACH,
     SAME_DIRECTION,
     SPACING,
     STEP_M,
@@ -48,6 +57,10 @@ _SPACE_M: Final = 0.2
 _LOOK_M: Final = 1.0
 """How much farther than it takes to stop drivers look where they point."""
 _BY_SUMO: Final = int(Owner.SUMO)
+_SPEED, _BRAKE, _FREE = range(3)
+"""Columns of waits, as the fields of ``Wait``."""
+Limits = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], tuple[Margins, Margins]]
+"""Fields of ``CautionConfig``."""
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 
@@ -133,8 +146,14 @@ def _flags(ids: Ids, members: Collection[int]) -> Flags:
 
 @compiled
 def _near_pairs(
-    poses: Any, order: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any
-) -> Any:
+    poses: tuple[Floats, Floats, Floats, Floats],
+    order: Rows,
+    speed_mps: Floats,
+    half_length_m: Floats,
+    inside: Flags,
+    counts: Flags,
+    limits: tuple[float, ...],
+) -> Rows:
     """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
 
     ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` those of the drivers.
@@ -174,17 +193,24 @@ def _near_pairs(
 
 
 @compiled
-def _insert(pairs: Any, begin: int, end: int, row: int, other: int) -> None:
+def _insert(pairs: Rows, begin: int, end: int, row: int, other: int) -> None:
     """Puts a pair among the row's other ones, ``pairs[begin:end]``, which are sorted by the second one."""
     at = end
-    while at > begin and pairs[at - 1, 1] > other:
-        pairs[at, 0], pairs[at, 1] = pairs[at - 1, 0], pairs[at - 1, 1]
+    while at > begin and pairs[at - 1, OTHER] > other:
+        pairs[at, OWN], pairs[at, OTHER] = pairs[at - 1, OWN], pairs[at - 1, OTHER]
         at -= 1
-    pairs[at, 0], pairs[at, 1] = row, other
+    pairs[at, OWN], pairs[at, OTHER] = row, other
 
 
 @compiled
-def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, counts: bool, limits: Any) -> bool:
+def _is_near(
+    pose: tuple[float, ...],
+    own_mps: float,
+    other_mps: float,
+    half_length_m: float,
+    counts: bool,
+    limits: tuple[float, ...],
+) -> bool:
     """Whether a pair is near; ``pose`` holds the way to the other one, and the directions of both.
 
     Long vehicles at an angle reach far aside: the tail of a bus that changes lanes. Maps have roads that cross before
@@ -206,36 +232,36 @@ def _is_near(pose: Any, own_mps: float, other_mps: float, half_length_m: float, 
 
 
 @compiled
-def _look_where_they_point(ways: Any, pairs: Any, zones: Any, inside: Any, reach_m: Any) -> None:
+def _look_where_they_point(ways: Ways, pairs: Rows, zones: Floats, inside: Flags, reach_m: Floats) -> None:
     """Lets a vehicle from outside lead a driver who changes lanes and points at it within ``reach_m``, in ``zones``.
 
     The way along the present lane leads past it.
     """
     for p in range(len(pairs)):
-        row, other = pairs[p, 0], pairs[p, 1]
-        passed = zones[p, 6] == np.inf and not inside[other]
-        if passed and np.cos(ways.bodies[other, 2] - ways.bodies[row, 2]) > 0.0 and not follows_course(ways, row):
+        row, other = pairs[p, OWN], pairs[p, OTHER]
+        passed = zones[p, BLOCKED] == np.inf and not inside[other]
+        if passed and np.cos(ways.bodies[other, YAW] - ways.bodies[row, YAW]) > 0.0 and not follows_course(ways, row):
             blocked_m = straight_to_m(ways, row, other, reach_m[row])
             if blocked_m < np.inf:
-                zones[p, 0], zones[p, 6], zones[p, 7] = 1.0, blocked_m, 1.0
+                zones[p, MET], zones[p, BLOCKED], zones[p, BLOCKED_ALONG] = 1.0, blocked_m, 1.0
 
 
 @compiled
-def _agree_on_entries(pairs: Any, zones: Any, inside: Any) -> None:
+def _agree_on_entries(pairs: Rows, zones: Floats, inside: Flags) -> None:
     """Puts each driver's own way to a zone where the other one, who crosses it, has to know it.
 
     The search finds the own way to an eighth of a metre and the other's to a metre: of two drivers who both took the
     other one to be farther away than it is, both would go first.
     """
     for p in range(len(pairs)):
-        row, other = pairs[p, 0], pairs[p, 1]
-        if not inside[other] or zones[p, 5] > SAME_DIRECTION:
+        row, other = pairs[p, OWN], pairs[p, OTHER]
+        if not inside[other] or zones[p, ALONG] > SAME_DIRECTION:
             continue
-        for k in range(np.searchsorted(pairs[:, 0], other), len(pairs)):
-            if pairs[k, 0] != other or pairs[k, 1] > row:
+        for k in range(np.searchsorted(pairs[:, OWN], other), len(pairs)):
+            if pairs[k, OWN] != other or pairs[k, OTHER] > row:
                 break
-            if pairs[k, 1] == row and abs(zones[k, 1] - zones[p, 3]) <= STEP_M:
-                zones[p, 3] = zones[k, 1]
+            if pairs[k, OTHER] == row and abs(zones[k, OWN_IN] - zones[p, OTHER_IN]) <= STEP_M:
+                zones[p, OTHER_IN] = zones[k, OWN_IN]
 
 
 @compiled
@@ -247,8 +273,14 @@ def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[floa
 
 @compiled
 def _strictest_waits(
-    state: Any, order: Any, drivers: Any, ways: Any, rights: Any, limits: Any, square: float
-) -> tuple[Any, Any]:
+    state: tuple[Codes, Codes, Places, Places],
+    order: Rows,
+    drivers: tuple[Floats, Flags, Flags, Flags],
+    ways: Ways,
+    rights: Rights,
+    limits: Limits,
+    square: float,
+) -> tuple[Rows, Floats]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
     Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
@@ -268,9 +300,9 @@ def _strictest_waits(
         counts[row] = not inside[row] or (flags[row] & _ON_JUNCTION) != 0
         speed_mps[row] = sumo_mps[row] if inside[row] else simulated_mps[row]
         accel[row] = max(accel_mps2[row], 0.0) if held[row] else accel_mps2[row]
-        bodies[row, 6] = near[0] * speed_mps[row] + near[1]
+        bodies[row, REACH] = near[0] * speed_mps[row] + near[1]
         if not inside[row]:
-            bodies[row, 8] += margin_m
+            bodies[row, HALF_WIDTH] += margin_m
     poses = x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)
     pairs = _near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
     widened = Ways(ways.points, ways.first, ways.last, bodies)
@@ -279,7 +311,7 @@ def _strictest_waits(
     _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * firm_mps2) + behind_m + _LOOK_M)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
     for p in range(len(pairs)):
-        row, other = pairs[p, 0], pairs[p, 1]
+        row, other = pairs[p, OWN], pairs[p, OTHER]
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
         leads, merges, ridden = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION, rides[row] or rides[other]
         leads = leads or (merges and blocked < np.inf and ridden)
@@ -289,7 +321,7 @@ def _strictest_waits(
         if leads:
             lead_mps = 0.0 if ridden and blocked <= 0.0 else speed_mps[other]
             wait = _wait_behind(speed_mps[row], lead_mps, blocked - behind_m)
-            if wait[2] > 0.0 and wait[1] <= (gentle_mps2 if held[row] else firm_mps2):
+            if wait[_FREE] > 0.0 and wait[_BRAKE] <= (gentle_mps2 if held[row] else firm_mps2):
                 continue
         else:
             zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
@@ -301,14 +333,14 @@ def _strictest_waits(
             gains = min(accel[other], 0.0)
             comes = Approach(other_mps, other_mps, gains, rank, straight, 2.0 * half_length_m[other])
             wait = least_wait(zone, own, comes, other_mps**square, margins[1] if inside[other] else margins[0])
-            if wait[0] == np.inf:
+            if wait[_SPEED] == np.inf:
                 continue
-        if count == 0 or found[count - 1, 0] != row:
+        if count == 0 or found[count - 1, OWN] != row:
             count += 1
-        elif wait[0] >= waits[count - 1, 0]:
+        elif wait[_SPEED] >= waits[count - 1, _SPEED]:
             continue
-        found[count - 1, 0], found[count - 1, 1] = row, other
-        waits[count - 1, 0], waits[count - 1, 1], waits[count - 1, 2] = wait
+        found[count - 1, OWN], found[count - 1, OTHER] = row, other
+        waits[count - 1, _SPEED], waits[count - 1, _BRAKE], waits[count - 1, _FREE] = wait
     return found[:count], waits[:count]
 
 
@@ -398,7 +430,9 @@ class CautiousDrivers:
 
 
 @compiled
-def _waits_for_people(owner: Any, speed_mps: Any, ways: Any, people: Any, outlines: Any) -> tuple[Any, Any, Any]:
+def _waits_for_people(
+    owner: Codes, speed_mps: Floats, ways: Ways, people: Floats, outlines: Outlines
+) -> tuple[Rows, Rows, Floats]:
     """Rows of SUMO's drivers who wait for people, columns of these, and the waits, ``(P, 3)``."""
     rows, others, waits = np.empty(len(owner), np.intp), np.empty(len(owner), np.intp), np.empty((len(owner), 3))
     count = 0
@@ -412,6 +446,6 @@ def _waits_for_people(owner: Any, speed_mps: Any, ways: Any, people: Any, outlin
         worst, speed, brake, free = least_wait_for_people(way, own, people, outlines)
         if worst >= 0:
             rows[count], others[count] = row, worst
-            waits[count, 0], waits[count, 1], waits[count, 2] = speed, brake, free
+            waits[count, _SPEED], waits[count, _BRAKE], waits[count, _FREE] = speed, brake, free
             count += 1
     return rows[:count], others[:count], waits[:count]

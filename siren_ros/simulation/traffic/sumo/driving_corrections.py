@@ -9,7 +9,7 @@
 from collections.abc import Container, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import libsumo
 import numpy as np
@@ -32,6 +32,14 @@ _RIDERS_SHARE: Final = 0.8
 """Of these speeds, with which riders take bends: a lean of 11 degrees in the lane's middle, of 15 at its outer edge."""
 BRAKING_MPS2: Final = 1.5
 """With which they slow down before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
+_WISHED, _LENGTH, _SHARE = range(3)
+"""Columns of the bodies in ``BendLimits``."""
+_FIRST, _SAMPLES = range(2)
+"""Columns of its profiles."""
+_IN_BEND, _BEFORE_BEND = range(2)
+"""Rows of the speeds of profiles."""
+_PLACE, _BEND_SPEED = range(2)
+"""Of each place that was passed."""
 _AHEAD_M: Final = 90.0
 """How far ahead a bend counts: 16 m/s come down to walking speed within it."""
 _EDGES_AHEAD: Final = 4
@@ -198,7 +206,7 @@ class BendLimits:
         self._profile, self._passed = self._profile[before], self._passed[before]
         self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
         self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
-        self._limits_mps[new] = self._bodies[new, 0]
+        self._limits_mps[new] = self._bodies[new, _WISHED]
 
     def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
         """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
@@ -208,7 +216,13 @@ class BendLimits:
 
 
 @compiled
-def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mps: Any) -> Any:
+def _bend_limits(
+    numbers: Floats,
+    outside: Flags,
+    states: tuple[Floats, Floats, Rows, Floats],
+    passed: tuple[Floats, Rows],
+    limits_mps: Floats,
+) -> Rows:
     """Sets the limit of every vehicle; rows of those that SUMO has to be told, which are all that change.
 
     ``states`` holds bodies, SUMO's scales, profiles and their speeds, as in ``BendLimits``. What was passed is kept up
@@ -217,13 +231,13 @@ def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mp
     bodies, scales, profiles, speeds_mps = states
     changed, count = np.empty(len(outside), np.intp), 0
     for row in range(len(outside)):
-        wished, length_m = bodies[row, 0], bodies[row, 1]
-        scale, first, samples = scales[row], profiles[row, 0], profiles[row, 1]
+        wished, length_m = bodies[row, _WISHED], bodies[row, _LENGTH]
+        scale, first, samples = scales[row], profiles[row, _FIRST], profiles[row, _SAMPLES]
         limit = wished
         if samples > 0 and not outside[row]:
             at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)
-            held = _slowest_held(passed, row, numbers[SPEED, row] / scale * STEP_S, speeds_mps[0, at], length_m)
-            limit = min(wished, bodies[row, 2] * scale * min(held, speeds_mps[1, at]))
+            held = _slowest_held(passed, row, numbers[SPEED, row] / scale * STEP_S, speeds_mps[_IN_BEND, at], length_m)
+            limit = min(wished, bodies[row, _SHARE] * scale * min(held, speeds_mps[_BEFORE_BEND, at]))
         before = limits_mps[row]
         if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
             limits_mps[row] = limit
@@ -233,27 +247,27 @@ def _bend_limits(numbers: Any, outside: Any, states: Any, passed: Any, limits_mp
 
 
 @compiled
-def _slowest_held(passed: Any, row: int, moved_m: float, bend_mps: float, length_m: float) -> float:
+def _slowest_held(passed: tuple[Floats, Rows], row: int, moved_m: float, bend_mps: float, length_m: float) -> float:
     """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place.
 
     Earlier places that are no slower leave the outline first and never count again: speeds ascend.
     """
     places, counts = passed[0][row], passed[1]
     count = counts[row]
-    at_m = (places[count - 1, 0] if count else 0.0) + moved_m
-    while count and places[count - 1, 1] >= bend_mps:
+    at_m = (places[count - 1, _PLACE] if count else 0.0) + moved_m
+    while count and places[count - 1, _BEND_SPEED] >= bend_mps:
         count -= 1
     gone = 0
-    while gone < count and places[gone, 0] < at_m - length_m:
+    while gone < count and places[gone, _PLACE] < at_m - length_m:
         gone += 1
     if gone == 0 and count == len(places):
         gone = 1
     for k in range(gone, count):
-        places[k - gone, 0], places[k - gone, 1] = places[k, 0], places[k, 1]
+        places[k - gone, _PLACE], places[k - gone, _BEND_SPEED] = places[k, _PLACE], places[k, _BEND_SPEED]
     count += 1 - gone
-    places[count - 1, 0], places[count - 1, 1] = at_m, bend_mps
+    places[count - 1, _PLACE], places[count - 1, _BEND_SPEED] = at_m, bend_mps
     counts[row] = count
-    return places[0, 1]
+    return places[0, _BEND_SPEED]
 
 
 # No parameter: smaller jumps are rounding.
@@ -332,7 +346,7 @@ class SidewaysLimits:
 
 
 @compiled
-def _sideways_limits(numbers: Any, outside: Any, wished_mps: Any, limits_mps: Any) -> Any:
+def _sideways_limits(numbers: Floats, outside: Flags, wished_mps: Floats, limits_mps: Floats) -> Rows:
     """Sets the limit of every vehicle; rows of those that change. ``outside`` are moved from outside."""
     changed, count = np.empty(len(outside), np.intp), 0
     for row in range(len(outside)):

@@ -1,12 +1,12 @@
 """Where the road begins: people on no crossing are kept off it."""
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import shapely
 
-from siren_ros.base.numerics.arrays import Flags, Floats
-from siren_ros.base.numerics.compiled import compiled, within
+from siren_ros.base.numerics.arrays import Flags, Floats, Points, Rows
+from siren_ros.base.numerics.compiled import YAW, X, Y, compiled, within
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 
 _DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER})
@@ -64,17 +64,17 @@ class Kerbs:
 
 
 @compiled
-def _move_to_edge(poses: Any, crossing: Any, rows: Any, pieces: Any, edge: Any) -> None:
+def _move_to_edge(poses: Floats, crossing: Flags, rows: Rows, pieces: Rows, edge: tuple[Points, Points]) -> None:
     """Move some of the points to the nearest places on pieces of the road's edge; those far from it cross."""
     from_m, along_m = edge
     for number in range(len(rows)):
         row, piece = rows[number], pieces[number]
         (ax, ay), (dx, dy) = from_m[piece], along_m[piece]
-        share = within(((poses[0, row] - ax) * dx + (poses[1, row] - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
+        share = within(((poses[X, row] - ax) * dx + (poses[Y, row] - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
         x, y = ax + share * dx, ay + share * dy
-        sine = (np.cos(poses[2, row]) * dy - np.sin(poses[2, row]) * dx) / np.hypot(dx, dy)
+        sine = (np.cos(poses[YAW, row]) * dy - np.sin(poses[YAW, row]) * dx) / np.hypot(dx, dy)
         reach_m = _STEPS_OUT_M if abs(sine) > _INTO else _ALONG_M
-        if np.hypot(poses[0, row] - x, poses[1, row] - y) < reach_m:
-            poses[0, row], poses[1, row] = x, y
+        if np.hypot(poses[X, row] - x, poses[Y, row] - y) < reach_m:
+            poses[X, row], poses[Y, row] = x, y
         else:
             crossing[row] = True

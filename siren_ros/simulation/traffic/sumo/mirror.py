@@ -7,12 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import libsumo
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import compiled, within, wrapped_rad
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
@@ -66,6 +67,12 @@ class _Corridor(NamedTuple):
     """Lane and edge of each segment, shape ``(2, K)``."""
 
 
+_X, _Y, _LENGTH, _UNIT_X, _UNIT_Y, _HEADING, _ARC, _REACH = range(8)
+"""Rows of ``_Corridor.segments``."""
+_LANE, _EDGE = range(2)
+"""Rows of ``_Corridor.lanes``."""
+
+
 class LaneMatcher:
     """Matches poses to the lanes of the next edges of a route."""
 
@@ -87,7 +94,7 @@ class LaneMatcher:
         best, along_m, lateral_m = _nearest(corridor, front_m, yaw_rad, edge, present_lane)
         if best < 0:
             return OFF_ROUTE
-        return LaneMatch(int(corridor.lanes[0, best]), float(corridor.segments[6, best] + along_m), lateral_m)
+        return LaneMatch(int(corridor.lanes[_LANE, best]), float(corridor.segments[_ARC, best] + along_m), lateral_m)
 
     def _corridor(self, edges: tuple[int, ...]) -> _Corridor:
         indices: list[int] = []
@@ -123,13 +130,13 @@ def _nearest(
     segments, lanes = corridor
     best, best_m, best_along, best_left = -1, np.inf, 0.0, 0.0
     for k in range(segments.shape[1]):
-        x, y = front_m[0] - segments[0, k], front_m[1] - segments[1, k]
-        unit_x, unit_y = segments[3, k], segments[4, k]
-        along = within(x * unit_x + y * unit_y, 0.0, segments[2, k])
+        x, y = front_m[0] - segments[_X, k], front_m[1] - segments[_Y, k]
+        unit_x, unit_y = segments[_UNIT_X, k], segments[_UNIT_Y, k]
+        along = within(x * unit_x + y * unit_y, 0.0, segments[_LENGTH, k])
         distance = np.hypot(x - along * unit_x, y - along * unit_y)
-        if distance > segments[7, k] or abs(wrapped_rad(segments[5, k] - yaw_rad)) > _HEADING_LIMIT_RAD:
+        if distance > segments[_REACH, k] or abs(wrapped_rad(segments[_HEADING, k] - yaw_rad)) > _HEADING_LIMIT_RAD:
             continue
-        if lanes[1, k] == edge and lanes[0, k] != lane:
+        if lanes[_EDGE, k] == edge and lanes[_LANE, k] != lane:
             distance += _STAY_M
         if distance < best_m:
             best, best_m, best_along, best_left = k, distance, along, unit_x * y - unit_y * x
@@ -163,9 +170,18 @@ _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 _BINDS: Final = np.array([code in _BINDING_MODES for code in range(256)])
 """The same by code."""
 
+_DRIVEN, _ASTRAY, _BOUND = range(3)
+"""Kinds of vehicles that have to be treated."""
+
 
 @compiled
-def _to_treat(owners: Any, columns: Any, limits_m: Any, binds: Any, known: Any) -> tuple[Any, Any, Any, Any]:
+def _to_treat(
+    owners: tuple[Ids, Codes, Codes],
+    columns: tuple[Floats, Floats, Floats],
+    limits_m: tuple[float, float],
+    binds: Flags,
+    known: Ids,
+) -> tuple[Floats, Rows, Rows, Rows]:
     """Speeds of all vehicles, and the rows of those that have to be treated, of three kinds.
 
     These are vehicles that ROS drives; those of SUMO that are farther from it than one of ``limits_m``, of standing and
@@ -178,19 +194,24 @@ def _to_treat(owners: Any, columns: Any, limits_m: Any, binds: Any, known: Any) 
     for row in range(n):
         speeds_mps[row] = np.hypot(vx_mps[row], vy_mps[row])
         if owner[row] == _BY_ROS:
-            rows[0, counts[0]] = row
-            counts[0] += 1
+            rows[_DRIVEN, counts[_DRIVEN]] = row
+            counts[_DRIVEN] += 1
             continue
         if residual_m[row] > (limits_m[0] if speeds_mps[row] < _STANDING_MPS else limits_m[1]):
-            rows[1, counts[1]] = row
-            counts[1] += 1
+            rows[_ASTRAY, counts[_ASTRAY]] = row
+            counts[_ASTRAY] += 1
         treated = binds[mode[row]]
         for k in range(len(known)):
             treated = treated or known[k] == actor_id[row]
         if treated:
-            rows[2, counts[2]] = row
-            counts[2] += 1
-    return speeds_mps, rows[0, : counts[0]], rows[1, : counts[1]], rows[2, : counts[2]]
+            rows[_BOUND, counts[_BOUND]] = row
+            counts[_BOUND] += 1
+    return (
+        speeds_mps,
+        rows[_DRIVEN, : counts[_DRIVEN]],
+        rows[_ASTRAY, : counts[_ASTRAY]],
+        rows[_BOUND, : counts[_BOUND]],
+    )
 
 
 @dataclass(frozen=True)

@@ -4,18 +4,18 @@ The EMV may need the middle of such a road, and a driver who sees it come cannot
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any, Final, cast
+from typing import Final
 
 import libsumo
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Rows
+from siren_ros.base.numerics.arrays import Codes, Floats, Rows
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.roads.movements import opposite_edges
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.world.actors import Owner, rows_of_ids
-from siren_ros.simulation.world.traffic_state import TrafficState
+from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
 _ROUTE_EDGES: Final = 3
 """Edges of the EMV's route, from its own on, whose other side counts."""
@@ -62,11 +62,17 @@ class OncomingDrivers:
         edges = self._opposite[traffic.route_of_row(emv)[:_ROUTE_EDGES]]
         drivers = traffic.owner, traffic.lane, self._edge_of_lane
         poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
-        return cast("Rows", _ahead_on(edges, drivers, poses, emv, self._reach_m))
+        return _ahead_on(edges, drivers, poses, emv, self._reach_m)
 
 
 @compiled
-def _ahead_on(edges: Any, drivers: Any, poses: Any, emv: int, reach_m: float) -> Any:
+def _ahead_on(
+    edges: Indices,
+    drivers: tuple[Codes, Indices, Indices],
+    poses: tuple[Floats, Floats, Floats],
+    emv: int,
+    reach_m: float,
+) -> Rows:
     """Rows of SUMO's vehicles that are on some edges, within reach ahead of the EMV in a row."""
     (owner, lane, edge_of_lane), (x_m, y_m, yaw_rad) = drivers, poses
     cos, sin = np.cos(yaw_rad[emv]), np.sin(yaw_rad[emv])

@@ -12,8 +12,8 @@ import libsumo
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.numerics.compiled import compiled, wrapped_rad
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.base.numerics.compiled import YAW, compiled, wrapped_rad
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.world.actors import NO_ACTOR, Lights
 from siren_ros.simulation.world.traffic_state import EmvAdvice, TrafficFlags
@@ -160,10 +160,20 @@ def read_vehicles(columns: SumoColumns, rows: Rows, lengths_m: Floats, offset_m:
     return Readings._make((*values, lane, lights, index))
 
 
+_SPEED, _ACCEL, _ALONG, _ASIDE = range(3, 7)
+"""Rows of what ``_readings`` gives, after ``X``, ``Y`` and ``YAW``."""
+
+
 @compiled
 def _readings(
-    numbers: Any, lane: Any, scale: Any, rows: Any, lengths_m: Any, offset_m: Any, codes: Any
-) -> tuple[Any, Any, Any, Any]:
+    numbers: Floats,
+    lane: npt.NDArray[np.int32],
+    scale: Floats,
+    rows: Rows,
+    lengths_m: Floats,
+    offset_m: Offset,
+    codes: Codes,
+) -> tuple[Floats, npt.NDArray[np.int32], Codes, npt.NDArray[np.int32]]:
     """Values of ``Readings``, shape ``(7, N)``, lanes, lights (``codes`` by SUMO's bits), and places on the route."""
     n = len(rows)
     out, lanes = np.empty((7, n)), np.empty(n, np.int32)
@@ -171,11 +181,11 @@ def _readings(
     for k in range(n):
         row = rows[k]
         front = numbers[X, row], numbers[Y, row], numbers[ANGLE, row]
-        out[0, k], out[1, k], out[2, k] = map_from_sumo(*front, lengths_m[k], offset_m)
-        out[3, k], out[4, k] = numbers[SPEED, row] / scale[row], numbers[ACCEL, row] / scale[row]
-        lanes[k], out[5, k], out[6, k] = lane[row], 0.0, 0.0
+        out[X, k], out[Y, k], out[YAW, k] = map_from_sumo(*front, lengths_m[k], offset_m)
+        out[_SPEED, k], out[_ACCEL, k] = numbers[SPEED, row] / scale[row], numbers[ACCEL, row] / scale[row]
+        lanes[k], out[_ALONG, k], out[_ASIDE, k] = lane[row], 0.0, 0.0
         if lane[row] != NO_LANE:
-            out[5, k], out[6, k] = numbers[ALONG, row] / scale[row], numbers[ASIDE, row]
+            out[_ALONG, k], out[_ASIDE, k] = numbers[ALONG, row] / scale[row], numbers[ASIDE, row]
         lights[k] = codes[int(numbers[SIGNALS, row]) & (_SIGNALS - 1)]
         indices[k] = int(numbers[ROUTE_INDEX, row])
     return out, lanes, lights, indices
@@ -245,7 +255,13 @@ def emv_advice(
 
 
 @compiled
-def ahead_on_route(emv: int, poses: Any, route_offset: Any, route_edges: Any, reach_m: float) -> Any:
+def ahead_on_route(
+    emv: int,
+    poses: tuple[Floats, Floats, Floats],
+    route_offset: npt.NDArray[np.int32],
+    route_edges: npt.NDArray[np.int32],
+    reach_m: float,
+) -> Rows:
     """Rows of vehicles that hear the EMV in a row come from behind: on its route's edges, ahead of it, within reach.
 
     The same criterion as that of SUMO's bluelight device: vehicles on the EMV's upcoming edges within

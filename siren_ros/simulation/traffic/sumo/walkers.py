@@ -13,14 +13,14 @@ from typing import Any, Final
 import libsumo
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Ids
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows
+from siren_ros.base.numerics.compiled import YAW, compiled
 from siren_ros.simulation.conflicts.people import NOBODY, outlines_of, people_at
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
 from siren_ros.simulation.traffic.sumo.kerbs import Kerbs
 from siren_ros.simulation.traffic.sumo.nearby import PEOPLE_MARGIN_M, PEOPLE_WITHIN_M, Point, Reserve, nearest_m
-from siren_ros.simulation.traffic.sumo.readings import map_from_sumo
+from siren_ros.simulation.traffic.sumo.readings import ANGLE, SPEED, Offset, X, Y, map_from_sumo
 from siren_ros.simulation.traffic.sumo.sidewalks import Corners
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Owner, rows_of_ids
 from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
@@ -265,7 +265,9 @@ class Walkers:
 
 
 @compiled
-def _warned(walkers: Any, notice_m: Any, emvs: Any, poses: Any, speed_mps: Any) -> Any:
+def _warned(
+    walkers: Rows, notice_m: Floats, emvs: Rows, poses: tuple[Floats, Floats, Floats], speed_mps: Floats
+) -> Flags:
     """Whether an EMV with a siren comes towards each of some people, within the distance at which they heed it.
 
     People ahead of an EMV that traffic holds up hear it as far as the drivers of a queue do: those at the queue's head
@@ -285,7 +287,9 @@ def _warned(walkers: Any, notice_m: Any, emvs: Any, poses: Any, speed_mps: Any) 
 
 
 @compiled
-def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
+def _step_into(
+    walkers: Rows, bodies: tuple[tuple[Floats, Floats, Floats], tuple[Floats, ...]], speed_mps: Floats
+) -> tuple[Flags, Flags]:
     """Whether a vehicle's body is right before each of some people, with room on both sides of the shoulders.
 
     And whether the next metre brings them nearer to the way of a vehicle that cannot stop. ``walkers`` are their rows
@@ -325,7 +329,9 @@ def _step_into(walkers: Any, bodies: Any, speed_mps: Any) -> tuple[Any, Any]:
 
 
 @compiled
-def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any, facing: Any) -> tuple[Any, Any]:
+def _poses(
+    values: Floats, offset_m: Offset, rows: Rows, simulated: tuple[Floats, Floats, Floats, Floats], facing: Floats
+) -> tuple[Floats, Floats]:
     """Poses in the ``map`` frame of some people: SUMO's, and the simulated ones; shape ``(4, N)`` each.
 
     ``values`` are SUMO's x, y, angle and speed, ``rows`` the people's among the simulated actors: those who are new
@@ -335,17 +341,17 @@ def _poses(values: Any, offset_m: Any, rows: Any, simulated: Any, facing: Any) -
     sumo = np.empty((4, len(rows)))
     before = np.empty((4, len(rows)))
     for k in range(len(rows)):
-        x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], values[k, 2], _SPACE_M, offset_m)
-        if values[k, 3] < _TURNS_MPS and np.cos(yaw - facing[k]) < _TURNED:
+        x, y, yaw = map_from_sumo(values[k, X], values[k, Y], values[k, ANGLE], _SPACE_M, offset_m)
+        if values[k, SPEED] < _TURNS_MPS and np.cos(yaw - facing[k]) < _TURNED:
             angle_deg = 90.0 - np.degrees(facing[k])
-            x, y, yaw = map_from_sumo(values[k, 0], values[k, 1], angle_deg, _SPACE_M, offset_m)
+            x, y, yaw = map_from_sumo(values[k, X], values[k, Y], angle_deg, _SPACE_M, offset_m)
         facing[k] = yaw
-        sumo[0, k], sumo[1, k], sumo[2, k], sumo[3, k] = x, y, yaw, values[k, 3]
-        before[0, k], before[1, k], before[2, k], before[3, k] = x, y, yaw, values[k, 3]
+        sumo[X, k], sumo[Y, k], sumo[YAW, k], sumo[SPEED, k] = x, y, yaw, values[k, SPEED]
+        before[X, k], before[Y, k], before[YAW, k], before[SPEED, k] = x, y, yaw, values[k, SPEED]
         if rows[k] >= 0:
             x_m, y_m, yaw_rad, speed_mps = simulated
-            before[0, k], before[1, k] = x_m[rows[k]], y_m[rows[k]]
-            before[2, k], before[3, k] = yaw_rad[rows[k]], speed_mps[rows[k]]
+            before[X, k], before[Y, k] = x_m[rows[k]], y_m[rows[k]]
+            before[YAW, k], before[SPEED, k] = yaw_rad[rows[k]], speed_mps[rows[k]]
     return sumo, before
 
 

@@ -60,7 +60,7 @@ _BY_SUMO: Final = int(Owner.SUMO)
 _SPEED, _BRAKE, _FREE = range(3)
 """Columns of waits, as the fields of ``Wait``."""
 Limits = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], tuple[Margins, Margins]]
-"""Fields of ``CautionConfig``."""
+"""Limits of ``cautions``: what is near, what is late, how others cross, and the margins at conflicts."""
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 

@@ -26,7 +26,7 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 
 TOLERANCE: Final = 0.05
-"""Of a parameter's range, within which a found value counts as recovered."""
+"""Share of a parameter's range within which a found value counts as recovered."""
 _PARAMETERS: Final = "emv.speed_mps,emv_driver.driving.comfort_accel_mps2,emv_driver.lines.speed_mps"
 _PARAMETERS_L0: Final = "sumo.speed_factor,sumo.tau_s"
 _INNER: Final = (0.15, 0.85)

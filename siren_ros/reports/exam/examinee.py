@@ -66,7 +66,7 @@ class Call:
 
     emv_id: int
     gap_m: Floats
-    """From the EMV's front to the driver's rear along the road; negative beside it and ahead."""
+    """Gap from the EMV's front to the driver's rear along the road; negative beside it and ahead."""
     left_m: Floats
     """Lateral distance of the EMV's centre from the driver's across the road, left positive."""
     speed_mps: Floats

@@ -61,7 +61,7 @@ class Material(IntEnum):
     FLEET_PAINT = 35
     """Paint of emergency vehicles: keeps the mesh's colour, whatever the actor's ``colour_rgb``."""
     CLOTHING = 36
-    """Of riders and walkers; white in the mesh, as paint is, where the actor's ``colour_rgb`` colours it."""
+    """Clothes of riders and walkers; white in the mesh, as paint is, where the actor's ``colour_rgb`` colours them."""
     SKIN = 37
 
 

@@ -111,7 +111,7 @@ def _meeting_m(network: RoadNetwork, connection: Connection, other: Connection) 
 
 
 def _road_beside_m(network: RoadNetwork, lane: int, on_left: bool) -> float:
-    """From the middle of a lane to the outer edge of its road, sidewalks and the opposite direction included."""
+    """Distance from the middle of a lane to the outer edge of its road, with sidewalks and opposite lanes."""
     here = network.lanes[lane]
     edge = network.edges[here.edge]
     at = edge.lanes.index(lane)

@@ -26,7 +26,7 @@ class VehicleParameters:
     height_m: float
     wheelbase_m: float
     front_overhang_m: float
-    """From the front bumper back to the front axle."""
+    """Distance from the front bumper back to the front axle."""
     cg_to_front_axle_m: float
     cg_height_m: float
     mass_kg: float

@@ -83,7 +83,7 @@ _FOOT_TYPES: Final = frozenset({"sidewalk", "walking"})
 
 @dataclass(frozen=True)
 class Permissions:
-    """Who may use a lane."""
+    """Which classes of vehicles may use a lane."""
 
     civilian: bool
     """Whether passenger cars may use the lane."""
@@ -120,7 +120,7 @@ def permissions_of(allow: str | None, disallow: str | None) -> Permissions:
 
 
 def permissions_on(lane: Element) -> Permissions:
-    """Who may use a ``lane`` element of a net."""
+    """Which classes may use a ``lane`` element of a net."""
     return permissions_of(lane.get("allow"), lane.get("disallow"))
 
 

@@ -61,7 +61,7 @@ class ConflictConfig:
     early_mps2: float = number(1.0, 0, 4, "acceleration that others may have on the way to the conflict")
     standoff_m: float = number(1.0, 0, 5, "distance that a waiting vehicle keeps from the way of the other one")
     room_m: float = number(0.0, 0, 10, "more of it where that takes no hard braking")
-    """From there the vehicle is not in the way before the other one is away."""
+    """A vehicle at this distance is not in the way before the other one has gone."""
 
 
 @dataclass(frozen=True)
@@ -317,7 +317,7 @@ class TrafficDrivers:
         1.2, 0.8, 1.5, "share of the speed limit, at least, of a driver who waits for a gap to leave the EMV's lane"
     )
     cleared_pace: float = number(0.7, 0.3, 1, "share of the wished speed of a driver who has left it")
-    """So gaps come up for those who still have to leave it."""
+    """The lower speed opens gaps for drivers who still have to leave the EMV's lane."""
     spacing_spread: float = number(0.15, 0, 0.5, "fraction by which gaps within a group vary")
     speed_spread: float = number(0.05, 0, 0.3, "fraction by which wished speeds within a group vary")
 

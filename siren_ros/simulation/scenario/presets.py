@@ -54,7 +54,7 @@ class ComplianceShares:
 
 @dataclass(frozen=True)
 class Attention:
-    """Who looks out for others where ways cross; the defaults are everybody, as far ahead as it matters."""
+    """Which drivers look out for others where ways cross; by default all of them, as far ahead as it matters."""
 
     civilians: float = 1.0
     """Share of the drivers who see an EMV that comes across their way against a signal or sign."""
@@ -71,9 +71,9 @@ class OncomingResponse:
     """What drivers do when an EMV with a siren comes towards them on a road that nothing divides."""
 
     share: float = 0.0
-    """Of the drivers who react: they keep right and slow down."""
+    """Share of drivers who react: they keep right and slow down."""
     speed_share: float = 1.0
-    """Of their wished speed that they slow down to."""
+    """Share of their wished speed to which they slow down."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class DriverPreset:
     name: str
     title: str
     reaction_delay_s: TruncatedNormal
-    """From noticing the siren to the start of the manoeuvre."""
+    """Time from noticing the siren to the start of the manoeuvre."""
     late_delay_s: TruncatedNormal
-    """On top of the reaction delay, for drivers that comply late."""
+    """Time that is added to the reaction delay of drivers who comply late."""
     response_distance_m: TruncatedNormal
     """Distance between the two vehicles at which the driver notices the siren."""
     compliance: ComplianceShares

@@ -109,7 +109,7 @@ class SeenEpisodes:
     trained: frozenset[str]
     """``EpisodeIdentity.text`` of the episodes on which the model was trained."""
     watched: frozenset[str] = frozenset()
-    """The same of the episodes that were looked at during its training."""
+    """``EpisodeIdentity.text`` of the episodes that were looked at during its training."""
 
     @staticmethod
     def of_card(card: Mapping[str, Any]) -> "SeenEpisodes | None":

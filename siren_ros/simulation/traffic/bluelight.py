@@ -11,13 +11,13 @@ from siren_ros.simulation.traffic.sumo.population import MIRRORS_M
 from siren_ros.simulation.traffic.sumo.rules import RULES, Moment
 
 _OURS: Final = re.compile(rb' lcMaxSpeedLat(Standing|Factor)="[^"]*"')
-"""How vehicles move sideways; SUMO's own values let them do so while they stand."""
+"""Finds the parameters of lateral motion, because SUMO's own values let vehicles move sideways while they stand."""
 _EMV_TYPE: Final = re.compile(rb'(vClass="emergency"[^>]*latAlignment=)"center"')
-"""An EMV with the device needs the whole width of its lane."""
+"""Finds the alignment in an EMV's type, because an EMV with the device needs the whole width of its lane."""
 
 
 class BluelightSimulation(SumoSimulation):
-    """An episode's plan as SUMO drives it, EMVs and their corridor included; its steps are given no simulated world."""
+    """Runs an episode's plan in SUMO alone, which also drives the EMVs and forms their corridor."""
 
     _rules = tuple(rule for rule in RULES if rule.moment in {Moment.ORDERS, Moment.CORRECTION})
 

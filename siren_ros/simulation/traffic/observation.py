@@ -1,4 +1,4 @@
-"""Conclusions from SUMO's states: stop lines crossed, reactions to the EMV, teleports, and checks of every step.
+"""Derives events and checks from SUMO's states: stop lines crossed, reactions to the EMV, teleports, residuals.
 
 An episode that breaks a check fails.
 """
@@ -26,7 +26,10 @@ _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 
 def check_residual(states: ActorStates, limit_m: float = RESIDUAL_LIMIT_M) -> None:
-    """Raises EpisodeError where the two worlds have drifted apart: names the actor, the residual and the limit."""
+    """Raises EpisodeError where a simulated vehicle and its pose in SUMO are too far apart.
+
+    It names actor, residual and limit.
+    """
     if len(states) and states.residual_m.max() > limit_m:
         row = int(np.argmax(states.residual_m))
         away = f"actor {states.actor_id[row]} is {states.residual_m[row]:.2f} m from its pose in SUMO"
@@ -34,7 +37,7 @@ def check_residual(states: ActorStates, limit_m: float = RESIDUAL_LIMIT_M) -> No
 
 
 def check_no_teleport(traffic: TrafficState) -> None:
-    """Raises EpisodeError where SUMO has teleported a vehicle: names the actor, the step and the reason."""
+    """Raises EpisodeError where SUMO has teleported a vehicle; it names actor, step and reason."""
     for event in traffic.events:
         if event.kind is EventKind.TELEPORT:
             reason = event.detail.get("reason", "")
@@ -53,7 +56,7 @@ class Mover:
 
 
 class CrossingWatch:
-    """Remembers each vehicle's last lane and tells when it enters or leaves a controlled junction."""
+    """Notices when a vehicle enters or leaves a controlled junction, by its last lane."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
@@ -62,7 +65,7 @@ class CrossingWatch:
         self._inside: dict[int, str] = {}
 
     def forget(self, actor_id: int) -> None:
-        """Drop a vehicle that has left."""
+        """Removes a vehicle that has left the simulation."""
         self._make_room(actor_id)
         self._last_lane[actor_id] = NO_LANE
         self._inside.pop(actor_id, None)
@@ -138,7 +141,10 @@ ADVICE_RANGE_M: Final = 80.0
 
 
 class Reactions:
-    """Derives reactions and flags of one step; holds nothing from step to step."""
+    """Derives which vehicles react to EMVs, and the flags of all vehicles, at one step.
+
+    It keeps no state between steps.
+    """
 
     def __init__(self, network: RoadNetwork, plan: TrafficPlan, level: EmergencyLevel) -> None:
         self._internal = np.array([lane.kind is LaneKind.INTERNAL for lane in network.lanes])

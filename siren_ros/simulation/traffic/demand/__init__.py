@@ -1,1 +1,1 @@
-"""Who drives where: the plan of an episode's vehicles, made before SUMO starts."""
+"""Plans an episode's vehicles, their drivers and their routes before SUMO starts."""

@@ -1,4 +1,4 @@
-"""Plans the traffic of an episode from a template and a site. The seed alone decides who drives where.
+"""Plans the traffic of an episode from a template and a site. The seed alone decides which vehicle drives where.
 
 One civilian becomes the AV under test where an episode has one.
 """
@@ -57,7 +57,7 @@ from siren_ros.simulation.world.actors import ActorClass
 
 _PLACEMENT_TRIES: Final = 400
 _EDGES_AHEAD: Final = 4
-"""Of a vehicle's route, whose bends count for its first speed."""
+"""Number of edges of a vehicle's route whose bends limit its first speed."""
 
 
 EMV_ROUTE_SLACK_S: Final = 5.0
@@ -96,13 +96,13 @@ NEIGHBOURHOOD_M: Final = 150.0
 """Background traffic starts within this of the EMV's way to the site and through it, where there is road enough.
 The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
 DISTRICT_M: Final = 300.0
-"""The streets around them, to this distance from that way, have the density of ``demand.district_per_lane_km``."""
+"""Largest distance from that way of the streets around, which have the density of ``demand.district_per_lane_km``."""
 NEIGHBOURHOOD_AFTER_M: Final = 250.0
-"""How far the EMV's way counts beyond the site."""
+"""Length of the EMV's way beyond the site around which background traffic starts."""
 BACKGROUND_SPACING_M: Final = 40.0
 """Lane length that background traffic needs, per vehicle; with less near the EMV's way the whole map is used."""
 _STAGE_AHEAD_M: Final = 35.0
-"""…and off this stretch ahead of the foremost vehicle of the groups."""
+"""Stretch ahead of the foremost vehicle of the groups on which no background traffic starts."""
 RESERVE_FACTOR: Final = 4.0
 """Replacement vehicles in reserve, per civilian of the volume."""
 _PEOPLE_RESERVE_FACTOR: Final = 10.0
@@ -110,7 +110,7 @@ _PEOPLE_RESERVE_FACTOR: Final = 10.0
 _DEPART_SPEED_SHARE: Final = 0.7
 """Speed at the first placement, as a share of the wished speed."""
 _COMFORTABLE_DECEL_MPS2: Final = 2.5
-"""With which a vehicle that has just been placed must be able to stop."""
+"""Deceleration with which a vehicle that has just been placed must be able to stop."""
 
 
 @dataclass
@@ -123,7 +123,7 @@ class _Planner:
     _factory: VehicleFactory
     _traffic: TrafficDrivers
     _lane_chances: dict[tuple[int, ...], Floats] = field(default_factory=dict)
-    """For ``drawn``, by the lanes."""
+    """Cumulative chances of the lanes that ``drawn`` uses, by these lanes."""
 
     @property
     def _start(self) -> EmvStart:
@@ -188,7 +188,10 @@ class _Planner:
         return {ActorClass.BICYCLE: people.cyclists, ActorClass.MOTORCYCLE: people.motorcycles}
 
     def _riders(self, stage: Sequence[LaneInterval]) -> tuple[PlannedVehicle, ...]:
-        """Cyclists and motorcyclists near the EMV's way, more than enter at once; none before the stage's vehicles."""
+        """Plans cyclists and motorcyclists near the EMV's way, with a reserve.
+
+        None starts where the groups and EMVs start.
+        """
         near, spares = self._around_way, 1.0 + _PEOPLE_RESERVE_FACTOR
         stage = [replace(area, to_m=self._network.lanes[area.lane].length_m) for area in stage]
         lanes = {ActorClass.MOTORCYCLE: near, ActorClass.BICYCLE: self._cycled(near)}
@@ -203,7 +206,7 @@ class _Planner:
         )
 
     def _cycled(self, near: Sequence[Lane]) -> list[Lane]:
-        """The cycle lanes of some lanes' edges, and the rightmost driving lanes where there are none.
+        """The cycle lanes of some lanes' edges, and the rightmost driving lanes of edges without any.
 
         Not on the way to the site: cyclists would stand ahead of its queue, and do not make way.
         """
@@ -215,7 +218,7 @@ class _Planner:
         return lanes or list(near)
 
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
-        """When the signal of the EMV's movement, or at the end of its road, turns red, and whose green comes then."""
+        """Plans when the signal on the EMV's way turns red, and which movements get green then."""
         demand, site = self._template.signal, self._site
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
         if demand is None or movement is None or movement.signal_id is None or not movement.alternates:
@@ -223,7 +226,7 @@ class _Planner:
         red_from_s = self._arrival_s(site.stretch[-1]) - demand.red_before_arrival_s
         ways = (self._network.connections[index] for index in groups.crossing)
         bound = [way for way in ways if way.signal_id == movement.signal_id]
-        # Where left turns are green first, most of the crossing queue still waits: the others count.
+        # Where left turns get green first, most of the crossing queue still waits, so the other movements count.
         straight = [way for way in bound if way.direction == "s"]
         crossing = tuple(way.signal_link for way in straight or bound)
         streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
@@ -233,7 +236,7 @@ class _Planner:
         return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, names, emv="emv0")
 
     def _too_near_to_stop_s(self, vehicles: Sequence[PlannedVehicle]) -> list[float]:
-        """When those pass the stop line who start so near to it that they would brake hard before a red."""
+        """Times at which vehicles pass the stop line that start too near to it to stop gently for a red."""
         times_s, route, end = [], self._start.route, self._site.stretch[-1]
         for vehicle in vehicles:
             spot, edge = vehicle.spot, self._network.lanes[vehicle.spot.lane].edge
@@ -245,11 +248,11 @@ class _Planner:
         return times_s
 
     def _arrival_s(self, edge: int) -> float:
-        """When the first EMV would come unhindered to the end of an edge of its way."""
+        """Time at which the first EMV would reach the end of an edge of its way on a free road."""
         return arrival_s(self._network, self._site, self._start, edge, self._template.emv)
 
     def _crossing(self, placed: Sequence[PlannedVehicle]) -> tuple[list[EmvStart], str]:
-        """Starts of the EMVs that cross the first one's way, and the junction where they do."""
+        """Places the EMVs that cross the first one's way, and names the junction where they cross."""
         emv = self._template.emv
         if not emv.crossing:
             return [], ""
@@ -264,11 +267,11 @@ class _Planner:
 
     @property
     def _crossing_groups(self) -> tuple[str, ...]:
-        """How names of vehicles in crossing groups begin."""
+        """The beginnings of the names of vehicles in crossing groups."""
         return tuple(g.name for g in self._template.demand.groups if g.placement is Placement.CROSSING)
 
     def _without_queues_before(self, crossing: Sequence[EmvStart], groups: GroupPlan) -> GroupPlan:
-        """The groups without crossing ones in the lanes of EMVs that cross: they would wait behind them."""
+        """The groups without the crossing ones that would stand in front of EMVs from a side street."""
         lanes = {lane for start in crossing for lane in start.lanes_to_site}
         kept = (v for v in groups.vehicles if v.spot.lane not in lanes or not v.name.startswith(self._crossing_groups))
         return replace(groups, vehicles=tuple(kept))
@@ -291,7 +294,7 @@ class _Planner:
         return tuple(emvs)
 
     def _stage(self, groups: GroupPlan, crossing: Sequence[EmvStart]) -> tuple[LaneInterval, ...]:
-        """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle, and the crossing rows.
+        """The stretches that background vehicles leave free at the start: around EMVs, groups and crossing rows.
 
         Around EMVs that cross it is the road from behind to ahead of each.
         """
@@ -311,7 +314,7 @@ class _Planner:
         return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
 
     def _sharing_junction_paths(self, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
-        """The junction paths that begin or end with one of the stage: vehicles that turn off there are ahead too."""
+        """Junction paths that share an end with the stage: vehicles that turn off there are ahead of the EMV, too."""
         network = self._network
         ways = [way for area in stage for way in network.connections_over.get(area.lane, ())]
         leaving = [movement for way in ways for movement in network.connections_from.get(way.from_lane, ())]
@@ -320,7 +323,7 @@ class _Planner:
         return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
 
     def _way_to_site(self) -> tuple[LaneInterval, ...]:
-        """The EMV's lanes up to the stop line, where the template wants nobody there but vehicles that drive."""
+        """The EMV's lanes up to the stop line, which must be free of standing vehicles if the template asks for it."""
         blocked = any(group.placement is Placement.EMV_LANE for group in self._template.demand.groups)
         if self._site.junction is None or blocked:
             return ()
@@ -337,7 +340,9 @@ class _Planner:
         disjoint: bool,
         kind: ActorClass | None = None,
     ) -> tuple[PlannedVehicle, ...]:
-        """Vehicles at random places of lanes off some stretches; where ``disjoint``, at a distance from each other.
+        """Plans vehicles at random places of lanes outside some stretches.
+
+        With ``disjoint`` they keep a distance from each other.
 
         Their class is drawn from the template's shares, unless it is given.
         """
@@ -363,7 +368,7 @@ class _Planner:
         return tuple(vehicles)
 
     def _safe_mps(self, lane: Lane, front_m: float, route: Sequence[str]) -> float:
-        """The largest speed of a vehicle that is put on a lane.
+        """The largest safe speed of a vehicle that is put on a lane.
 
         It can still stop before the lane's end, or behind another one at the least gap. Out of town it goes on beyond
         the lane's end, and can brake for the bends ahead.
@@ -388,7 +393,7 @@ class _Planner:
         return lanes
 
     def _lanes_within(self, distance_m: float, beyond_m: float | None = None) -> list[Lane]:
-        """Those of them whose middle is within a distance of the EMV's way to the site and beyond."""
+        """The driving lanes with their middle within a distance of the EMV's way, to the site and beyond."""
         after_m = NEIGHBOURHOOD_AFTER_M if beyond_m is None else beyond_m
         around = LineString(self._way_points(after_m)).buffer(distance_m)
         middles = np.array([lane.centre.at(0.5 * lane.length_m) for lane in self._leading_on])
@@ -475,7 +480,7 @@ def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle
 
 
 def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
-    """The way of a plan's AV, as ``way_of``."""
+    """The way of the AV in a plan, as ``way_of`` gives it."""
     return way_of(network, next(vehicle for vehicle in plan.groups if vehicle.name == plan.av))
 
 

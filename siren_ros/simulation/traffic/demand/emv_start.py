@@ -20,27 +20,28 @@ from siren_ros.simulation.scenario.scenario import EmvDemand, StartReference
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, chain_along
 from siren_ros.simulation.traffic.demand.vehicle_factory import VehicleFactory
 
-# No parameters: they say which places of a map serve a template, so that a site is the same in every study.
+# These are no parameters, because they decide which places of a map serve a template; a site must be the same in every
+# study.
 _ROUTE_TRIES: Final = 12
 _CREEP_MPS: Final = 1.0
 _LEAST_APPROACH_SHARE: Final = 0.6
-"""Of the template's distance to the stop line, the least that is left where the EMV starts after a junction."""
+"""Least share of the template's distance to the stop line that remains if the EMV starts after a junction."""
 ENTRY_M: Final = 8.0
-"""Road behind an EMV's front at the very beginning of its approach: its own length."""
+"""Road behind an EMV's front at the very beginning of its approach, for its own length."""
 _RUN_UP_M: Final = 20.0
-"""Road before a junction that an EMV has at its start: it does not begin at a stop line at full speed."""
+"""Road before a junction at the EMV's start, because it cannot begin at a stop line at full speed."""
 _LEAST_PACE: Final = 0.75
 """Least mean speed on a good way to the site, as a share of the target speed: no sharp bends."""
 _LEAST_QUIET_M: Final = 60.0
-"""Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
+"""Length of a way without junctions that is enough before a single conflict point: 4 s at 50 km/h."""
 ONTO_SHOULDER_M: Final = 40.0
-"""Way on which the EMV changes to the shoulder behind a queue, from its start or the junction before on."""
+"""Length of the way on which the EMV changes to the shoulder behind a queue."""
 SHORT_QUEUE_M: Final = 50.0
-"""Length that a queue next to a shoulder has even where that way is missing."""
+"""Length that a queue next to a shoulder gets even where that way is missing."""
 _LEAST_QUEUE_M: Final = 15.0
-"""Road between the junction before and the stop line that holds two cars that wait at the line."""
+"""Least road between the previous junction and the stop line: two cars can wait on it."""
 _LEAST_EXIT_M: Final = 100.0
-"""Road behind the site without which the EMV soon stands at the end of its route: 7 s at 50 km/h."""
+"""Least road behind the site. With less the EMV soon stands at the end of its route: 7 s at 50 km/h."""
 LITTLE_BEHIND: Final = "hardly any road behind it"
 _CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
@@ -83,7 +84,10 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
 
 
 def _quiet_start(network: RoadNetwork, site: Site, emv: EmvDemand) -> float | None:
-    """The start relative to the stop line after the junction before; None where the road from there is too short."""
+    """Where the start after the previous junction is, relative to the stop line.
+
+    None where the road from there is too short.
+    """
     quiet_m = quiet_reach_m(network, travel_lane(network, site).index, -emv.start_m) - ENTRY_M
     needed_m = -_LEAST_APPROACH_SHARE * emv.start_m
     if site.kind in _CONFLICT_POINTS:
@@ -92,7 +96,10 @@ def _quiet_start(network: RoadNetwork, site: Site, emv: EmvDemand) -> float | No
 
 
 def travel_lane(network: RoadNetwork, site: Site) -> Lane:
-    """The site's approach lane; where that is a shoulder, the driving lane beside it: nobody arrives on a shoulder."""
+    """The site's approach lane.
+
+    Where that is a shoulder, it is the driving lane next to it, because nobody arrives on a shoulder.
+    """
     lane = network.lanes[site.approach_lane]
     if lane.kind is not LaneKind.SHOULDER:
         return lane
@@ -153,13 +160,13 @@ def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand) 
 
 
 def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> float:
-    """The template's speed at the start, or the one that the bends ahead allow there."""
+    """The template's speed at the start, or a lower one if the bends ahead require it."""
     _, speed = _speeds_mps(network, start, emv)
     return float(speed[0]) if len(speed) else emv.depart_speed_mps
 
 
 _EMV_QUEUE_BRAKE_MPS2: Final = 2.5
-"""With which it can stop behind vehicles that stand ahead of it at its start."""
+"""Deceleration with which an EMV can stop behind vehicles that stand ahead of it at its start."""
 _EMV_QUEUE_GAP_M: Final = 4.0
 """The gap that it leaves to them."""
 
@@ -181,11 +188,11 @@ def behind_queue_mps(network: RoadNetwork, start: EmvStart, standing: Sequence[P
 
 
 EMV_ACCEL_MPS2: Final = 2.0
-"""With which an EMV comes to its target speed, for the time of its unhindered arrival."""
+"""Acceleration with which an EMV comes to its target speed, in the estimate of its arrival."""
 _EMV_BRAKE_MPS2: Final = 3.5
-"""With which it brakes before bends, for the same."""
+"""Deceleration of an EMV before bends, in the same estimate."""
 _EMV_LATERAL_ACCEL_MPS2: Final = 3.0
-"""With which it drives through bends, for the same."""
+"""Lateral acceleration of an EMV in bends, in the same estimate."""
 
 
 def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> tuple[float, Floats]:
@@ -208,7 +215,7 @@ class Approach(NamedTuple):
     """0 is best. 1: a way with junctions, or before a turn on a shoulder without space for a queue and the way onto
     the shoulder. 2: sharp bends, no space for a queue, or hardly any road behind the site."""
     flaw: str = ""
-    """What it lacks; empty for rank 0."""
+    """What the approach lacks; empty for rank 0."""
 
 
 def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
@@ -247,12 +254,12 @@ def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
 def long_enough_route(
     factory: VehicleFactory, route: tuple[int, ...], site: Site, needed_m: float, rng: np.random.Generator
 ) -> tuple[int, ...]:
-    """The route, with another way on after the site where it would leave the map too early.
+    """The route; where it would leave the map too early, with another way on after the site.
 
     Of the ways on, those that keep most of the route come first; where none is long enough, the
     longest way found is taken.
     """
-    # The stretch makes the interaction, and beyond a junction the edge that the EMV's movement leads to.
+    # The stretch makes the interaction; at a junction the edge after the EMV's movement belongs to it, too.
     needed = (site.site_edge, *site.stretch, *(() if site.junction is None else site.beyond[:1]))
     kept_at_least = max(route.index(edge) for edge in needed if edge in route) + 1
     best, best_m = route, factory.length_m(route)

@@ -1,4 +1,4 @@
-"""Starts of the EMVs besides the first: those behind it on its way, and those that cross it."""
+"""Places the EMVs other than the first: those behind it on its way, and those that cross it."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -26,11 +26,11 @@ from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 _NO_CROSSING: Final = "a side street at its junction with enough road for another EMV (emv.crossing is above 0)"
 _NEXT_WAY_S: Final = 2.0
 _MOST_OFF_S: Final = 5.0
-"""An EMV that would come to the junction this much too early or late does not meet the first one there."""
+"""Largest difference between the arrivals at the junction with which the two EMVs still meet there."""
 
 
 def following_starts(network: RoadNetwork, site: Site, emv: EmvDemand, headway_m: float) -> list[EmvStart]:
-    """The starts of all EMVs on one route, the foremost first; the approach is prolonged as far as they need it.
+    """The starts of all EMVs on one route, the foremost first. The approach is made longer as far as they need it.
 
     Raises:
         MapError: the map has no road that leads to the approach and is long enough.
@@ -47,7 +47,7 @@ def following_starts(network: RoadNetwork, site: Site, emv: EmvDemand, headway_m
 
 
 def prolonged(network: RoadNetwork, site: Site, approach_m: float) -> Site:
-    """The site with a route that begins at least so far before its edge, where roads lead there."""
+    """The site with a route that begins at least this far before its edge, where roads lead there."""
     graph = EdgeGraph.of(network)
     missing_m = approach_m - graph.route_length_m(site.route[: site.site_position])
     before = way_back(graph, site.route[: site.site_position + 1], missing_m)
@@ -58,7 +58,7 @@ def arrival_s(network: RoadNetwork, site: Site, start: EmvStart, edge: int, emv:
     """Time from step 0 to the end of an edge of the way through a site, on a free road."""
     route = start.route
     last = route.index(edge)
-    # An EMV that starts behind the site's edge may come back to it on a long way.
+    # On a long way, an EMV that starts behind the site's edge may come back to it.
     reached = route.index(site.site_edge) if site.site_edge in route[: last + 1] else 0
     further = route[reached + 1 : last + 1]
     way_m = sum(driving_lanes(network, beyond)[-1].length_m for beyond in further)
@@ -66,7 +66,7 @@ def arrival_s(network: RoadNetwork, site: Site, start: EmvStart, edge: int, emv:
 
 
 def crossing_ways(network: RoadNetwork, site: Site, start: EmvStart) -> tuple[tuple[Site, ...], int]:
-    """Where another EMV can cross the first one's way, best first, and the edge at whose end that is.
+    """Ways on which another EMV can cross the first one's way, best first, and the edge at the end of which they cross.
 
     It is at the site's junction, or for a road at the first junction behind it that has a side street.
 
@@ -139,7 +139,7 @@ def crossing_start(
 
 
 def _starts_back(network: RoadNetwork, site: Site) -> Iterator[EmvStart]:
-    """Starts before a stop line, farther and farther back, as far as the approach reaches."""
+    """Starts before a stop line, each farther back than the one before, as far as the approach reaches."""
     line_m = network.lanes[site.approach_lane].length_m
     with suppress(MapError):
         for before_m in count(EMV_CLEARANCE_M):
@@ -147,6 +147,6 @@ def _starts_back(network: RoadNetwork, site: Site) -> Iterator[EmvStart]:
 
 
 def _is_clear(start: EmvStart, placed: Sequence[PlannedVehicle]) -> bool:
-    """Whether nobody stands in the start's lane, up to a clearance ahead and behind."""
+    """Whether the start's lane is free of vehicles, up to a clearance ahead and behind."""
     near = (vehicle for vehicle in placed if vehicle.spot.lane == start.lane)
     return all(abs(vehicle.spot.front_m - start.front_m) > 2.0 * EMV_CLEARANCE_M for vehicle in near)

@@ -37,34 +37,34 @@ from siren_ros.simulation.traffic.demand.plan import (
 )
 from siren_ros.simulation.traffic.demand.vehicle_factory import LONG_VEHICLE_M, Shares, VehicleFactory
 
-# No parameters: the templates are laid out with these lengths, and their own values vary around them.
+# These are no parameters: the templates are designed for these lengths, and vary their own values around them.
 _FOLLOWING_M: Final = 6.0
-"""By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
+"""Length by which a stream starts nearer to the EMV if the EMV follows it than if the EMV drives up to it."""
 _INSIDE_M: Final = 8.0
-"""Length of a car and a margin: with its rear this far before the junction's end as the EMV comes to the line, it is
-inside."""
+"""Length of a car plus a margin. A car whose rear is this far before the junction's end is inside when the EMV comes to
+the line."""
 _IN_TURN_M: Final = 8.0
-"""By how much farther back every other queue at a stop sign begins. Drivers who stop and go then drive by turns from
-the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
+"""Length by which every other queue at a stop sign begins farther back. Drivers who stop and go then drive by turns
+from the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
 _OVERTAKEN: Final = 1.0 / 3.0
-"""Part of the EMV's way to the stop line on which those start who drive next to it: at 30 km/h instead of 50 they do
-not come to a queue at red before the EMV has passed them, and change into its lane."""
+"""Share of the EMV's way to the stop line on which vehicles next to it start. At 30 km/h instead of 50 they do not come
+to a queue at red before the EMV has passed them, and change into its lane."""
 LATERAL_MPS2: Final = 3.0
 BRAKE_MPS2: Final = 1.5
-"""With which traffic drives through bends and brakes before them (``traffic/sumo/driving_corrections.py``)."""
+"""Deceleration of traffic before bends and in them (``traffic/sumo/driving_corrections.py``)."""
 CROSSING_REACH_M: Final = 120.0
-"""How far back from the stop line crossing traffic may be placed."""
+"""Largest distance from the stop line at which crossing traffic is placed."""
 
 
 @dataclass(frozen=True)
 class GroupRow:
-    """One row: consecutive lanes, and where on them vehicles may be put."""
+    """A row of consecutive lanes, and the stretch of them on which vehicles may be put."""
 
     chain: LaneChain
     edges: tuple[int, ...]
-    """Edges of the chain's lanes and those that its vehicles drive on to."""
+    """Edges of the chain's lanes, and those on which its vehicles drive on."""
     anchor_m: float
-    """Place on the chain from which the first gap counts."""
+    """Place on the chain from which the first gap is counted."""
     forwards: bool
     """Whether the row grows in driving direction."""
     least_m: float = 0.0
@@ -99,10 +99,11 @@ def group_rows(
     approach = travel_lane(network, site)
     lanes = _chosen(network, approach, site.site_edge, group.placement, same)
     if group.optional:
-        lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane
+        # On a road with one lane the EMV could not pass.
+        lanes = [lane for lane in lanes if lane.index != approach.index]
     rows = [_approach_row(network, site, start, lane) for lane in lanes]
     if group.standing and group.placement is not Placement.EMV_LANE:
-        # A lane that branches off from the EMV's on the way may be the one that the EMV takes.
+        # A lane that branches off from the EMV's lane may be the one that the EMV takes.
         rows = [row for row in rows if not set(row.chain.lanes) & set(start.lanes_to_site)]
     if group.anchor is GroupAnchor.STOP_LINE:
         return rows
@@ -110,7 +111,7 @@ def group_rows(
     if group.anchor is GroupAnchor.EMV:
         most_m = (_OVERTAKEN - 1.0) * way_m if group.placement is Placement.SAME_DIRECTION else math.inf
         anchors_m = [row.anchor_m - way_m for row in rows]
-    else:  # beyond the stop line a stream would only hold up its own vehicles that come after
+    else:  # beyond the stop line a stream would only hold up vehicles of its own that follow
         most_m = 0.0
         early_m = 0.0 if group.optional else max(group.first_gap_m - _inside_m(network, site), 0.0)
         anchors_m = [_together_m(network, row, start, group.speed_mps, arrival_s, early_m) for row in rows]
@@ -121,7 +122,7 @@ def group_rows(
 
 
 def _inside_m(network: RoadNetwork, site: Site) -> float:
-    """How far beyond the stop line the rear of a vehicle may be that is still inside the junction."""
+    """How far beyond the stop line a vehicle's rear may be while the vehicle is still inside the junction."""
     return max(network.length_m(network.connections[way].via) for way in site.connections) - _INSIDE_M
 
 
@@ -189,7 +190,7 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
     rows = []
     approaches = list(dict.fromkeys(network.lanes[lane].edge for lane in ways))
     for lane, movements in ways.items():
-        # Who leaves the map right behind the junction is gone before the EMV's eyes.
+        # A vehicle that leaves the map right behind the junction would disappear in view of the EMV.
         choices = [index for index in movements if _leads_on(network, network.connections[index].to_lane)] or movements
         movement = choices[int(rng.integers(len(choices)))]
         lanes: tuple[int, ...] = (lane,)
@@ -237,17 +238,17 @@ def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
     return min(free, key=lambda connection: connection.direction != "s", default=None)
 
 
-# No parameters: as above.
+# These are no parameters, for the same reason as above.
 _SEARCH_STEP_M: Final = 1.0
 _LEAST_PLACED_SHARE: Final = 0.6
 """Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or
 arrives together with the EMV."""
 _LEAST_QUEUE: Final = 3
-"""Vehicles that are a queue, however many there should be."""
+"""Least number of vehicles that counts as a queue, however many the template asks for."""
 _THROUGH_M: Final = 60.0
 """Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
 _WITH_EMV: Final = frozenset({Placement.SAME_DIRECTION, Placement.EMV_LANE})
-"""Vehicles there drive over the site as the EMV does."""
+"""Placements whose vehicles drive over the site as the EMV does."""
 _WHERE: Final = {
     Placement.EMV_LANE: "in the EMV's lane",
     Placement.ADJACENT_LANE: "in the lane next to it",
@@ -265,15 +266,15 @@ class GroupPlan:
 
     vehicles: tuple[PlannedVehicle, ...]
     foremost_m: float
-    """Place of the foremost front on the EMV's way, from the beginning of its first lane; 0 without one."""
+    """Place of the foremost vehicle's front on the EMV's way, from the beginning of its first lane; 0 without one."""
     crossing_stage: tuple[LaneInterval, ...]
-    """Lanes of the crossing rows, off the EMV's way."""
+    """Lanes of the crossing rows, which are not on the EMV's way."""
     crossing: tuple[int, ...] = ()
     """Indices of the movements of the vehicles in crossing rows."""
     on_top: int = 0
     """Number of vehicles that are not counted in the background volume."""
     heads: tuple[str, ...] = ()
-    """The foremost vehicle of each row of the groups in every lane."""
+    """Name of the foremost vehicle of each row in the groups that fill every lane."""
 
 
 def plan_groups(
@@ -285,7 +286,7 @@ def plan_groups(
     factory: VehicleFactory,
     traffic: TrafficDrivers,
 ) -> GroupPlan:
-    """Place the groups of a template.
+    """Places the groups of a template.
 
     A row that is too short for all of its vehicles gets fewer; the background traffic gets more in turn. A group is
     left out where the site has no lane for it.
@@ -347,12 +348,12 @@ ROUTE_SPEED_MPS: Final = 16.0
 
 
 def route_length_m(template: Template) -> float:
-    """Length of civilians' routes, for warm-up and episode."""
+    """Length of civilians' routes that lasts for warm-up and episode."""
     return ROUTE_SPEED_MPS * (template.warm_up_s + template.duration_s + ROUTE_SLACK_S)
 
 
 STAGE_BEHIND_M: Final = 25.0
-"""Background traffic is kept off this stretch behind the rearmost EMV at the start…"""
+"""Stretch behind the rearmost EMV at the start on which no background traffic starts."""
 
 
 @dataclass
@@ -390,9 +391,9 @@ class _GroupPlanner:
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
         driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
         limit = self.network.lanes[lane].speed_limit_mps
-        if group.anchor is GroupAnchor.ARRIVAL:  # a stream that slow drivers hold up would come too late
+        if group.anchor is GroupAnchor.ARRIVAL:  # slow drivers would delay a stream, which would then come too late
             driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))
-        if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold it up
+        if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold up the EMV
             driver = replace(driver, speed_gain_eagerness=0.0)
         speed = min(speed, driver.speed_factor * limit)
         route = self.factory.draw_route(edges, route_length_m(self.template), rng, lane, actor_class)
@@ -400,7 +401,7 @@ class _GroupPlanner:
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 
     def _classes(self, group: DemandGroup, row: GroupRow) -> Shares:
-        """Classes to draw from.
+        """The vehicle classes from which a group's vehicles in a row are drawn.
 
         A stream next to the EMV has no vehicles that must turn off right after the site: on the way to their lane they
         would change in front of the EMV and delay it. Nor has the EMV's lane: they would not lead it over the junction.
@@ -417,7 +418,7 @@ class _GroupPlanner:
         return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares
 
     def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
-        """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage."""
+        """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage, so that they stay free."""
         for row in rows:
             line_m = row.chain.end_m
             rear_m, _ = self._reached_m.get((row.chain.lanes, row.forwards), (line_m, line_m))

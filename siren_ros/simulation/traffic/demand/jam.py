@@ -1,4 +1,4 @@
-"""The head of a jam: the foremost vehicle of each lane stands, or stops and goes, whatever is ahead of it."""
+"""The head of a jam: the foremost vehicle of each lane stands, or stops and goes, although the road ahead is free."""
 
 import math
 from dataclasses import dataclass
@@ -8,21 +8,21 @@ from siren_ros.base.numerics.units import STEP_S
 
 @dataclass(frozen=True)
 class JamHead:
-    """Which vehicles the cause of a jam holds up, and how they go on behind it."""
+    """How the cause of a jam holds up the foremost vehicles, and how they move."""
 
     names: tuple[str, ...]
     moves: bool
-    """Whether they go on after their first stop."""
+    """Whether the vehicles go on after their first stop."""
     roll_s: float
-    """Time for which they roll, from step 0 on…"""
+    """Time for which the vehicles roll, first from step 0 on."""
     roll_mps: float
     stand_s: float
-    """…and then stand, in turn."""
+    """Time for which they then stand; rolling and standing alternate."""
     until_s: float = math.inf
-    """When the cause of the jam is gone."""
+    """Time at which the cause of the jam ends."""
 
     def speed_mps(self, step: int) -> float:
-        """The speed that they wish for at a step; −1, SUMO's word for no order, once the cause is gone."""
+        """The speed that is ordered at a step. −1 is SUMO's code for no order; it holds after the cause has ended."""
         time_s = step * STEP_S
         if time_s >= self.until_s:
             return -1.0

@@ -1,4 +1,4 @@
-"""Plans people on foot: they start on sidewalks near the EMV's way and walk from one of them to the next."""
+"""Plans pedestrians, who start on sidewalks near the EMV's way and walk from one street to the next."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,9 +16,9 @@ from siren_ros.simulation.world.actors import ActorClass
 PACE_MPS: Final = TruncatedNormal(mean=1.34, std=0.26, minimum=0.7, maximum=2.0)
 """Free walking speeds (Weidmann 1993: 1.34 m/s with a standard deviation of 0.26 m/s)."""
 _GOALS: Final = 5
-"""Streets that somebody walks to, one after the other, where a way leads: more than an episode lasts."""
+"""Number of streets that a pedestrian walks to in turn, where a way leads: more than an episode lasts."""
 _ROOM_M: Final = 4.0
-"""Sidewalk for each one at least: on a map with few sidewalks fewer people walk."""
+"""Least length of sidewalk for each pedestrian, so that fewer walk on a map with few sidewalks."""
 _CLOTHES: Final = (
     (44, 52, 74),
     (122, 40, 44),
@@ -33,7 +33,7 @@ _CLOTHES: Final = (
 def plan_walkers(
     network: RoadNetwork, near: Sequence[Lane], count: int, spares: float, seed: int, factory: VehicleFactory
 ) -> tuple[tuple[PlannedWalker, ...], int]:
-    """People on the sidewalks beside some driving lanes, evenly along them, and how many of them walk at once.
+    """Plans pedestrians evenly on the sidewalks along some driving lanes, and how many of them walk at once.
 
     There are ``spares`` more for each of these.
 

@@ -26,7 +26,8 @@ CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
 PLACEMENT_GAP_M: Final = 9.0
 """Least gap between a vehicle's front and the rear of the next one at its first placement."""
 _FAST_GAP_S: Final = 2.0
-"""On roads out of town the same gap is at least this time at the limit: nobody can be put right before another."""
+"""Least time of the same gap at the speed limit out of town, because no vehicle can start right in front of a fast
+one."""
 
 
 def least_gap_m(limit_mps: float) -> float:
@@ -36,7 +37,7 @@ def least_gap_m(limit_mps: float) -> float:
 
 @dataclass(frozen=True)
 class ClassDriving:
-    """What a vehicle class can do and its drivers use in traffic."""
+    """What a vehicle class is able to do in traffic, and how much of it drivers use."""
 
     accel_mps2: float
     decel_mps2: float
@@ -113,7 +114,8 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         classes={
             member: _class_driving(classes.mapping(member.name.lower()))
             for member in VEHICLE_CLASSES
-            if member not in TWO_WHEELED or classes.has(member.name.lower())  # records of earlier episodes have none
+            # Older records have no pedestrians' or riders' classes.
+            if member not in TWO_WHEELED or classes.has(member.name.lower())
         },
     )
     classes.finish()
@@ -134,12 +136,12 @@ def _class_driving(section: StrictMapping) -> ClassDriving:
 
 @dataclass(frozen=True)
 class Spot:
-    """A place on a lane: where a vehicle's front bumper is put, and how fast it goes there."""
+    """A place on a lane for a vehicle's front bumper, with the speed there."""
 
     lane: int
     """Index into ``RoadNetwork.lanes``."""
     front_m: float
-    """Along the lane's centre line."""
+    """Distance of the front bumper along the lane's centre line."""
     speed_mps: float
 
 
@@ -159,33 +161,33 @@ class PlannedVehicle:
     spot: Spot
     is_emv: bool = False
     attentive: bool = True
-    """Whether the driver sees an EMV that comes across against a signal or sign."""
+    """Whether the driver sees an EMV that crosses against a signal or sign."""
     oncoming_share: float = 1.0
-    """Of the wished speed that the driver slows down to for an EMV that comes towards it; 1 for no reaction."""
+    """Share of the wished speed to which the driver slows down for an EMV from ahead; 1 for no reaction."""
     filters: bool = False
     """Whether a motorcyclist follows an EMV through the rescue lane."""
 
 
 @dataclass(frozen=True)
 class PlannedWalker:
-    """Somebody who walks: body, place of entry and where to go."""
+    """A pedestrian: body, place of entry and ways to go."""
 
     name: str
     length_m: float
     width_m: float
     height_m: float
     colour_rgb: tuple[int, int, int]
-    """Of the clothes."""
+    """Colour of the clothes."""
     speed_mps: float
     edge: str
     place_m: float
-    """Along the edge."""
+    """Distance of the place of entry along the edge."""
     goals: tuple[str, ...]
-    """Edges with a sidewalk, to be reached one after the other."""
+    """Edges with a sidewalk that the pedestrian walks to in turn."""
     notice_m: float = 0.0
-    """Distance at which they heed an EMV with a siren."""
+    """Distance at which the pedestrian responds to an EMV with a siren."""
     attentive: bool = True
-    """As of a driver."""
+    """Whether the pedestrian looks out for vehicles, as in ``PlannedVehicle``."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ class LaneInterval:
 
 
 RED_BEHIND_S: Final = 1.2
-"""From the stop line's crossing by the last vehicle of a platoon to the red. No parameter: a usual time."""
+"""Time from the last platoon vehicle's crossing of the stop line to the red. It is no parameter, but a usual time."""
 
 
 @dataclass(frozen=True)
@@ -211,11 +213,11 @@ class SignalTiming:
     red_from_s: float
     """Time from step 0 on at which the link's red begins; negative where it is red already."""
     crossing: tuple[int, ...] = ()
-    """Links of the movements that are to cross during this red. Where their green begins later, that counts."""
+    """Links of the movements that are to cross during this red. If their green begins later, the red is timed by it."""
     platoon: tuple[str, ...] = ()
-    """Vehicles for which the green lasts: it ends when a detector has seen the last of them (gap-out control)…"""
+    """Vehicles for which the green is extended. It ends when a detector has seen the last of them (gap-out control)."""
     emv: str = ""
-    """…or before this vehicle arrives."""
+    """Vehicle before whose arrival the green ends in any case."""
 
 
 @dataclass(frozen=True)
@@ -226,30 +228,30 @@ class TrafficPlan:
     groups: tuple[PlannedVehicle, ...]
     """Civilians placed around the EMV's start; with the EMVs they enter at step 0."""
     background: tuple[PlannedVehicle, ...]
-    """Civilians that enter before the warm-up."""
+    """Civilians that enter before the warm-up, around the groups."""
     reserve: tuple[PlannedVehicle, ...]
-    """Take the places of vehicles that leave, in this order where their spots are free."""
+    """Vehicles that replace those that leave, in this order, if their places are free."""
     stage: tuple[LaneInterval, ...]
-    """Where EMVs and groups start; cleared of background vehicles at step 0."""
+    """Stretches on which EMVs and groups start. Background vehicles are removed from them at step 0."""
     civilians: int
     """Number of civilians to keep in the network."""
     warm_up_steps: int
     response_distance_m: float
-    """Reach of the siren."""
+    """Distance at which drivers hear the siren."""
     signal: SignalTiming | None = None
-    """None where all signals run as the map says."""
+    """Timing of the signal on the EMV's way; None where all signals run as the map says."""
     crossed: str = ""
-    """Junction at which the last EMVs cross the way of the others; empty where none do."""
+    """Junction at which further EMVs cross the way of the first; empty where none does."""
     jam: JamHead | None = None
-    """None where nothing but traffic holds vehicles up."""
+    """What holds up the foremost vehicles; None where only traffic holds vehicles up."""
     duty: bool = False
     """Whether drivers open a rescue lane in slow traffic out of town."""
     riders: tuple[PlannedVehicle, ...] = ()
-    """Cyclists and motorcyclists: the first ones whose spots are free enter at step 0, others when one leaves."""
+    """Cyclists and motorcyclists. Those with free places enter at step 0, the others when one has left."""
     riders_kept: Mapping[ActorClass, int] = field(default_factory=dict)
-    """How many of each class to keep in the network."""
+    """Number of each class to keep in the network."""
     walkers: tuple[PlannedWalker, ...] = ()
-    """The first ``walkers_kept`` enter at step 0, others when one has arrived."""
+    """Pedestrians. The first ``walkers_kept`` enter at step 0, the others when one has arrived."""
     walkers_kept: int = 0
     traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
     """Parameters of all drivers."""
@@ -294,7 +296,7 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
 
 
 def with_emv_drivers(plan: TrafficPlan, sumo: SumoEmvDriver) -> TrafficPlan:
-    """The plan with those parameters of the EMVs' drivers that have a value."""
+    """The plan with the given values for the drivers of EMVs; values that are None change nothing."""
     given = {name: value for name, value in vars(sumo).items() if value is not None}
     driving = {name: given.pop(name) for name in ("accel_mps2", "decel_mps2", "min_gap_m") if name in given}
     emvs = tuple(

@@ -1,4 +1,4 @@
-"""Sizes of vehicles that vary within their class, where a study asks for it."""
+"""Varies the sizes of vehicles within their class, where a study asks for it."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +14,10 @@ WIDEST_M: Final = 2.55
 
 
 def largest(dimensions: Mapping[ActorClass, Dimensions], spread: float) -> dict[ActorClass, Dimensions]:
-    """The sizes for which traffic is planned, so that every drawn one has the room of the plan."""
+    """The largest sizes that can be drawn.
+
+    Traffic is planned for them, so that every drawn vehicle has enough space.
+    """
     more = 1.0 + spread
     return {kind: (more * length, more * width, more * height) for kind, (length, width, height) in dimensions.items()}
 

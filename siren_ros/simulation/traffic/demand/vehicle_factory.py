@@ -19,7 +19,7 @@ from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements
 from siren_ros.simulation.traffic.demand.plan import DriverModel, DriverPopulation, PlannedVehicle, Spot
 from siren_ros.simulation.world.actors import ActorClass
 
-# No parameter: a length of the measurement.
+# This is no parameter, but a length of the measurement.
 _BEND_M: Final = 6.0
 """Length over which the bend of a lane is measured: a wheelbase of the longest vehicles."""
 _TURNS: Final = frozenset({"l", "r", "t"})
@@ -28,7 +28,7 @@ _TURNS: Final = frozenset({"l", "r", "t"})
 
 @dataclass(frozen=True)
 class _Way:
-    """The way from an edge to a following one."""
+    """The ways from an edge to one following edge, taken together."""
 
     edge: int
     lanes: tuple[int, ...]
@@ -36,7 +36,7 @@ class _Way:
     turns: bool
     """Whether it is a turn, not the way straight on."""
     left: bool
-    """Whether that is a left turn."""
+    """Whether it is a left turn."""
     radius_m: float
     """Radius of the tightest bend, on the widest of the paths."""
 
@@ -47,14 +47,14 @@ go straight on where three lanes lead straight, left and right (typical value of
 _CAR_RADIUS_M: Final = 5.5
 """No vehicle takes a tighter bend than this where there is another way: the turning circle of cars."""
 LONG_VEHICLE_M: Final = 8.0
-"""Longer vehicles…"""
+"""Length from which a vehicle counts as long, so that it avoids tight bends."""
 LONG_VEHICLE_RADIUS_M: Final = 12.5
-"""…take no bend tighter than this: the centre of a turning lane that a 12 m bus follows without swinging out
+"""Least radius of bends for long vehicles: the centre of a turning lane that a 12 m bus follows without swinging out
 (Directive 97/27/EC: outer turning radius of 12.5 m at most)."""
 
 
 class RouteChooser:
-    """Draws routes; the ways from each edge are looked up once."""
+    """Draws routes at random. It looks up the ways from each edge only once."""
 
     def __init__(self, network: RoadNetwork, graph: EdgeGraph) -> None:
         self._network = network
@@ -67,7 +67,7 @@ class RouteChooser:
         self._endless = graph.endless_edges()
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:
-        """Whether a long vehicle that begins in a driving lane never comes to where all ways on are too tight for it.
+        """Whether a long vehicle can drive on from a lane without coming to where all ways are too tight for it.
 
         Other vehicles lead on from everywhere: what is too tight for them, they drive slowly.
         """
@@ -128,11 +128,14 @@ class RouteChooser:
         return tuple(route)
 
     def _lasts(self, edge: int, missing_m: float) -> bool:
-        """Whether a route can go on along an edge for as long as it is to last."""
+        """Whether a route over an edge can be as long as it has to be."""
         return edge in self._endless or self._graph.length_m[edge] >= missing_m
 
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
-        """The ways to choose from: wide enough and from the lane; where there is none, wide enough or from the lane."""
+        """The ways to choose from: those that are wide enough and start in the lane.
+
+        Without any, those that meet one condition.
+        """
         ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
         mine = tuple(way for way in ways if lane is None or lane in way.lanes)
         for wide in (self._wide_ways(edge, vehicle_m), tuple(way for way in ways if way.radius_m >= least_m)):
@@ -150,7 +153,7 @@ class RouteChooser:
         return tuple(way for way in wide if way.edge in self._lasting_edges(least_m))
 
     def _lasting_edges(self, least_m: float) -> frozenset[int]:
-        """Edges from which one can drive on for ever, or off the map, without a bend tighter than that."""
+        """Edges from which a vehicle can drive for ever or off the map without a tighter bend than a radius."""
         if least_m not in self._lasting:
             kept = set(range(len(self._graph.successors)))
             gone = {-1}
@@ -233,11 +236,11 @@ _LASTING_SHARE: Final = 0.5
 """Part of a route within which it leaves the map only where there is no other way: what is driven at 30 km/h. Who
 leaves the map earlier is gone before the EMV's eyes."""
 _EMV_TURN_WEIGHT: Final = 0.1
-"""The same of an EMV beyond the site: the fastest way to where it is called follows main roads."""
+"""Chance of a turn of an EMV beyond the site, defined as for civilians: the fastest way follows main roads."""
 
 
 class VehicleFactory:
-    """Draws vehicles for one network, population and table of dimensions."""
+    """Draws vehicles for one road network, driver population and table of dimensions."""
 
     def __init__(
         self,
@@ -266,7 +269,7 @@ class VehicleFactory:
     def suited_lanes(self, actor_class: ActorClass, lanes: tuple[int, ...]) -> tuple[int, ...]:
         """The lanes from which a vehicle of a class can drive on without bends too tight for it."""
         key = actor_class, lanes
-        if key not in self._suited:  # asked for every vehicle that is drawn, of the same lanes
+        if key not in self._suited:  # the same lanes are asked for again with every drawn vehicle
             length_m = self.size(actor_class)[0]
             self._suited[key] = tuple(lane for lane in lanes if self._routes.leads_on(lane, length_m))
         return self._suited[key]

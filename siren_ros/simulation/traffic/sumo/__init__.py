@@ -1,1 +1,1 @@
-"""Calls libsumo: reads vehicles and signals, sets what the episode needs, mirrors poses into SUMO."""
+"""All calls of libsumo: reading vehicles and signals, setting what the episode needs, moving mirrored vehicles."""

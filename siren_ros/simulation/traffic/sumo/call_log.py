@@ -1,4 +1,4 @@
-"""The calls of libsumo that a simulation makes, kept so that they can be made again alone: what SUMO itself costs."""
+"""Records the calls of libsumo that a simulation makes, so that a benchmark can repeat them and measure SUMO alone."""
 
 import shutil
 import time
@@ -23,7 +23,7 @@ class CallLog:
     """
 
     def __init__(self, folder: Path) -> None:
-        """``folder`` keeps copies of the files that SUMO is started with; they may be temporary."""
+        """Takes the folder for copies of the files with which SUMO is started, because they may be temporary."""
         self._folder = folder
         self._library: Any = wrapper._libsumo  # noqa: SLF001 - the compiled library, which its functions call by name
         self._calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
@@ -61,7 +61,7 @@ class CallLog:
         calls = [(getattr(self._library, name), *given, name == _STEP) for name, *given in self._calls]
         marks_s = []
         for function, arguments, named, is_step in calls:
-            with suppress(TraCIException):  # the simulation was answered so, too
+            with suppress(TraCIException):  # SUMO raised this error in the simulation, too
                 function(*arguments, **named)
             if is_step:
                 marks_s.append(clock_s())

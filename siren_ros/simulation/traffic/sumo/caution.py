@@ -48,14 +48,14 @@ from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.world.actors import TWO_WHEELED, Owner, rows_of_ids
 from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
 
-# No parameters: SUMO's codes.
+# These are no parameters, but codes of SUMO.
 _HARD_BRAKE_MODE: Final = 27
 """SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
 _FREE_MODE: Final = 31
 _SPACE_M: Final = 0.2
-"""Kept free on both sides of riders: in bends SUMO's lanes are not as far from each other as it takes them to be."""
+"""Free space on both sides of riders. In bends SUMO's lanes are closer to each other than SUMO assumes."""
 _LOOK_M: Final = 1.0
-"""How much farther than it takes to stop drivers look where they point."""
+"""Distance that drivers look ahead in the direction of their heading, beyond their stopping distance."""
 _BY_SUMO: Final = int(Owner.SUMO)
 _SPEED, _BRAKE, _FREE = range(3)
 """Columns of waits, as the fields of ``Wait``."""
@@ -66,7 +66,7 @@ _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 @dataclass(frozen=True)
 class Caution:
-    """What one driver of SUMO does at this step."""
+    """How one of SUMO's drivers has to wait at this step."""
 
     actor_id: int
     other_id: int
@@ -79,13 +79,13 @@ AMONG_THEMSELVES: Final = Margins(before_s=0.0, after_s=0.2, standoff_m=1.3)
 """Among themselves SUMO's drivers keep its own margins; only contact is avoided. The tail of a bus cuts a tight
 bend by 1.24 m, which its way along its lane does not show: who waits keeps this distance from it."""
 _MARGIN_M: Final = 0.2
-"""Added to each side of a vehicle that is driven from outside."""
+"""Margin that is added to each side of a vehicle that is driven from outside."""
 WAYS_AHEAD_S: Final = 4.0
-"""How far ahead the ways are looked at, at the present speeds…"""
+"""Time for which ways are predicted at the present speeds."""
 WAYS_MORE_M: Final = 12.0
-"""…with this much more…"""
+"""Length that is added to the predicted ways."""
 WAYS_FAR_M: Final = 70.0
-"""…and this much at most."""
+"""Greatest length of the predicted ways."""
 _SUMO_ACCEL_MPS2: Final = 2.0
 """Acceleration of SUMO's drivers."""
 ROLLING_MPS: Final = 0.3
@@ -109,7 +109,7 @@ def cautions(
     inattentive: Collection[int] = (),
     riders: Collection[int] = (),
 ) -> tuple[Caution, ...]:
-    """The waits of SUMO's drivers.
+    """Finds which of SUMO's drivers have to wait.
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
     junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
@@ -136,7 +136,7 @@ def cautions(
 
 
 def _flags(ids: Ids, members: Collection[int]) -> Flags:
-    """Which of the actors, sorted by id, are among some."""
+    """Flags of the actors that are members of a collection; both are sorted by id."""
     flags = np.zeros(len(ids), np.bool_)
     if members:
         rows = rows_of_ids(ids, np.array(sorted(members), np.uint32))
@@ -266,7 +266,7 @@ def _agree_on_entries(pairs: Rows, zones: Floats, inside: Flags) -> None:
 
 @compiled
 def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[float, float, float]:
-    """The wait for a body that leads on the same way: to be as slow as it before the way is used up."""
+    """The wait behind a body on the same way: the driver must be as slow as the body before the free way is used up."""
     free, closing = max(free_m, 0.0), max(speed_mps - lead_mps, 0.0)
     return lead_mps, closing * closing / (2.0 * max(free, LEAST_WAY_M)), free
 
@@ -349,7 +349,7 @@ MOST_BRAKE_MPS2: Final = 8.0
 
 
 class CautiousDrivers:
-    """The speeds that are imposed on SUMO's drivers."""
+    """Tells SUMO the speeds of drivers who have to wait."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._book, self._crossings = CourseBook(network), outlines_of(network)
@@ -363,7 +363,7 @@ class CautiousDrivers:
         people: Floats = NOBODY,
         scale_of: Callable[[int], float] = lambda _: 1.0,
     ) -> None:
-        """Impose speeds for SUMO's next step, and free those who need not wait any more.
+        """Sets speeds for SUMO's next step, and frees drivers who need not wait any more.
 
         ``traffic`` is the state before that step, None before the first one; ``vehicles`` are those in it by actor id,
         ``people`` those on foot.
@@ -382,7 +382,7 @@ class CautiousDrivers:
     def _drivers_of(
         self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
     ) -> tuple[Ids, Floats, Floats, list[int], list[int]]:
-        """Actors, half lengths, half widths, who is inattentive, and riders; as before for the same actors."""
+        """For the vehicles of a step: actors, half lengths, half widths, inattentive drivers, and riders."""
         if self._drivers is None or self._drivers[0] is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
             half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
@@ -399,7 +399,7 @@ class CautiousDrivers:
         people: Floats = NOBODY,
         scale_of: Callable[[int], float] = lambda _: 1.0,
     ) -> dict[str, tuple[int, float]]:
-        """Actor and SUMO's speed by the vehicle's name."""
+        """Actor and ordered speed of each driver who waits, by the vehicle's name."""
         _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
         outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
         speeds: dict[str, tuple[int, float]] = {}

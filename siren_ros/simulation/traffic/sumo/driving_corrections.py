@@ -24,12 +24,13 @@ from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, connection_
 from siren_ros.simulation.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
 
-# No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
+# These are no parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
 LATERAL_ACCEL_MPS2: Final = 3.0
-"""With which drivers take bends: the 85th percentile of drivers in urban turns is 2.5 to 3 m/s² (AASHTO, A Policy on
-Geometric Design, side friction at low speeds); the drivers of the behaviour model have the same limit."""
+"""Lateral acceleration of drivers in bends. The 85th percentile of drivers in urban turns is 2.5 to 3 m/s² (AASHTO, A
+Policy on Geometric Design, side friction at low speeds); the drivers of the behaviour model have the same limit."""
 _RIDERS_SHARE: Final = 0.8
-"""Of these speeds, with which riders take bends: a lean of 11 degrees in the lane's middle, of 15 at its outer edge."""
+"""Share of these speeds at which riders take bends: a lean of 11 degrees in the lane's middle, of 15 at its outer
+edge."""
 BRAKING_MPS2: Final = 1.5
 """With which they slow down before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
 _WISHED, _LENGTH, _SHARE = range(3)
@@ -41,14 +42,14 @@ _IN_BEND, _BEFORE_BEND = range(2)
 _PLACE, _BEND_SPEED = range(2)
 """Of each place that was passed."""
 _AHEAD_M: Final = 90.0
-"""How far ahead a bend counts: 16 m/s come down to walking speed within it."""
+"""Distance within which a bend ahead counts: 16 m/s come down to walking speed within it."""
 _EDGES_AHEAD: Final = 4
 _STEP_MPS: Final = 0.05
-"""A limit is told to SUMO when it has changed by this much."""
+"""Change of a limit from which SUMO is told the new one."""
 
 
 class _Rows:
-    """Where SUMO's vehicles were before."""
+    """The rows in which vehicles stood at the step before."""
 
     def __init__(self) -> None:
         self._names: list[str] = []
@@ -64,20 +65,20 @@ class _Rows:
 
 
 class _Profile(NamedTuple):
-    """Speeds at each metre of a lane."""
+    """The speeds that bends allow, at each metre of a lane."""
 
     first: int
-    """Where its speeds begin among those of all profiles."""
+    """Position of its first speed among those of all profiles."""
     samples: int
 
 
 _NO_PROFILE: Final = _Profile(0, 0)
 _MOST_PASSED: Final = 64
-"""Places with ascending speeds along a vehicle, which are at least a metre apart, or on lanes that are shorter."""
+"""Most places that are remembered along a vehicle; they are at least a metre apart, or on shorter lanes."""
 
 
 class _Profiles:
-    """The speed profiles of a map's lanes, each worked out once: a memory of pure results."""
+    """The speed profiles of a map's lanes, each computed once."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
@@ -93,7 +94,7 @@ class _Profiles:
     @staticmethod
     @lru_cache(maxsize=MAPS_KEPT)
     def of_map(network: RoadNetwork) -> "_Profiles":
-        """The profiles of a map; those of other episodes on it are among them."""
+        """The profiles of a map, including those that other episodes on it have computed."""
         return _Profiles(network)
 
     def of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
@@ -136,7 +137,7 @@ class _Profiles:
 
 
 def _ahead_m(lane: Lane) -> float:
-    """How far ahead of a lane's end a bend counts: as far as it takes to stop from its limit, where that is more."""
+    """How far beyond a lane's end bends count: at least the stopping distance from the lane's limit."""
     return max(_AHEAD_M, braking_distance_m(lane.speed_limit_mps * lane.speed_limit_mps, BRAKING_MPS2))
 
 
@@ -164,7 +165,7 @@ class BendLimits:
         self._limits_mps = np.empty(0)
 
     def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
-        """Set the limits for SUMO's next step; vehicles that are moved from outside have none."""
+        """Sets the limits for SUMO's next step. Vehicles that are moved from outside get none."""
         before = self._rows.follow(columns)
         if before is not None:
             self._follow(before, columns.names, vehicles)
@@ -270,12 +271,12 @@ def _slowest_held(passed: tuple[Floats, Rows], row: int, moved_m: float, bend_mp
     return places[0, _BEND_SPEED]
 
 
-# No parameter: smaller jumps are rounding.
+# This is no parameter: smaller jumps are rounding.
 _TOLERANCE_M: Final = 0.05
 
 
 class LaneContinuity:
-    """Remembers front bumpers of one step, and corrects the next one's where a lane change moved them."""
+    """Corrects the place of vehicles that jumped along the road when they changed lanes, by their last places."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
@@ -301,7 +302,7 @@ class LaneContinuity:
         self._lane_ids, self._fronts_m = columns.lane_ids, columns.numbers[:2]
 
     def _beside(self, before: str, now: str) -> bool:
-        """Whether two lanes, by their ids, are lanes of one edge."""
+        """Whether two lanes, by their ids, belong to one edge."""
         first, second = self._network.lane_by_id.get(before), self._network.lane_by_id.get(now)
         return first is not None and second is not None and first.edge == second.edge
 
@@ -318,17 +319,17 @@ class LaneContinuity:
         numbers[ALONG] = at_m * scale
 
 
-# No parameters: see above.
+# These are no parameters, for the reason above.
 SIDEWAYS_SHARE: Final = 0.3
-"""Lateral speed at most, as a share of the speed: a course 17° off the lane's."""
+"""Largest lateral speed as a share of the speed: a course 17° off the lane's direction."""
 _LEAST_MPS: Final = 1e-3
-"""SUMO divides by the lateral speed."""
+"""Least lateral speed, because SUMO divides by it."""
 _SIDEWAYS_STEP_MPS: Final = 0.1
 """Limits are multiples of this, so that they are seldom set."""
 
 
 class SidewaysLimits:
-    """The limits that are in force in SUMO."""
+    """Limits the lateral speed of SUMO's vehicles, so that they move sideways only as they drive."""
 
     def __init__(self) -> None:
         self._rows = _Rows()
@@ -364,11 +365,11 @@ _CYCLE_LANE_M: Final = 2.5
 """Greatest width of lanes in whose middle cyclists ride (RASt 06: cycle lanes have 1.5 to 2.25 m)."""
 _RIGHT: Final = "right"
 _FROM_EDGE_M: Final = 0.3
-"""Kept from the right edge of wider lanes: people who wait stand at the kerb."""
+"""Distance of cyclists from the right edge of wider lanes, because people who wait stand at the kerb."""
 
 
 class CyclistsSide:
-    """Which side of their lanes cyclists keep to in SUMO."""
+    """Tells SUMO on which side of their lanes cyclists ride."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._widths_m = [lane.width_m for lane in network.lanes]

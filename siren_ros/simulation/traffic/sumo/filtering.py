@@ -1,4 +1,4 @@
-"""Motorcyclists who filter: behind an EMV they ride through the rescue lane, past those who stand beside it.
+"""Motorcyclists who filter: they ride through the rescue lane behind an EMV, past vehicles that stand next to it.
 
 SUMO drives them: they keep to that edge of their lane at which the rescue lane is, so that others who keep to the other
 edge are beside them. Where somebody is too wide for that, they stay behind.
@@ -17,25 +17,27 @@ from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
 from siren_ros.simulation.traffic.sumo.population import MIRRORS_M
 from siren_ros.simulation.traffic.sumo.readings import ANGLE, SumoColumns, X, Y
 
-# No parameters: the share of those who filter is what studies vary.
+# These are no parameters: studies vary the share of those who filter.
 FASTEST_MPS: Final = 30.0 / 3.6
-"""Up to 30 km/h motorcyclists may filter where the law knows it (New South Wales, Road Rules 2014, 151A)."""
+"""Largest speed of motorcyclists who filter: 30 km/h, where the law permits it (New South Wales, Road Rules 2014,
+151A)."""
 KEEPS_M: Final = 12.0
-"""From front bumper to front bumper, behind an ambulance of 6 m that stands."""
+"""Distance between the front bumpers that a rider keeps behind an EMV: an ambulance of 6 m and a gap."""
 _HEADWAY_S: Final = 1.5
 WITHIN_M: Final = 250.0
-"""Behind an EMV; farther behind the rescue lane is for the next one. A vehicle moves sideways only while it drives: in
-stop-and-go traffic half a minute passes until one who stands has the space to leave the row."""
+"""Largest distance behind an EMV at which a rider filters; farther behind, the rescue lane is for the next EMV. A
+vehicle moves sideways only while it drives: in stop-and-go traffic half a minute passes until one who stands has the
+space to leave the row."""
 BESIDE_M: Final = (-10.0, 40.0)
-"""Others who wait are this far ahead at least and at most; riders who have come past them drive as everybody."""
+"""Least and greatest distance ahead at which waiting vehicles count. Riders who have come past them drive as usual."""
 NEXT_M: Final = 150.0
-"""Nobody begins or goes on to filter where another EMV comes up this near behind."""
+"""Distance behind a rider within which another EMV forbids filtering."""
 ROAD_M: Final = 15.0
-"""Farther aside is another road…"""
+"""Lateral distance beyond which a vehicle is on another road, on a straight road."""
 BEND: Final = 0.3
-"""…by this much more of the way ahead: 200 m ahead in a bend of 360 m radius."""
+"""Share of the distance ahead that is added to it in bends: enough 200 m ahead in a bend of 360 m radius."""
 _MARGIN_M: Final = 0.2
-"""Added to the width, which is over the mirrors already."""
+"""Margin that is added to a rider's width, which is measured over the mirrors."""
 _STEP_MPS: Final = 0.5
 """Speeds are multiples of this, so that they are seldom set."""
 
@@ -69,7 +71,7 @@ def filter_speeds_mps(riders: Floats, emvs: Floats) -> Floats:
 
 
 class FilteringRiders:
-    """Tells SUMO how wide and how fast those are who filter."""
+    """Tells SUMO the width and the speed of riders who filter."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._limit_mps = np.array([lane.speed_limit_mps for lane in network.lanes])
@@ -85,7 +87,7 @@ class FilteringRiders:
     def apply(
         self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], slow: Flags, emvs: Sequence[str]
     ) -> Flags:
-        """Who filters in SUMO's next step, of those who keep to a side in slow traffic (``slow``)."""
+        """Decides who filters in SUMO's next step, among riders who keep to a side in slow traffic (``slow``)."""
         rides = columns.which([name for name, vehicle in vehicles.items() if vehicle.filters])
         rows = np.flatnonzero(rides & slow & self._beside[np.where(columns.lane == NO_LANE, -1, columns.lane)])
         poses = columns.numbers[[X, Y, ANGLE]]

@@ -1,4 +1,4 @@
-"""Where the road begins: people on no crossing are kept off it."""
+"""Keeps pedestrians off the road where they are on no crossing."""
 
 from typing import Final
 
@@ -11,22 +11,22 @@ from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 
 _DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.CYCLE, LaneKind.SHOULDER})
 _FROM_KERB_M: Final = 0.45
-"""Least distance from the middle of somebody to the road: half a body and the mirrors of vehicles."""
+"""Least distance from a person's middle to the road: half a body and the mirrors of vehicles."""
 _STEPS_OUT_M: Final = 0.9
-"""Those who walk into the road, and are farther inside, walk across it: half a step more than it takes to wait with
-the toes on the kerb."""
+"""Depth on the road from which a person who walks into it counts as crossing: half a step more than it takes to wait at
+the kerb."""
 _ALONG_M: Final = 3.2
-"""The same of those who walk along it: where a sidewalk leads around a junction, it lies on a lane of the road."""
+"""The same depth for a person who walks along the road: around a junction a sidewalk may lie on a lane of the road."""
 _INTO: Final = 0.7
 """Sine of the angle to the kerb from which people walk into the road (45°)."""
 _KERB_SPACING_M: Final = 0.5
 """Longest piece of the line along which people are kept."""
 _KERB_AHEAD_M: Final = 1.3
-"""How far ahead the road begins for those who wait at the kerb."""
+"""Distance within which the road begins ahead of a person who waits at the kerb."""
 
 
 class Kerbs:
-    """Keeps people who are on no crossing a step away from where vehicles drive: SUMO's stand and walk on its edge."""
+    """Keeps pedestrians who are on no crossing away from the road; SUMO lets them stand and walk on its edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
         from scipy.spatial import cKDTree  # noqa: PLC0415 - loads slowly, and traffic without people does not need it
@@ -47,7 +47,9 @@ class Kerbs:
         self._middles = cKDTree(self._from_m + 0.5 * self._along_m)
 
     def keep_off(self, poses: Floats, crossing: Flags) -> None:
-        """Move those on the road and on no crossing to its edge, where it is near; the others cross, too, from now on.
+        """Moves people who are on the road but on no crossing to its edge, if it is near.
+
+        The others count as crossing from now on.
 
         Where a sidewalk leads across the mouth of a side street, people cross without a crossing. ``poses`` are x, y
         and yaw first, shape ``(3 or more, N)``.

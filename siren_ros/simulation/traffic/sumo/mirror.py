@@ -29,13 +29,13 @@ _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
 @dataclass(frozen=True)
 class LaneMatch:
-    """Where a point is on the road."""
+    """The lane on which a point lies, and where on it."""
 
     lane: int
     """Index into ``RoadNetwork.lanes``; −1 off the route's lanes."""
     position_m: float
     lateral_m: float
-    """From the centre line, left positive."""
+    """Distance from the centre line, left positive."""
 
 
 OFF_ROUTE = LaneMatch(NO_LANE, 0.0, 0.0)
@@ -48,17 +48,17 @@ _SEAM_M: Final = 1.0
 """Paths on junctions shorter than this only join two pieces of one road. libsumo 1.28 takes a slow vehicle off the road
 whose front is on one, and crashes when it looks for the vehicle beside its rear."""
 _CLEAR_M: Final = 0.1
-"""How far from such a path a front is put instead."""
+"""Distance from such a path at which a front is put instead."""
 _BACK_M: Final = 0.5
-"""By how much a vehicle is put back that SUMO found on another road at the end of its lane."""
+"""Distance by which a vehicle is put back if SUMO found it on another road at the end of its lane."""
 _HEADING_LIMIT_RAD: Final = 1.2
-"""Lanes that run further off the vehicle's heading are left out."""
+"""Largest angle between a lane and the vehicle's heading at which the lane counts."""
 _STAY_M: Final = 0.1
-"""A neighbour of the present lane takes over where it is nearer by this much."""
+"""Least distance by which a neighbour of the present lane has to be nearer to replace it."""
 
 
 class _Corridor(NamedTuple):
-    """All centre-line segments of some lanes."""
+    """All centre-line segments of some lanes, among which the nearest is searched."""
 
     segments: npt.NDArray[np.float64]
     """Start's x and y, length, direction's x and y, heading, arc length at the start, and the distance from the centre
@@ -143,7 +143,7 @@ def _nearest(
     return best, best_along, best_left
 
 
-# No parameters: SUMO's codes, and tolerances of the mirror that no behaviour depends on.
+# These are no parameters, but codes of SUMO and tolerances of the mirror on which no behaviour depends.
 DEFAULT_LANE_CHANGE_MODE: Final = 1621
 """SUMO's default."""
 KEEP_LANE_CHANGE_MODE: Final = 1536
@@ -159,16 +159,16 @@ shoulders are open, are mirrored without it."""
 _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place, also off the road; the route always stays."""
 _LEAST_REALIGNED_M: Final = 1.0
-"""A vehicle is not brought back by less: what is left then is its angle or its distance from the lane's middle."""
+"""Least correction when a vehicle is brought back; less would only correct its angle or its lateral place."""
 _STANDING_MPS: Final = 0.05
 _EDGES_TO_MATCH: Final = 3
 _EDGES_TO_FIND: Final = 10
-"""Where a vehicle was off its route, as on the opposite lane, SUMO's place on the route has stayed behind."""
+"""Number of edges that are searched where a vehicle was off its route: SUMO's place on the route has stayed behind."""
 _BY_ROS: Final = int(Owner.ROS)
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
-"""Phases of a yield in which SUMO drives, but not as the driver would."""
+"""Phases of a yield in which SUMO drives, but with orders that a normal driver does not have."""
 _BINDS: Final = np.array([code in _BINDING_MODES for code in range(256)])
-"""The same by code."""
+"""Whether each mode code is among them."""
 
 _DRIVEN, _ASTRAY, _BOUND = range(3)
 """Kinds of vehicles that have to be treated."""
@@ -216,11 +216,11 @@ def _to_treat(
 
 @dataclass(frozen=True)
 class Place:
-    """Where a mirrored vehicle was put in SUMO at this step."""
+    """Where a mirrored vehicle was put in SUMO at this step, in SUMO's frame."""
 
     x_m: float
     y_m: float
-    """SUMO's frame, front bumper."""
+    """y of the front bumper in SUMO's frame."""
     angle_deg: float
     match: LaneMatch
 
@@ -236,7 +236,7 @@ _REALIGN_STANDING_M: Final = 0.4
 
 
 class Mirror:
-    """Remembers which vehicles are moved from outside, and what has to be restored in SUMO afterwards."""
+    """Moves vehicles in SUMO to their simulated poses, and restores what SUMO needs when they are handed back."""
 
     def __init__(self, network: RoadNetwork, population: SumoPopulation, drivers: TrafficDrivers) -> None:
         self._network = network
@@ -290,11 +290,11 @@ class Mirror:
                 self._bind(name, int(states.mode[row]))
 
     def deferred(self) -> set[str]:
-        """Vehicles of SUMO that will leave the EMV's lane as soon as they can."""
+        """Names of vehicles of SUMO that will leave the EMV's lane as soon as they can."""
         return {name for name, (mode, _) in self._bound.items() if mode == Mode.YIELD_DEFERRED}
 
     def forget(self, name: str) -> None:
-        """Drop a vehicle that has left SUMO."""
+        """Removes a vehicle that has left SUMO."""
         self.places.pop(name, None)
         self._bound.pop(name, None)
 
@@ -324,7 +324,8 @@ class Mirror:
             return
         place = self._place(states, row, vehicle, route, {})
         match = place.match
-        if vehicle.actor_class is ActorClass.BICYCLE:  # vehicles are placed on lanes of cars, beside the cycle lane
+        # SUMO places vehicles on lanes of cars, which lie next to the cycle lane.
+        if vehicle.actor_class is ActorClass.BICYCLE:
             match = self._match_in(libsumo.vehicle.getLaneID(vehicle.name), place)
         if match.lane == NO_LANE:
             return
@@ -408,9 +409,10 @@ class Mirror:
         planned = route_id(vehicle.name)
         if libsumo.vehicle.getRouteID(vehicle.name) == planned:
             return
-        once = len(frozenset(vehicle.route)) == len(vehicle.route)  # else SUMO may find its later visit of an edge
+        # A vehicle that visits an edge twice may be found by SUMO at its later visit.
+        once = len(frozenset(vehicle.route)) == len(vehicle.route)
         if (once or leaves) and libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
-            with suppress(libsumo.TraCIException):  # SUMO counts another edge as the vehicle's, which is not planned
+            with suppress(libsumo.TraCIException):  # SUMO has assigned the vehicle to an edge outside the planned route
                 libsumo.vehicle.setRouteID(vehicle.name, planned)
 
     def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
@@ -426,7 +428,7 @@ class Mirror:
 
     def _put(self, vehicle: PlannedVehicle, place: Place, speed_mps: float) -> None:
         """Put a vehicle at a place, on its planned route; remembered for ``check_placed`` and the hand-back."""
-        # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
+        # SUMO derives a moved vehicle's speed from its positions on lanes, which differ from lane to lane.
         self._set_speed(vehicle.name, place.match.lane, speed_mps)
         self._restore_route(vehicle)
         self._move(vehicle, place)
@@ -449,7 +451,7 @@ class Mirror:
 
     @staticmethod
     def _back(place: Place) -> Place:
-        """A place a little back along its heading, where its lane is no longer in doubt."""
+        """A place slightly farther back along its heading, where its lane is certain."""
         angle_rad, match = math.radians(place.angle_deg), place.match
         x, y = place.x_m - _BACK_M * math.sin(angle_rad), place.y_m - _BACK_M * math.cos(angle_rad)
         return Place(x, y, place.angle_deg, replace(match, position_m=max(match.position_m - _BACK_M, 0.0)))
@@ -462,7 +464,7 @@ class Mirror:
         libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
 
     def _bind(self, name: str, mode: int) -> None:
-        """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
+        """Gives a vehicle that SUMO drives the orders of its phase of a yield, and removes them afterwards."""
         bound_mode, factor = self._bound.get(name, (None, None))
         if mode in _BINDING_MODES:
             if bound_mode == mode:

@@ -1,4 +1,4 @@
-"""Pedestrians and riders are kept near some points: others of a reserve enter there, those far away leave."""
+"""Keeps pedestrians and riders near some points: those far away leave, and others of a reserve enter."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -11,10 +11,10 @@ Planned = TypeVar("Planned")
 
 
 PEOPLE_WITHIN_M: Final = 180.0
-"""Pedestrians, cyclists and motorcyclists that the demand asks for are within this of an EMV or the AV under test:
-beyond the distances at which sensors tell them apart…"""
+"""Distance of an EMV or the AV under test within which the demanded pedestrians, cyclists and motorcyclists are. At
+larger distances sensors hardly tell them apart."""
 PEOPLE_MARGIN_M: Final = 15.0
-"""…they enter nearer than that by this much, so that they stay for a while."""
+"""Length by which people enter nearer than that, so that they stay for a while."""
 
 
 def nearest_m(point: Point, others: Iterable[Point]) -> float:
@@ -23,7 +23,7 @@ def nearest_m(point: Point, others: Iterable[Point]) -> float:
 
 
 class Reserve(Generic[Planned]):
-    """Those who have not entered yet, in their order, each with a place of entry."""
+    """Planned people who have not entered yet, in their order, each with a place of entry."""
 
     def __init__(self, planned: Sequence[Planned], places: Sequence[Point]) -> None:
         self._planned = planned
@@ -33,7 +33,10 @@ class Reserve(Generic[Planned]):
     def let_in(
         self, points: Collection[Point], least_m: float, most_m: float, enter: Callable[[Planned], bool]
     ) -> None:
-        """Try to enter those whose nearest point is so far away; ``enter`` says whether somebody has entered."""
+        """Tries to let in those whose distance to the nearest point is in a range.
+
+        ``enter`` says whether it succeeded.
+        """
         if not points:
             return
         apart = self._places[:, None] - np.array([*points])

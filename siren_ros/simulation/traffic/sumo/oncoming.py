@@ -1,4 +1,4 @@
-"""Drivers who meet an EMV with a siren on a road that nothing divides slow down and keep right until it has passed.
+"""Oncoming drivers slow down and keep right for an EMV with a siren on undivided roads, until it has passed.
 
 The EMV may need the middle of such a road, and a driver who sees it come cannot know that it will not.
 """
@@ -18,7 +18,7 @@ from siren_ros.simulation.world.actors import Owner, rows_of_ids
 from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
 _ROUTE_EDGES: Final = 3
-"""Edges of the EMV's route, from its own on, whose other side counts."""
+"""Number of edges of the EMV's route, from its own on, whose opposite side is searched for drivers."""
 _NO_EDGE: Final = -1
 _BY_SUMO: Final = int(Owner.SUMO)
 
@@ -27,7 +27,7 @@ class OncomingDrivers:
     """Tells SUMO which drivers keep right and slow down."""
 
     def __init__(self, network: RoadNetwork, reach_m: float) -> None:
-        """``reach_m`` is how far ahead the siren is noticed."""
+        """Takes the distance ahead of the EMV at which drivers notice the siren (``reach_m``)."""
         self._edge_of_lane = np.array([lane.edge for lane in network.lanes], np.int32)
         self._opposite = np.full(len(network.edges), _NO_EDGE, np.int32)
         for edge, other in opposite_edges(network).items():
@@ -36,7 +36,7 @@ class OncomingDrivers:
         self._slowed: frozenset[int] = frozenset()
 
     def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
-        """Slow down those who meet an EMV, and let those go on who do not any more.
+        """Slows down drivers who meet an EMV, and frees those who do not meet it any more.
 
         ``traffic`` is the state before SUMO's next step, None before the first one; ``vehicles`` are those in it.
         """

@@ -34,7 +34,7 @@ _SHAPES: Final[Mapping[ActorClass, str]] = {
     ActorClass.MOTORCYCLE: "motorcycle",
     ActorClass.BICYCLE: "bicycle",
 }
-# No parameters: properties of vehicles and drivers that SUMO lacks, the same for all.
+# These are no parameters: they are properties of vehicles and drivers that SUMO lacks, the same for all.
 _YELLOW_REACTION_S: Final = 1.0
 """``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which
 yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""
@@ -45,25 +45,27 @@ _CROSSING_GAP_M: Final = 0.5
 """``jmCrossingGap``: how near to a driver's way somebody on a crossing lets SUMO's driver wait. SUMO's 10 m take no
 account of time; ``conflicts.people`` does, and holds drivers before."""
 MIRRORS_M: Final = 0.4
-"""Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
-other by widths alone, also where one stands at an angle to its lane."""
+"""Width that is added to a civilian for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass
+each other by widths alone, also where one stands at an angle to its lane."""
 _ESCAPED: Final = re.compile(r'[&<>"\n\r\t]')
 _MODEL_PARAMETERS: Final[Mapping[str, Mapping[str, float]]] = {
     "EIDM": {"sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0, "taccmax": 0.6, "jerkmax": 4.0},
     "Krauss": {"sigma": 0.0},
 }
-"""By car-following model. Errors of drivers, which would shake accelerations at each step, are off. Drivers of the EIDM
-come to their full acceleration in 0.6 s (SUMO: 1.2 s, 3 m/s3), as those do who wait for green."""
+"""Further parameters by car-following model. Errors of drivers, which would shake accelerations at each step, are off.
+Drivers of the EIDM come to their full acceleration in 0.6 s (SUMO: 1.2 s, 3 m/s3), as those do who wait for green."""
 _RIDERS_ACCEL_MPS2: Final = 2.5
-"""Riders in a town start no faster than the cars around them, whatever the motorcycle can do."""
+"""Acceleration of motorcyclists: in a town they start no faster than the cars around them, whatever the motorcycle can
+do."""
 _RIDER_STEP_S: Final = 2.0 * STEP_S
-"""Riders decide at every second step: two-wheelers are half of the traffic near people, and cost as much as cars."""
+"""Time between two decisions of riders. Two-wheelers are half of the traffic near people, and would cost as much as
+cars."""
 _FULL_BRAKE_MPS2: Final = 6.0
-"""With which a vehicle stops in an emergency, its driver's start included."""
+"""Deceleration of a vehicle in an emergency, with the driver's reaction included."""
 _APART_M: Final = 80.0
-"""Vehicles farther apart than this can stop before each other in a town."""
+"""Distance beyond which two vehicles in a town can always stop before they meet."""
 _RUNS_RED_S: Final = 1000.0
-"""``jmDriveAfterRedTime``: red for this long is still driven over."""
+"""``jmDriveAfterRedTime``: time since the beginning of a red up to which a privileged EMV drives over it."""
 
 
 def type_id(vehicle: PlannedVehicle) -> str:
@@ -89,7 +91,7 @@ def vehicle_types_xml(vehicles: Iterable[PlannedVehicle], level: EmergencyLevel,
 
 
 def _quoted(text: str) -> str:
-    """As ``quoteattr``, which is slow where nothing has to be escaped."""
+    """Quotes a text as ``quoteattr``, which is slower where nothing has to be escaped."""
     return quoteattr(text) if _ESCAPED.search(text) else f'"{text}"'
 
 
@@ -108,7 +110,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
         "maxSpeedLat": driver.max_lateral_speed_mps,
-        # A vehicle moves sideways by driving: not at all when standing, by at most this share of its speed.
+        # A vehicle moves sideways only as it drives: by at most this share of its speed, and not at all when it stands.
         "lcMaxSpeedLatStanding": 0.0,
         "lcMaxSpeedLatFactor": 0.3,
         "lcSpeedGain": 0.0 if cycles else driver.speed_gain_eagerness,
@@ -153,7 +155,7 @@ def _of_emv(vehicle: PlannedVehicle, level: EmergencyLevel) -> dict[str, str]:
 
 @lru_cache(maxsize=MAPS_KEPT)
 def length_scales(network: RoadNetwork) -> Mapping[str, float]:
-    """SUMO's length of each lane over the length of its centre line; maps from OpenDRIVE differ.
+    """Ratio of SUMO's length of each lane to the length of its centre line; on maps from OpenDRIVE the two differ.
 
     SUMO runs with the network's net where they are not known yet.
     """
@@ -187,11 +189,11 @@ class SumoPopulation:
 
     @property
     def length_scale(self) -> Mapping[str, float]:
-        """As ``length_scales``."""
+        """The ratios of ``length_scales``."""
         return length_scales(self._network)
 
     def scale_of(self, lane: int) -> float:
-        """The same of one lane, 1 off the road: SUMO's speeds are along its own lengths."""
+        """The ratio of one lane, 1 off the road. SUMO's speeds are along its own lengths."""
         return 1.0 if lane == NO_LANE else self.length_scale[self._network.lanes[lane].lane_id]
 
     def enter_background(self) -> None:
@@ -213,7 +215,7 @@ class SumoPopulation:
 
     @property
     def emv_starts(self) -> list[Point]:
-        """Where the EMVs enter."""
+        """Places where the EMVs enter."""
         return [self._point_of(emv.spot) for emv in self._plan.emvs]
 
     def refill(self, emv_points: Collection[Point], civilians: int) -> None:
@@ -269,7 +271,7 @@ class SumoPopulation:
         self._riders.let_in(points, least_m, most_m, enter)
 
     def drop_departed(self) -> tuple[str, ...]:
-        """Forget vehicles that left SUMO in the last step; their names, in order of entry."""
+        """Removes vehicles that left SUMO in the last step, and returns their names in order of entry."""
         arrived = libsumo.simulation.getArrivedIDList()
         if not arrived:
             return ()
@@ -291,7 +293,8 @@ class SumoPopulation:
         for vehicle in vehicles:
             lane = self._network.lanes[vehicle.spot.lane]
             libsumo.route.add(route_id(vehicle.name), vehicle.route)
-            # An EMV without privilege enters no faster than its driver may go: SUMO refuses more.
+            # SUMO refuses a vehicle that enters too fast, so an EMV without privilege enters no faster than its driver
+            # may go.
             allowed_mps = lane.speed_limit_mps * float(libsumo.vehicletype.getSpeedFactor(type_id(vehicle)))
             libsumo.vehicle.add(
                 vehicle.name,
@@ -302,7 +305,7 @@ class SumoPopulation:
                 departPos=repr(vehicle.spot.front_m * self.length_scale[lane.lane_id]),
                 departSpeed=repr(min(vehicle.spot.speed_mps, allowed_mps)),
             )
-            if not vehicle.attentive:  # SUMO's drivers wait for whoever is on the junction already
+            if not vehicle.attentive:  # SUMO's drivers always wait for vehicles that are already on the junction
                 emvs = " ".join(sorted({type_id(emv) for emv in self._plan.emvs}))
                 libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
@@ -315,21 +318,22 @@ class SumoPopulation:
         self._forget(name)
 
     def _near(self, vehicle: PlannedVehicle, places: Mapping[str, Point]) -> list[str]:
-        """The vehicles at ``places`` that one who enters may not be able to stop before."""
+        """The vehicles at ``places`` that a vehicle which enters may be unable to stop for."""
         x, y = self._point_of(vehicle.spot)
         return [name for name in places if max(abs(places[name][0] - x), abs(places[name][1] - y)) <= _APART_M]
 
     def _overlapping(
         self, names: Iterable[str], earlier: Sequence[PlannedVehicle] = (), later: Sequence[PlannedVehicle] = ()
     ) -> list[str]:
-        """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
+        """Vehicles that have to be removed so that no two bodies overlap: of each such pair the one that entered later.
 
         The names are of vehicles in SUMO; those that are planned to enter count as ``earlier``, which stay, or as
         ``later`` ones. SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may
         overlap. The way on which a vehicle comes to a stand with full braking belongs to its body: nobody could stop
         before the other.
         """
-        names = [name for name in names if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
+        # Vehicles that wait to enter have no lane and are left out.
+        names = [name for name in names if libsumo.vehicle.getLaneID(name)]
         bodies = [*earlier, *(self.vehicles[name] for name in names), *later]
         if not bodies:
             return []
@@ -375,7 +379,7 @@ class SumoPopulation:
         return float(x), float(y)
 
     def _places(self) -> dict[str, Point]:
-        """Where all vehicles are, or will enter."""
+        """Places of all vehicles that are in SUMO or will enter."""
         offset_x, offset_y = self._network.sumo_offset_m
         places = {}
         for name, vehicle in self.vehicles.items():

@@ -54,7 +54,7 @@ SUBSCRIBED: Final = (
     libsumo.VAR_ROUTE_INDEX,
     libsumo.VAR_LANE_ID,
 )
-"""Variables that every vehicle is subscribed for."""
+"""Variables for which every vehicle is subscribed."""
 _IN_ORDER: Final = itemgetter(*SUBSCRIBED)
 X, Y, ANGLE, SPEED, ACCEL, ALONG, ASIDE, SIGNALS, ROUTE_INDEX = range(9)
 """Rows of ``SumoColumns.numbers``."""
@@ -69,7 +69,7 @@ class SumoColumns:
     """SUMO's subscription results of one step as columns; the vehicles are in SUMO's order."""
 
     def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
-        """``length_scale`` is SUMO's length of each lane over that of its centre line."""
+        """Takes the ratio of SUMO's length of each lane to that of its centre line (``length_scale``)."""
         self._lanes = {key: (float(lane.index), length_scale.get(key, 1.0)) for key, lane in network.lane_by_id.items()}
         self._results: Results = {}
         self.names: list[str] = []
@@ -88,7 +88,7 @@ class SumoColumns:
         self._nobody = np.empty(0, np.bool_)
 
     def take(self, results: Results) -> None:
-        """Read the results of a step."""
+        """Reads the results of a step."""
         self._results = results
         if list(results) != self.names:
             self.names = list(results)
@@ -106,7 +106,7 @@ class SumoColumns:
         self.numbers = np.fromiter(values, np.float64, 9 * len(lane_ids)).reshape(9, -1)
 
     def leave_out(self, names: Collection[str]) -> None:
-        """Forget vehicles that are not in SUMO any more."""
+        """Removes vehicles that are not in SUMO any more."""
         if not self.row_of.keys().isdisjoint(names):
             self.take({name: result for name, result in self._results.items() if name not in names})
 
@@ -131,7 +131,7 @@ _LIGHTS: Final = np.array(
     ],
     dtype=np.uint8,
 )
-"""Our light codes of these bits; hazard lights are both indicators."""
+"""For each value of these bits, the project's code of lights; hazard lights are both indicators."""
 
 
 class Readings(NamedTuple):
@@ -202,9 +202,9 @@ _REASONS = (1 << 3) | (1 << 4) | (1 << 5) | (1 << 6)
 """SUMO's LCA_STRATEGIC, LCA_COOPERATIVE, LCA_SPEEDGAIN, LCA_KEEPRIGHT (https://sumo.dlr.de/docs/TraCI: lane change
 state); a wish without one of these is alignment within the lane."""
 _HELD_UP = (1 << 5) | (1 << 6)
-"""Of these the wishes that come from the vehicle ahead: to gain speed, and to keep right where there is none."""
+"""The wishes among these that a vehicle ahead causes: to gain speed, and to keep right where there is none."""
 HELD_UP_M: Final = 40.0
-"""A vehicle further ahead holds nobody up: 3 s at the paper's 50 km/h."""
+"""Distance beyond which a vehicle ahead holds nobody up: 3 s at the paper's 50 km/h."""
 _UNKNOWN = 1 << 30
 _SIDES: Final = ((1, _LEFT), (-1, _RIGHT))
 _INTENTS: Final = {0: TrafficFlags.NONE, 1: TrafficFlags.WANTS_LEFT, -1: TrafficFlags.WANTS_RIGHT}

@@ -21,17 +21,17 @@ from siren_ros.simulation.traffic.sumo.readings import ANGLE, SPEED, SumoColumns
 
 Sides = npt.NDArray[np.int8]
 
-# No parameters: the law says at which pace the corridor has to be open.
+# These are no parameters: the law says at which pace the corridor has to be open.
 FORMS_BELOW_MPS: Final = 11.1
-"""Drivers who slow down to 40 km/h out of town come to a jam, in which the corridor has to be open at walking pace; a
-vehicle moves sideways only while it drives."""
+"""Speed below which drivers open the rescue lane. Drivers who slow down to 40 km/h out of town come to a jam, in which
+the corridor has to be open at walking pace; a vehicle moves sideways only while it drives."""
 ENDS_ABOVE_MPS: Final = 16.7
-"""Above 60 km/h traffic flows again: vehicles go back to the middle of their lanes."""
+"""Speed above which traffic flows again, so that vehicles go back to the middle of their lanes: 60 km/h."""
 COMES_WITHIN_M: Final = 150.0
-"""Faster drivers who have such vehicles this near ahead do the same, and stay in their lane: nobody drives past the end
-of a jam into the corridor. From 130 km/h one comes to a stand within it at 4.3 m/s²."""
+"""Distance to slow vehicles ahead within which faster drivers open the rescue lane and stay in their lane: nobody
+drives past the end of a jam into the corridor. From 130 km/h one comes to a stand within it at 4.3 m/s²."""
 _ROAD_M: Final = 15.0
-"""Vehicles farther aside are on another carriageway, or far behind a bend."""
+"""Lateral distance beyond which vehicles are on another carriageway, or far behind a bend."""
 _ALIGNMENTS: Final = {1: "left", -1: "right", 0: "center"}
 
 
@@ -66,7 +66,7 @@ class RescueLane:
     """Tells SUMO which drivers keep to the side."""
 
     def __init__(self, network: RoadNetwork, *, filtering: bool) -> None:
-        """``filtering`` says whether a motorcyclist of the episode may filter."""
+        """Takes the road network and whether a motorcyclist of the episode may filter (``filtering``)."""
         self._side_of_lane = np.append(rescue_sides(network), np.int8(0))
         """By lane; the last one is that off the road."""
         self._kept: dict[str, int] = {}
@@ -76,7 +76,7 @@ class RescueLane:
     def apply(
         self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags, emvs: Sequence[str]
     ) -> None:
-        """Move those to the side who come to a slow pace, and those back to the middle who drive on.
+        """Moves drivers to the side when they slow down, and back to the middle when they drive on.
 
         Vehicles that are moved from outside, and EMVs, are left alone; whoever comes back from there is told again.
         """

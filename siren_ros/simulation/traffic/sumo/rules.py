@@ -45,7 +45,7 @@ class Moment(Enum):
     MOTION = auto()
     """Right before SUMO's step, also in the warm-up."""
     CORRECTION = auto()
-    """After SUMO's step: what SUMO has done is put right."""
+    """The rule acts after SUMO's step and corrects what SUMO has done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Road:
 
     @property
     def vehicles(self) -> Mapping[str, PlannedVehicle]:
-        """Those in SUMO, by name."""
+        """The vehicles in SUMO, by name."""
         return self.population.vehicles
 
 

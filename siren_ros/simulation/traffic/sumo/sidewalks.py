@@ -1,4 +1,4 @@
-"""Which sidewalks people can walk along, one after the other."""
+"""Finds along which sidewalks people can walk, one after the other."""
 
 import re
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ _CROSSING: Final = re.compile(r":.+_c\d+_0")
 
 
 class Corners:
-    """Which sidewalks meet at a corner of a junction, and which corners a crossing joins; SUMO runs.
+    """Which sidewalks meet at the corners of junctions, and which corners crossings join, as the running SUMO has them.
 
     SUMO 1.28 moves who has to cross two streets at a signal from the corner where they wait to another crossing that
     has green, 15 m in one step. So nobody here walks such a way.

@@ -12,18 +12,19 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.conflicts.yielding import time_to_go_s
 from siren_ros.simulation.traffic.demand.plan import RED_BEHIND_S, SignalTiming
 
-# No parameters: usual times of signal programmes, with which a template's own time of the red is met.
+# These are no parameters: they are usual times of signal programmes, by which a template's time of the red is reached.
 _USUAL_CLEARANCE_S: Final = 1.5
-"""From the end of one movement's yellow to the green of the next."""
+"""Time from the end of one movement's yellow to the green of the next."""
 _LONGEST_CLEARANCE_S: Final = 4.0
 _YELLOW_DRIVEN_S: Final = 2.2
-"""A driver who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
+"""Time before the line at which a driver who sees yellow drives on: 1 s to react, and too near to stop gently from 30
+km/h."""
 _LONGEST_GREEN_S: Final = 10.0
-"""How far a green is extended at most."""
+"""Longest extension of a green."""
 _BEFORE_EMV_S: Final = 0.4
-"""From the begin of the red to the EMV's arrival, at least: it comes to a red however late the platoon is."""
+"""Least time from the beginning of the red to the EMV's arrival, so that it meets a red however late the platoon is."""
 _EMV_MPS2: Final = 2.0
-"""With which an ambulance accelerates where others leave its lane before the line."""
+"""Acceleration of an ambulance where others leave its lane before the line."""
 _CREEP_MPS: Final = 1.0
 
 
@@ -91,7 +92,7 @@ def place_in_cycle(phases: Sequence[SignalPhase], begin_s: float, in_s: float) -
 
 
 def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
-    """Put a signal of the running simulation where the timing wants it; step 0 is ``warm_up_s`` from now.
+    """Sets a signal of the running simulation so that it follows the timing; step 0 is ``warm_up_s`` from now.
 
     Raises:
         MapError: the link is never red, or always.

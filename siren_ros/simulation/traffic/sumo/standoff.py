@@ -1,4 +1,4 @@
-"""Drivers of SUMO who stand on a junction do not wait for vehicles driven from outside that stand there as well.
+"""Lets SUMO's drivers on a junction go who would wait for a vehicle from outside that waits there, too.
 
 SUMO lets a driver wait for a vehicle that comes to the same lane on the junction, whoever is ahead. An EMV waits for
 the body ahead of it, and civilians who make room for an EMV stay on the junction: they and those who wait for them
@@ -16,19 +16,19 @@ from siren_ros.simulation.world.actors import Owner
 from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
 
 _IGNORED: Final = "junctionModel.ignoreIDs"
-"""One parameter of SUMO, to which stand-offs and people at kerbs add."""
+"""SUMO's parameter for ignored vehicles; stand-offs and people at kerbs both add to it."""
 _STANDING_MPS: Final = 0.1
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 _BY_SUMO: Final = int(Owner.SUMO)
 
 Passed = Mapping[str, frozenset[str]]
-"""For whom drivers need not wait any more, by SUMO's names."""
+"""For each driver, the vehicles for which the driver need not wait any more, by SUMO's names."""
 
 
 def drivers_who_go(
     before: Passed, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle], emvs: frozenset[str]
 ) -> Passed:
-    """Those who go, one step later: who begins goes on until the junction lies behind.
+    """The drivers who go, for the next step. A driver who has begun goes on until the junction lies behind.
 
     ``traffic`` is the state before SUMO's next step, ``vehicles`` are those in it.
     """
@@ -46,13 +46,13 @@ def drivers_who_go(
 
 
 class IgnoredFoes:
-    """For whom SUMO's drivers do not wait on junctions, as SUMO was told."""
+    """Tells SUMO which vehicles and people its drivers ignore on junctions."""
 
     def __init__(self) -> None:
         self._told: dict[str, str] = {}
 
     def apply(self, drivers: Sequence[str], by_all: Sequence[str], by_driver: Mapping[str, frozenset[str]]) -> None:
-        """Tell SUMO about the drivers for whom something has changed.
+        """Tells SUMO the changes since the last call.
 
         ``drivers`` are SUMO's names of all vehicles, ``by_all`` those for whom none of them waits, ``by_driver`` those
         for whom single drivers do not wait either.
@@ -74,7 +74,7 @@ class StandOffs:
     """Tells SUMO's drivers for whom they need not wait: those in a stand-off, and all for people at kerbs."""
 
     def __init__(self, emvs: frozenset[str] | None) -> None:
-        """``emvs`` are those that run red lights; None where they do not, and no stand-off is looked for."""
+        """Takes the EMVs that run red lights; with None no stand-off is looked for."""
         self._emvs = emvs
         self._going: Passed = {}
         self._foes = IgnoredFoes()
@@ -86,7 +86,10 @@ class StandOffs:
         drivers: Sequence[str],
         at_kerbs: Sequence[str],
     ) -> None:
-        """Before SUMO's next step; ``last`` is the state before it, with ``vehicles``; ``drivers`` are all in SUMO."""
+        """Gives the orders for SUMO's next step.
+
+        ``last`` is the state before it, with ``vehicles``; ``drivers`` are all in SUMO.
+        """
         if self._emvs is not None and last is not None:
             self._going = drivers_who_go(self._going, last, vehicles, self._emvs)
         self._foes.apply(drivers, at_kerbs, self._going)

@@ -1,4 +1,4 @@
-"""People on foot in SUMO (its striping model): they enter, walk on sidewalks and over crossings, and others follow.
+"""Pedestrians in SUMO (its striping model): how they enter, walk and cross, and how others take their place.
 
 In the state of a step they are rows without lane and route; SUMO owns them.
 """
@@ -28,58 +28,60 @@ from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, Traff
 _SUBSCRIBED: Final = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_ROAD_ID)
 _IN_ORDER: Final = itemgetter(*_SUBSCRIBED)
 WALKING_OPTIONS: Final[Mapping[str, str]] = {"--pedestrian.striping.walkingarea-detail": "64"}
-"""SUMO's options for people: on a wide sidewalk who walks at its edge jumps at each vertex of a corner's way. SUMO's 4
-vertices are up to 70 degrees each."""
+"""SUMO's option for corners of sidewalks. On a wide sidewalk a person at its edge jumps at each vertex of a corner's
+way. SUMO's 4 vertices are up to 70 degrees each."""
 _SPACE_M: Final = 1.0
-"""Length of a person for SUMO: who waits at a kerb stands with the middle half of it behind the kerb, because vehicles
-that turn reach over it."""
+"""Length of a person in SUMO. A person who waits at a kerb stands with the middle half of it behind the kerb, because
+vehicles that turn reach over it."""
 _WIDTH_M: Final = 0.5
-"""Width for SUMO: without the reach of the arms, so that two pass each other on a sidewalk of 1.5 m."""
+"""Width of a person in SUMO, without the reach of the arms, so that two pass each other on a sidewalk of 1.5 m."""
 _CROSSED: Final = re.compile(r"^:.+_c\d+$")
 """SUMO's ids of the edges of crossings."""
 _STEP_M: Final = 0.6
-"""How far ahead of the place at which they can stop, and on the way there, people look for a vehicle in the way…"""
+"""Distance beyond their stopping place up to which people look for a vehicle in their way."""
 _HALT_MPS2: Final = 2.5
-"""With which they stop (``dynamics.walkers``)."""
+"""Deceleration of people who stop (``dynamics.walkers``)."""
 _BESIDE_M: Final = 0.35
-"""…and how near it may be beside that place."""
+"""Lateral distance within which a vehicle counts as in their way."""
 _AWAY_M: Final = 2.3
-"""Distance that people on crossings keep from the way of a vehicle that cannot stop any more…"""
+"""Distance that people on crossings keep from the way of a vehicle that cannot stop any more."""
 _SETS_OFF_M: Final = 2.0
-"""…by so much more those who stand already, because its driver expects people to go on as they walk…"""
+"""Additional distance for people who stand already, because the driver expects them to go on as they walk."""
 _STANDS_MPS: Final = 0.5
-"""…slower than this…"""
+"""Speed below which a person stands, for this rule."""
 _SEES_S: Final = 1.0
-"""…and they leave its driver the time to see them…"""
+"""Time that people who set off leave the driver to see them."""
 _STOPPING_MPS2: Final = 3.0
-"""…with this deceleration…"""
+"""Deceleration with which the driver could still stop, for this rule."""
 _PACE_MPS: Final = 1.9
-"""…and that is faster than this…"""
+"""Speed above which a vehicle counts, for people who walk."""
 _ROLLS_MPS: Final = 0.3
-"""…or than this for those who stand: they let it pass."""
+"""Speed above which a vehicle counts for people who stand, so that they let it pass."""
 _BEHIND_M: Final = 4.0
-"""A vehicle that is so far past somebody is still on the crossing."""
+"""Distance up to which a vehicle that has passed somebody still counts as on the crossing."""
 _INTO_M: Final = 0.5
-"""Who is nearer to its way has to leave it."""
+"""Distance from a vehicle's way within which a person has to leave it."""
 _HURRY: Final = 1.5
-"""Of their pace, with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
+"""Factor on their pace with which people hurry: brisk walking (Weidmann 1993: up to 2 m/s)."""
 _LAG_M: Final = 0.3
-"""Those whom SUMO has left behind by more catch up: on the outer side of a corner SUMO's people go as fast as in its
-middle…"""
+"""Distance behind SUMO's person from which the simulated one catches up: on the outer side of a corner SUMO's people go
+as fast as in its middle."""
 _SLOWER: Final = 0.3
-"""…and wait, with this share of their pace."""
+"""Share of their pace with which SUMO's people go on while the simulated ones catch up."""
 _HELD_UP_MPS: Final = 5.0
-"""A slower EMV is held up by traffic."""
+"""Speed below which traffic holds up an EMV."""
 _IN_QUEUE_M: Final = 80.0
-"""As far ahead of it drivers in a queue hear it (``YieldConfig.queue_m``)."""
+"""Distance at which people ahead of such an EMV hear it, as drivers in a queue do (``YieldConfig.queue_m``)."""
 _STANDING_MPS: Final = 0.01
-"""SUMO's persons need a speed."""
+"""Speed of people who stand, because SUMO's persons need a speed."""
 _TURNS_MPS: Final = 0.1
-"""Slower people turn round in SUMO, for a step or two, where they are pushed back by a millimetre…"""
+"""Speed below which people keep their yaw: SUMO turns them round for a step or two if they are pushed back by a
+millimetre."""
 _TURNED: Final = 0.7
-"""…or look elsewhere, by more than 45 degrees as the cosine says: they would swing round their toes into the road."""
+"""Cosine of the turn (45 degrees) beyond which they keep it as well: they would swing round their toes into the
+road."""
 _END_M: Final = 1.0
-"""Nobody enters or stops nearer than this to the end of a street."""
+"""Least distance from the end of a street at which people enter or stop."""
 
 
 def walker_types_xml(walkers: tuple[PlannedWalker, ...]) -> str:
@@ -97,20 +99,20 @@ def _type_id(walker: PlannedWalker) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Those who are in the state, in order of their ids."""
+    """The people of a state as arrays, in order of their ids."""
 
     names: tuple[str, ...]
     actor_id: Ids
     notice_m: Floats
     speed_mps: Floats
     told_mps: Floats
-    """Speeds that SUMO was told last, or their own."""
+    """Speeds that SUMO was told last; otherwise the people's own."""
     stands: Flags
-    """Who was told to stand."""
+    """Whether each person was told to stand."""
     held_m: Floats
-    """Where they stood first, x and y, shape ``(2, N)``; NaN for the others."""
+    """Places at which people began to stand, x and y, shape ``(2, N)``; NaN for the others."""
     facing: Floats
-    """SUMO's yaw at the last step, NaN at first."""
+    """SUMO's yaw at the last step; NaN at first."""
 
     @classmethod
     def of(cls, ids: Mapping[str, int], walkers: Mapping[str, PlannedWalker], last: "_Table | None") -> "_Table":
@@ -144,7 +146,7 @@ def _is_crossing(road: str) -> bool:
 
 
 class Walkers:
-    """The people on foot, by name in order of entry."""
+    """The pedestrians in SUMO, by name in order of entry."""
 
     def __init__(self, network: RoadNetwork, plan: TrafficPlan) -> None:
         self._network = network
@@ -172,7 +174,7 @@ class Walkers:
         """Actors of the last step, and lengths and widths of their bodies: 0 for those that are no vehicles."""
 
     def exchange(self, points: Collection[Point], least_m: float) -> None:
-        """Remove those who are far from all points; let others enter at least so far from each."""
+        """Removes people who are far from all points, and lets others enter at a distance from each point."""
         offset_x, offset_y = self._offset_m
         for name in self._ids:
             x, y = libsumo.person.getPosition(name)
@@ -193,14 +195,14 @@ class Walkers:
         stages = self._corners.walks(walker.edge, walker.goals)
         for edges in stages:
             libsumo.person.appendWalkingStage(walker.name, edges, 0.5 * float(libsumo.lane.getLength(f"{edges[-1]}_0")))
-        if not stages:  # on a street from which no sidewalk leads on
+        if not stages:  # the person is on a street from which no sidewalk leads on
             libsumo.person.appendWalkingStage(walker.name, [walker.edge], max(length_m - start_m, _END_M))
         libsumo.person.subscribe(walker.name, _SUBSCRIBED)
         self._present[walker.name] = walker
         return True
 
     def heed(self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], sirens: Ids) -> None:
-        """Let people stand before vehicles, and before a road on which an EMV, or a vehicle that cannot stop, comes.
+        """Lets people stop for vehicles, and before a road on which an EMV or a vehicle that cannot stop comes.
 
         On crossings they hurry before an EMV, and stand for a vehicle that cannot stop.
         ``states`` is the simulated world at the step before, ``sirens`` are EMVs.
@@ -230,7 +232,7 @@ class Walkers:
         table.told_mps[:] = paces_mps
 
     def drop_arrived(self) -> None:
-        """Forget those who arrived in the last step."""
+        """Removes people who arrived in the last step."""
         for name in libsumo.simulation.getArrivedPersonIDList():
             if self._present.pop(name, None) is not None:
                 self._arrived.append(name)

@@ -326,7 +326,7 @@ class Difference:
     difference: Interval
     p_value: float
     adjusted_p_value: float
-    """By Holm's correction over all pairs of the same metric and group."""
+    """p-value by Holm's correction over all pairs of the same metric and group."""
     samples: int
 
 
@@ -377,7 +377,7 @@ class Claim:
     """The model minus the baseline, on their common samples; negative where the model is better."""
     p_value: float
     adjusted_p_value: float
-    """By Holm's correction over the groups of one model and metric."""
+    """p-value by Holm's correction over the groups of one model and metric."""
     samples: int
 
     @property

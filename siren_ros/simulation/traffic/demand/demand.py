@@ -93,8 +93,8 @@ def plan_traffic(
 
 
 NEIGHBOURHOOD_M: Final = 150.0
-"""Background traffic starts within this of the EMV's way to the site and through it, where there is road enough.
-The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
+"""Largest distance of starting background traffic from the EMV's way to the site and through it, where there is road
+enough. The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
 DISTRICT_M: Final = 300.0
 """Largest distance from that way of the streets around, which have the density of ``demand.district_per_lane_km``."""
 NEIGHBOURHOOD_AFTER_M: Final = 250.0
@@ -401,7 +401,7 @@ class _Planner:
 
     @cached_property
     def _near_lanes(self) -> list[Lane]:
-        """The lanes of the volume: those near the EMV's way, or all where these are too short."""
+        """The lanes on which the background volume starts: those near the EMV's way, or all where these are short."""
         near = self._lanes_within(NEIGHBOURHOOD_M)
         needed_m = self._template.demand.background_vehicles * BACKGROUND_SPACING_M
         return near if sum(lane.length_m for lane in near) >= needed_m else self._leading_on
@@ -465,7 +465,7 @@ def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
 
 
 def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> tuple[int, float]:
-    """Sorts vehicles: in the EMV's lane first, then on its route, then elsewhere; the nearest first in each."""
+    """Sort key of vehicles: those in the EMV's lane first, then those on its route, then others, each by distance."""
     route = [network.edge_by_id[edge].index for edge in emv.route]
     chain = chain_along(network, network.lanes[emv.spot.lane], route)
     edge_start: dict[int, float] = {}

@@ -428,7 +428,7 @@ class _GroupPlanner:
     def _place(
         self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float, *, nearest: bool
     ) -> tuple[float, int, float] | None:
-        """Place of the front on the row's chain, its lane and the place on that, clear of junctions.
+        """Finds the next free place on a row outside junctions: the front on the chain, its lane and the place on it.
 
         Where a junction is in the way, the row goes on behind it. With ``nearest`` its first vehicle is where it comes
         nearest to its time, on either side.

@@ -401,7 +401,7 @@ class Mirror:
         return seam_m + _CLEAR_M - into_m if into_m > 0.5 * seam_m else -_CLEAR_M - into_m
 
     def _restore_route(self, vehicle: PlannedVehicle, *, leaves: bool = False) -> None:
-        """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on.
+        """Gives a vehicle its planned route again, where SUMO changed it to match the vehicle's lane.
 
         Of a vehicle that ``leaves`` the mirror also where SUMO may find a later visit of its edge: the other route may
         end where it is, or lead back.

@@ -39,11 +39,11 @@ class Moment(Enum):
     """When in a step a rule acts."""
 
     CAUTION = auto()
-    """First, before SUMO's vehicles are put where they are in the simulated world."""
+    """The rule acts first, before SUMO's vehicles are moved to where they are in the simulated world."""
     ORDERS = auto()
-    """Once vehicles and people have entered and left."""
+    """The rule acts after vehicles and people have entered and left."""
     MOTION = auto()
-    """Right before SUMO's step, also in the warm-up."""
+    """The rule acts right before SUMO's step, also in the warm-up."""
     CORRECTION = auto()
     """The rule acts after SUMO's step and corrects what SUMO has done."""
 

@@ -81,7 +81,7 @@ def _is_green(phase: SignalPhase, link: int) -> bool:
 
 
 def place_in_cycle(phases: Sequence[SignalPhase], begin_s: float, in_s: float) -> tuple[int, float]:
-    """Phase and its remaining time at the moment from which a place in the cycle is reached in ``in_s``."""
+    """Phase and remaining time with which a programme has to start to reach a place in its cycle in ``in_s``."""
     cycle_s = sum(phase.duration_s for phase in phases)
     left_s = (begin_s - in_s) % cycle_s
     for number, phase in enumerate(phases):

@@ -133,7 +133,7 @@ class _Table:
         return table
 
     def hold(self, poses: Floats) -> None:
-        """Leave those who stand where they stood first, in place: SUMO's go on changing stripes."""
+        """Keeps people who stand where they began to stand, because SUMO's people go on changing stripes."""
         held, first = self.held_m, np.isnan(self.held_m[0])
         held[:, self.stands & first] = poses[:2, self.stands & first]
         poses[:2, self.stands] = held[:, self.stands]

@@ -68,7 +68,7 @@ def writing(place: object, kind: str = "file", parameter: str = "out") -> Iterat
     """Around what writes to a place that the user named: what the system refuses there is an error of that input.
 
     Args:
-        place: As the message shows it, usually a path.
+        place: The place as the message shows it, usually a path.
         kind: What is written there: a file, a folder, or either (a place).
         parameter: The option that named it.
 

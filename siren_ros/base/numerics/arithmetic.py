@@ -48,7 +48,7 @@ def pin_arithmetic(
     """Set the environment variables that numpy and OpenBLAS read when they load; existing values stay.
 
     Args:
-        environment: Of this process.
+        environment: Environment variables of this process.
         flags: What the processor can do, in Linux's names; read from ``/proc/cpuinfo`` where None.
         numpy_version: Major and minor version of numpy; that of the installed one where None.
 

@@ -70,8 +70,8 @@ def read_table(path: Path, most_rows: int, most_row_bytes: int, columns: Sequenc
 
     Args:
         path: The file.
-        most_rows: Of the table.
-        most_row_bytes: Of a row in memory, on the mean of the rows that have been read.
+        most_rows: Most rows of the table.
+        most_row_bytes: Most bytes of a row in memory, as a mean of the rows read so far.
         columns: Those that are read; all where there are none. Others cost nothing.
 
     Raises:

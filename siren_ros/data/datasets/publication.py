@@ -110,7 +110,7 @@ def croissant(folder: Path, content: Mapping[str, Any], version: str) -> dict[st
     Args:
         folder: The dataset's folder.
         content: Its card (``dataset.json``): ``name``, ``what``, ``licence``, and where it has them ``episodes``.
-        version: Of SIREN.
+        version: Version of SIREN.
 
     Raises:
         OSError: A file cannot be read.

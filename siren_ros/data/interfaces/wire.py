@@ -83,7 +83,7 @@ def content(read: Callable[[Any], Content], message: Any) -> Content:
 
     Args:
         read: A conversion of ``siren_ros.data.interfaces``; its arrays are read-only.
-        message: As ``decode`` gives it.
+        message: The message as ``decode`` gives it.
 
     Raises:
         InputError: As ``read``.

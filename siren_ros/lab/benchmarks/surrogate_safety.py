@@ -175,7 +175,7 @@ class Agreement:
     pairs: int
     moments: int
     missed: int
-    """Number of moments at which SUMO has a conflict and our footprints miss each other."""
+    """Number of moments at which SUMO has a conflict and SIREN's footprints miss each other."""
     ttc_s: Floats
     """Differences at moments with a value on both sides, shape ``(M,)``."""
     drac_mps2: Floats
@@ -185,7 +185,7 @@ class Agreement:
 
 
 def compare(run: DeviceRun) -> tuple[Compared, ...]:
-    """All pairs with a moment below the horizon of TTC."""
+    """Measures of SUMO and of SIREN for each pair of vehicles that has a TTC below the horizon."""
     pairs = (_pair(run, conflict) for conflict in run.conflicts)
     return tuple(pair for pair in pairs if len(pair.sumo_ttc_s))
 

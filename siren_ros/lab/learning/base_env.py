@@ -143,7 +143,7 @@ class BaseEnv:
         """Begin the episode of a seed; without a seed one is drawn.
 
         Args:
-            seed: Of the episode.
+            seed: Seed of the episode.
             random: Draws seeds.
             options: Fields of ``EnvOptions`` in place of the environment's, for this episode alone.
 

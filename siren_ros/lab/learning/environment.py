@@ -57,7 +57,7 @@ class SeatEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """Begin an episode, as described for the class.
 
         Args:
-            seed: Of the episode.
+            seed: Seed of the episode.
             options: Options of the environment in place of its own, for this episode alone: all but ``observation``
                 and ``action``, on which the spaces depend.
 

@@ -113,12 +113,12 @@ def sensed_of(path: Path, names: Sequence[str], most_mb: float = MOST_MB) -> Sen
 
     Args:
         path: The bag.
-        names: Of the first LiDARs and of cameras of the EMV and of the AV under test, or ``ALL``.
-        most_mb: The size that the page may grow by.
+        names: Names of first LiDARs and of cameras, of the EMV or the AV under test, or ``ALL``.
+        most_mb: Size by which the page may grow.
 
     Raises:
-        InputError: A sensor that the bag does not have.
-        BagError: A damaged bag.
+        InputError: The bag does not have one of the sensors.
+        BagError: The bag is damaged.
     """
     with open_source(path) as source:
         sensors = _chosen(source, names)

@@ -126,7 +126,7 @@ def certificate_of(driver: str, actor_id: int | None, rulebook: Rulebook, sittin
         driver: Its name; empty for that of its part in the episodes.
         actor_id: The driver in recorded episodes; None for the AV under test.
         rulebook: What was asked.
-        sittings: Of all episodes, in any order.
+        sittings: Sittings of all episodes, in any order.
     """
     part = "the AV under test" if actor_id is None else f"actor {actor_id}"
     return Certificate(shown_text(driver or part), rulebook, tuple(sorted(sittings, key=_by_number)))

@@ -67,9 +67,9 @@ class LanesBeside:
         return min(max(lane, self.rightmost(row)), self.leftmost(row))
 
     def offset_m(self, row: int, lane: int) -> float:
-        """Offset of a lane from the path at a row; its number as in ``lane_there``.
+        """Lateral distance of a lane from the path at a row. The lane is given by its number from the path's lane.
 
-        In junctions the lanes that are on one side only come nearer or go away on the way across.
+        In a junction, a lane that exists only before or only after it moves towards the path or away from it.
         """
         there = min(max(float(lane), -float(self.right[row])), float(self.left[row]))
         return there * float(self.width_m[row])

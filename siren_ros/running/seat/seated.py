@@ -46,9 +46,9 @@ class SeatedDriver:
         """Prepare the driver.
 
         Args:
-            driver: Who drives.
+            driver: The driver of the AV.
             network: The map.
-            way: Of the AV (``/av/route``), in the map's frame.
+            way: Way of the AV (``/av/route``), in the map's frame.
             av_id: The AV.
         """
         self._driver, self._av_id, self._left_hand = driver, av_id, network.left_hand

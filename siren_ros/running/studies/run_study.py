@@ -110,7 +110,7 @@ def run_study(
         if row is not None:
             rows[episode.name] = row
             observer.keep(row)
-    write_study(folder, study.to_json())  # only after the study has been accepted
+    write_study(folder, study.to_json())  # only now, because a study that is refused must not be stored
     folder.clear_scratch()
     kept, next_table_s = len(rows), time.monotonic() + TABLE_EVERY_S
     todo = [episode for episode in planned if episode.name not in rows]

@@ -132,7 +132,7 @@ def jackknife(value: float, left_out: Floats, stratum: Rows) -> Estimate:
         value: The estimate from all blocks.
         left_out: The estimate without each of them, shape ``(B,)``; ignored where a block is alone in its stratum. NaN
             where there is no estimate without it: how far the blocks scatter is not known then.
-        stratum: Of each block, shape ``(B,)``.
+        stratum: Stratum of each block, shape ``(B,)``.
     """
     variance, squares, known = 0.0, 0.0, len(stratum) > 0
     for number in np.unique(stratum).tolist():
@@ -269,7 +269,7 @@ def ranking_interval(estimates: Sequence[Estimate], other: Sequence[float], conf
     Args:
         estimates: At least one, independent of each other.
         other: The known values, as many.
-        confidence: Of the interval, between 0 and 1.
+        confidence: Confidence of the interval, between 0 and 1.
     """
     blocks, count = sum(estimate.blocks for estimate in estimates), len(estimates)
     value = float(_rhos(np.array([[estimate.value for estimate in estimates]]), other)[0])

@@ -17,7 +17,7 @@ SETBACK_M: Final = 3.0
 """Distance of the façades from the roads, as in the 3-D scene (``SceneConfig.building_setback_m``)."""
 _EYE_M: Final = 2.0
 """Distance of a driver's eyes behind the front of the vehicle."""
-# No parameters: the resolution of the search, and a value that keeps quotients finite.
+# These are no parameters: the resolution of the search, and a value that keeps quotients finite.
 _STEP_M: Final = 0.25
 _LEAST_MPS: Final = 0.1
 

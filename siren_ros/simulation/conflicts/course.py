@@ -20,7 +20,7 @@ from siren_ros.simulation.conflicts.zones import CUT, HALF_LENGTH, HALF_WIDTH, L
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
-# No parameters: compiled loops and caches contain the resolution and length of courses.
+# These are no parameters: compiled loops and caches contain the resolution and length of courses.
 SPACING_M: Final = 1.0
 """Largest distance between points of a course."""
 _AHEAD_M: Final = 80.0

@@ -11,7 +11,7 @@ from siren_ros.simulation.conflicts.yielding import Rank, rank_of
 from siren_ros.simulation.roads.movements import movement_path
 from siren_ros.simulation.roads.road_network import Connection, RoadNetwork
 
-# No parameters: resolution and width of the paths.
+# These are no parameters: resolution and width of the paths.
 _SPACING_M: Final = 0.5
 _CLEAR_M: Final = 1.0
 """Distance kept between a body and the edge of others' paths."""

@@ -15,7 +15,7 @@ from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.simulation.conflicts.zones import way_point
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
-# No parameters: no driver may choose them.
+# These are no parameters: no driver may choose them.
 PACE_MPS: Final = 1.6
 """Walking pace, which with the speed control's error stays below 2 m/s."""
 _NEAR_M: Final = 2.4

@@ -55,7 +55,7 @@ def rank_inside(rank: int) -> int:
     return rank if rank == _GIVES_WAY else _PRIORITY
 
 
-# No parameters: they keep quotients finite.
+# These are no parameters: they keep quotients finite.
 LEAST_WAY_M: Final = 0.3
 _LEAST_TIME_S: Final = 0.1
 
@@ -290,7 +290,7 @@ def _waiting(
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
         closing, time = own.speed_mps - other.speed_mps, max(approach_time_s(other, zone.other_in_m), _LEAST_TIME_S)
         brake = stop_brake_mps2(max(closing, 0.0), gap)
-        if 2.0 * gap < closing * time:  # when the other vehicle merges, it may be slower than this
+        if 2.0 * gap < closing * time:  # this vehicle may have to be slower by the time the other one merges
             brake = min(brake, 2.0 * (closing * time - gap) / (time * time))
         return speed, brake, max(gap, 0.0)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import Floats, Points, Rows
 from siren_ros.base.numerics.compiled import COS, SIN, YAW, Pose, X, Y, box_gap_m, compiled, wrapped_rad
 
-# No parameters: compiled code contains the resolution as constants.
+# These are no parameters: compiled code contains the resolution as constants.
 STEP_M: Final = 1.0
 """Distance between checked places."""
 SAME_DIRECTION: Final = 0.9

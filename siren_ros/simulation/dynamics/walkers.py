@@ -13,7 +13,7 @@ from siren_ros.base.numerics.compiled import YAW, X, Y, compiled, within, wrappe
 from siren_ros.simulation.dynamics.tracker import SPEED
 from siren_ros.simulation.dynamics.vehicle_model import ACCEL, FORWARD, LATERAL, YAW_RATE
 
-# No parameters: they only smooth jumps of SUMO's model.
+# These are no parameters: they only smooth jumps of SUMO's model.
 _CATCH_UP_S: Final = 0.5
 """Time in which the distance from SUMO's position is corrected."""
 _FASTER_MPS: Final = 0.8

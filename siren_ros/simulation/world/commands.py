@@ -122,7 +122,7 @@ def with_seats(commands: VehicleCommands, controls: Controls, seats: Collection[
     """A controller's commands with those of external drivers in place of its own.
 
     Args:
-        commands: Of the controller, which asks something of these vehicles too.
+        commands: Commands of the controller, also for these vehicles.
         controls: Answers of the drivers whose vehicles the controller would drive. Beacon and siren stay as the
             controller has them.
         seats: All actors whose driver is another one; rows and events of them are left out.

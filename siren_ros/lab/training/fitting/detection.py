@@ -75,7 +75,7 @@ class PillarNetwork(nn.Module):
         """Compute logits of vehicles ``(B, R, R)``, logits of classes ``(B, C, R, R)``, boxes ``(B, 10, R, R)``.
 
         Args:
-            points: As in ``Pillars``, those of all frames one after the other.
+            points: Points as in ``Pillars``, those of all frames one after the other.
             cell: Likewise, plus ``cells²`` for every frame before.
             frames: B, how many.
         """

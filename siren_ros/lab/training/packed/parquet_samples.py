@@ -241,10 +241,10 @@ def samples_of_shard(
     """Samples of one shard; all shards together give each sample once.
 
     Args:
-        files: In the order that counts.
+        files: The files, in the order that counts.
         shard: Number of the shard, from 0 on.
         shards: Number of all shards.
-        seed: Of the order; None for that of the files.
+        seed: Seed of the random order; None for the order of the files.
         turn: Number of the pass over the files; each has an order of its own.
 
     Raises:

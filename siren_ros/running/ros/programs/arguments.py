@@ -64,14 +64,14 @@ def answer(words: Sequence[str], name: str, config_type: Callable[[], Any], summ
 
     Args:
         words: The arguments, at least one.
-        name: Of the program.
+        name: Name of the program.
         config_type: The dataclass of its parameters.
         summary: What the program does.
     """
     if _HELP.intersection(words):
         try:
             print(help_text(called(name), config_type, summary), flush=True)
-        except BrokenPipeError:  # the reader has ended, as with `| head`
+        except BrokenPipeError:  # the program that read the output has ended, as with `| head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     known = {field.name for field in fields(config_type())}

@@ -72,7 +72,7 @@ def happens(topic: str, content: Any, before: Any) -> bool:
     Args:
         topic: A topic of ``OBSERVED``.
         content: What the message was made from: a ``TrafficState``, or a step with its hash and events.
-        before: That of the topic's message before; None for the first one.
+        before: Time of the topic's message before; None for the first one.
     """
     if topic == EVENTS.name:
         return len(content[2]) > 0

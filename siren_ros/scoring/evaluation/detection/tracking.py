@@ -93,8 +93,8 @@ def score_tracking(frames: Frames, detected: FoundSet, names: frozenset[str], ru
     are scored where the detector names them.
 
     Args:
-        frames: With labels.
-        detected: Of one detector.
+        frames: Frames with labels.
+        detected: Detections of one detector.
         names: Names that count as vehicles.
         run: Runs ``devkit_tracking``.
 

@@ -64,7 +64,7 @@ class Idm:
         Args:
             speed_mps: Speed of the follower.
             desired_mps: Its speed on a free road.
-            gap_m: From the follower's front bumper to the leader's rear bumper.
+            gap_m: Distance from the follower's front bumper to the leader's rear bumper.
             closing_mps: The follower's speed minus the leader's.
         """
         braking_term = 2.0 * np.sqrt(self.acceleration_mps2 * self.comfortable_braking_mps2)

@@ -97,7 +97,7 @@ def with_own(tracks: BoxTracks, rows: StateRows, step: Rows, vehicle_m: Floats) 
     """Add the track of the vehicle with the LiDAR, which knows its own motion.
 
     Args:
-        tracks: Of its detector.
+        tracks: Tracks of its detector.
         rows: The logged rows.
         step: Steps of the sweeps, shape ``(F,)``.
         vehicle_m: Its places then, in the ``map`` frame, shape ``(F, 2)``.
@@ -125,7 +125,7 @@ def reported_by(tracks: BoxTracks, rows: StateRows, table: Rows) -> DetectedRows
     """Replace the logged rows by the rows of tracks.
 
     Args:
-        tracks: Of the episode.
+        tracks: Tracks of the episode.
         rows: The logged rows.
         table: Row of each actor at each frame, −1 where it is not there; shape ``(A, F)``.
     """

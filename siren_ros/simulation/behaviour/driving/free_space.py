@@ -16,7 +16,7 @@ from siren_ros.simulation.behaviour.paths.curve import curve_place
 from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.simulation.world.actors import NO_ACTOR
 
-# No parameters: compiled loops contain these resolutions and tolerances as constants.
+# These are no parameters: compiled loops contain these resolutions and tolerances as constants.
 _PATH_STEP_M: Final = 0.25
 _OFFSET_KEPT_M: Final = 2.0
 """Distance for which an offset from the path stays; in bends as tight as the steering allows it may even grow."""
@@ -140,7 +140,7 @@ class FreeWay:
         Args:
             path: Path of the body's centre.
             pose: Arc length and offset (left positive) of the body on the path, and its yaw. Both errors fade.
-            centre_ahead_m: From the rear axle to the body's centre, which in bends does not point along its path.
+            centre_ahead_m: Distance from the rear axle to the body's centre, which in bends does not point along its path.
             reach_m: How far to look.
             body: Size of the body.
             obstacles: Vehicles that may be in the way.

@@ -141,7 +141,7 @@ def _cornering_mps2(speed_mps: float, steer_rad: float, vehicle: VehicleParamete
     return front_share * speed_mps**2 * curvature * math.tan(steer_rad)
 
 
-# No parameter: half the distance between points of a path.
+# This is no parameter: half the distance between points of a path.
 DONE_M: Final = 0.5
 """Distance to the path's end at which the path counts as completed."""
 

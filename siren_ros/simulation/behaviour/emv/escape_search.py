@@ -14,7 +14,7 @@ from siren_ros.simulation.behaviour.driving.step_view import Body
 from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
-# No parameter: a tolerance of the measurement.
+# This is no parameter: a tolerance of the measurement.
 _NEAR_M: Final = 0.3
 """Vehicles nearer than this at the start count only at poses that are even nearer."""
 
@@ -173,7 +173,7 @@ def _prices(road: RoadSpace, left: Floats, body: Body, config: GapEscapeConfig) 
     return np.asarray(share * (config.shoulder_cost_m * on_shoulder + config.opposite_cost_m * opposite) + aside)
 
 
-# No parameter: distance between samples of a path.
+# This is no parameter: distance between samples of a path.
 _FINE_M: Final = 0.5
 
 Ints = npt.NDArray[np.intp]

@@ -10,7 +10,7 @@ from siren_ros.base.numerics.arrays import Floats, Points, Rows
 from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.base.numerics.geometry import Polyline
 
-# No parameters: compiled loops contain the resolution of curves as constants.
+# These are no parameters: compiled loops contain the resolution of curves as constants.
 SPACING_M: Final = 1.0
 """Distance between the points of a curve."""
 SMOOTHING_M: Final = 1.5

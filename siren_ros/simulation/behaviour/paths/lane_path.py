@@ -21,7 +21,7 @@ from siren_ros.simulation.roads.movements import is_plain_joint, movement_turn_r
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.world.traffic_state import Indices
 
-# No parameters: these limit the search along a route; no behaviour depends on them.
+# These are no parameters: they limit the search along a route; no behaviour depends on them.
 _EDGES_AHEAD: Final = 8
 """Number of edges of a route that the choice of lanes considers."""
 _FAR: Final = 99

@@ -5,7 +5,7 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 
-# No parameters: limits between a fault of the map's geometry and a bend of the road.
+# These are no parameters: limits between a fault of the map's geometry and a bend of the road.
 _HALF_BLEND_M = 15.0
 """Distance before and after a jump over which the line moves: for 1.75 m (half a lane) 2.3 m/s² at 50 km/h."""
 _MOST_M = 2.5

@@ -16,7 +16,7 @@ from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.driver_parameters import NavigatorConfig
 from siren_ros.simulation.world.traffic_state import Indices
 
-# No parameters: weights of a mean, and a speed that keeps times finite.
+# These are no parameters: weights of a mean, and a speed that keeps times finite.
 _THREE: Final = np.full(3, 1.0 / 3.0)
 _LEAST_MPS: Final = 0.5
 """Near its end, where a path stops, the speed for timing is at least this."""
@@ -103,7 +103,7 @@ class TrackedPath:
         return cls(curve=curve, lane=lane, speed_cap_sq=cap, settled_m=settled_m)
 
 
-# No parameter: a property of quintic polynomials.
+# This is no parameter: a property of quintic polynomials.
 PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
 """Peak curvature of a quintic blend with level ends, times length² over lateral distance."""
 

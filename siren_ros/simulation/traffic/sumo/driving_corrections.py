@@ -45,7 +45,7 @@ _AHEAD_M: Final = 90.0
 """Distance within which a bend ahead counts: 16 m/s come down to walking speed within it."""
 _EDGES_AHEAD: Final = 4
 _STEP_MPS: Final = 0.05
-"""Change of a limit from which SUMO is told the new one."""
+"""Smallest change of a speed limit that is sent to SUMO."""
 
 
 class _Rows:

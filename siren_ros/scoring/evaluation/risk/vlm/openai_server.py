@@ -31,8 +31,8 @@ class OpenAiServer:
         Args:
             base_url: Such as ``http://localhost:8000/v1``.
             model: The server's name for it.
-            key: Of the user; it is sent to the server and shown nowhere.
-            timeout_s: Of one request, from its first byte to the last byte of the reply.
+            key: API key of the user; it is sent to the server and shown nowhere.
+            timeout_s: Longest time of one request, from its first byte to the last byte of the reply.
             retries: Further attempts after 408, 409, 429, 5xx, time-outs and broken connections, with back-off.
 
         Raises:

@@ -97,7 +97,7 @@ def closing_summary(
     """Lines about the episode's end, its files and its wall time.
 
     Args:
-        plan: The episode, with the final folder of its bag; an episode that did not complete has its partial bag next to it.
+        plan: The episode with its final bag folder; an episode that did not complete has its partial bag next to it.
         state: The lockstep at the end.
         outcome: The recorder's judgement; None where there is none.
         wall_s: Wall time from the first step to the last.

@@ -140,7 +140,7 @@ class FreeWay:
         Args:
             path: Path of the body's centre.
             pose: Arc length and offset (left positive) of the body on the path, and its yaw. Both errors fade.
-            centre_ahead_m: Distance from the rear axle to the body's centre, which in bends does not point along its path.
+            centre_ahead_m: Distance from the rear axle to the body's centre. In bends the body is not along its path.
             reach_m: How far to look.
             body: Size of the body.
             obstacles: Vehicles that may be in the way.

@@ -159,7 +159,8 @@ def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_peopl
         source: A SUMO net, an OpenDRIVE or an OpenStreetMap file, or the name of a built-in map; None is the town.
         cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
-        for_people: Whether the net gets crossings, corners of sidewalks and cycle lanes (``ways_for_people``); built-in maps have them.
+        for_people: Whether the net gets crossings, corners of sidewalks and cycle lanes (``ways_for_people``).
+            Built-in maps have them in any case.
 
     Raises:
         MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or with counts that

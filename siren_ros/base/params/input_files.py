@@ -51,12 +51,12 @@ class FilesOnDisk:
     """The files of ``params`` and of the user."""
 
     def read(self, parameter: str, folder: str, name: str) -> InputFile:
-        """As ``InputFiles.read``."""
+        """Implements ``InputFiles.read``."""
         path = named_params_file(parameter, folder, name)
         return InputFile(folder, name, read_input_text(path), str(path))
 
     def has(self, folder: str, name: str) -> bool:  # noqa: ARG002 - part of the interface of all sources
-        """As ``InputFiles.has``."""
+        """Implements ``InputFiles.has``."""
         return True
 
 
@@ -70,7 +70,7 @@ class RecordedFiles:
         self._files = {(file.folder, file.name): file for file in files}
 
     def read(self, parameter: str, folder: str, name: str) -> InputFile:
-        """As ``InputFiles.read``."""
+        """Implements ``InputFiles.read``."""
         file = self._files.get((folder, name))
         if file is None:
             known = ", ".join(sorted(f"{kind}/{known}" for kind, known in self._files))
@@ -78,7 +78,7 @@ class RecordedFiles:
         return file
 
     def has(self, folder: str, name: str) -> bool:
-        """As ``InputFiles.has``."""
+        """Implements ``InputFiles.has``."""
         return (folder, name) in self._files
 
 
@@ -90,13 +90,13 @@ class NotedFiles:
         self._seen: dict[tuple[str, str], InputFile] = {}
 
     def read(self, parameter: str, folder: str, name: str) -> InputFile:
-        """As ``InputFiles.read``."""
+        """Implements ``InputFiles.read``."""
         file = self._source.read(parameter, folder, name)
         self._seen[folder, name] = file
         return file
 
     def has(self, folder: str, name: str) -> bool:
-        """As ``InputFiles.has``."""
+        """Implements ``InputFiles.has``."""
         return self._source.has(folder, name)
 
     @property

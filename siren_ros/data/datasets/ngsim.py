@@ -132,7 +132,7 @@ def across_and_ahead(x_m: Any, y_m: Any, tangent_rad: Any) -> tuple[Any, Any]:
 
 
 def from_across_and_ahead(right_m: Any, ahead_m: Any, tangent_rad: Any) -> tuple[Any, Any]:
-    """Inverse of ``across_and_ahead``: offsets in the ``map`` frame."""
+    """Reads the message that ``across_and_ahead`` makes: offsets in the ``map`` frame."""
     cos, sin = np.cos(tangent_rad), np.sin(tangent_rad)
     return right_m * sin + ahead_m * cos, ahead_m * sin - right_m * cos
 

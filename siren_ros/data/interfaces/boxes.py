@@ -24,7 +24,7 @@ from siren_ros.simulation.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH
 
 
 def to_ground_truth(truth: GroundTruth) -> Any:
-    """``siren_msgs/GroundTruth``."""
+    """Makes the message ``siren_msgs/GroundTruth``."""
     return make_message(
         "siren_msgs/msg/GroundTruth",
         header=header(truth.step, truth.frame_id),
@@ -36,7 +36,7 @@ def to_ground_truth(truth: GroundTruth) -> Any:
 
 @checks_content
 def from_ground_truth(message: Any) -> GroundTruth:
-    """Inverse of ``to_ground_truth``."""
+    """Reads the message that ``to_ground_truth`` makes."""
     return GroundTruth(
         step=int(message.step),
         carrier_id=int(message.carrier_id),
@@ -100,7 +100,7 @@ def to_boxes(boxes: SpaceBoxes) -> bytes:
 
 
 def from_boxes(message: Any) -> SpaceBoxes:
-    """Inverse of ``to_boxes``."""
+    """Reads the message that ``to_boxes`` makes."""
     detections = message.detections
     centres = [detection.bbox.center for detection in detections]
     sizes = [detection.bbox.size for detection in detections]
@@ -119,7 +119,7 @@ def from_boxes(message: Any) -> SpaceBoxes:
 
 
 def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:
-    """``siren_msgs/CameraTruth`` in the camera's optical frame."""
+    """Makes the message ``siren_msgs/CameraTruth`` in the camera's optical frame."""
     return make_message(
         "siren_msgs/msg/CameraTruth",
         header=header(truth.step, frame_id),
@@ -129,7 +129,7 @@ def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:
 
 
 def from_camera_truth(message: Any) -> CameraTruth:
-    """Inverse of ``to_camera_truth``."""
+    """Reads the message that ``to_camera_truth`` makes."""
     step = step_of(message)
     return CameraTruth(step=step, **as_arrays(message, CAMERA_TRUTH_DTYPES))
 

@@ -32,14 +32,14 @@ from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAd
 
 
 def to_event(event: Event) -> Any:
-    """``siren_msgs/Event``."""
+    """Makes the message ``siren_msgs/Event``."""
     detail = json_text(dict(event.detail))
     return make_message("siren_msgs/msg/Event", **plain_fields(event, "detail"), detail=detail)
 
 
 @checks_content
 def from_event(message: Any) -> Event:
-    """Inverse of ``to_event``."""
+    """Reads the message that ``to_event`` makes."""
     return from_plain_fields(Event, message, detail=json_object(message.detail))
 
 
@@ -48,7 +48,7 @@ def _from_events(messages: Any) -> tuple[Event, ...]:
 
 
 def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
-    """``siren_msgs/Events`` of one step, with the hash of the world's state at that step."""
+    """Makes the message ``siren_msgs/Events`` of one step, with the hash of the world's state at that step."""
     return make_message(
         "siren_msgs/msg/Events", **at_step(step), state_hash=state_hash, events=[to_event(event) for event in events]
     )
@@ -56,37 +56,37 @@ def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
 
 @checks_content
 def from_events(message: Any) -> tuple[int, int, tuple[Event, ...]]:
-    """Inverse of ``to_events``: the step, the hash of its state and its events."""
+    """Reads the message that ``to_events`` makes: the step, the hash of its state and its events."""
     return int(message.step), int(message.state_hash), _from_events(message.events)
 
 
 def to_actor_description(actor: ActorDescription) -> Any:
-    """``siren_msgs/ActorDescription``."""
+    """Makes the message ``siren_msgs/ActorDescription``."""
     colour_rgb = np.array(actor.colour_rgb, dtype=np.uint8)
     return make_message("siren_msgs/msg/ActorDescription", **plain_fields(actor, "colour_rgb"), colour_rgb=colour_rgb)
 
 
 @checks_content
 def from_actor_description(message: Any) -> ActorDescription:
-    """Inverse of ``to_actor_description``."""
+    """Reads the message that ``to_actor_description`` makes."""
     red, green, blue = (int(value) for value in message.colour_rgb)
     return from_plain_fields(ActorDescription, message, colour_rgb=(red, green, blue))
 
 
 @checks_content
 def from_signal_state(message: Any) -> SignalState:
-    """Inverse of ``plain_message``."""
+    """Reads the message that ``plain_message`` makes."""
     return from_plain_fields(SignalState, message)
 
 
 @checks_content
 def from_emv_advice(message: Any) -> EmvAdvice:
-    """Inverse of ``plain_message``."""
+    """Reads the message that ``plain_message`` makes."""
     return from_plain_fields(EmvAdvice, message)
 
 
 def to_traffic_state(traffic: TrafficState) -> Any:
-    """``siren_msgs/TrafficState``."""
+    """Makes the message ``siren_msgs/TrafficState``."""
     return make_message(
         "siren_msgs/msg/TrafficState",
         **at_step(traffic.step),
@@ -100,7 +100,7 @@ def to_traffic_state(traffic: TrafficState) -> Any:
 
 @checks_content
 def from_traffic_state(message: Any) -> TrafficState:
-    """Inverse of ``to_traffic_state``."""
+    """Reads the message that ``to_traffic_state`` makes."""
     return TrafficState(
         step=int(message.step),
         spawned=tuple(from_actor_description(actor) for actor in message.spawned),
@@ -112,7 +112,7 @@ def from_traffic_state(message: Any) -> TrafficState:
 
 
 def to_vehicle_commands(commands: VehicleCommands) -> Any:
-    """``siren_msgs/VehicleCommands``."""
+    """Makes the message ``siren_msgs/VehicleCommands``."""
     return make_message(
         "siren_msgs/msg/VehicleCommands",
         **at_step(commands.step),
@@ -124,7 +124,7 @@ def to_vehicle_commands(commands: VehicleCommands) -> Any:
 
 @checks_content
 def from_vehicle_commands(message: Any) -> VehicleCommands:
-    """Inverse of ``to_vehicle_commands``."""
+    """Reads the message that ``to_vehicle_commands`` makes."""
     return VehicleCommands(
         step=int(message.step),
         source=str(message.source),
@@ -134,7 +134,7 @@ def from_vehicle_commands(message: Any) -> VehicleCommands:
 
 
 def to_actor_states(states: ActorStates) -> Any:
-    """``siren_msgs/ActorStates``."""
+    """Makes the message ``siren_msgs/ActorStates``."""
     return make_message(
         "siren_msgs/msg/ActorStates", **at_step(states.step), **as_sequences(states, ACTOR_STATE_DTYPES)
     )
@@ -142,25 +142,28 @@ def to_actor_states(states: ActorStates) -> Any:
 
 @checks_content
 def from_actor_states(message: Any) -> ActorStates:
-    """Inverse of ``to_actor_states``."""
+    """Reads the message that ``to_actor_states`` makes."""
     return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
 
 
 def to_av_control(control: AvControl) -> Any:
-    """``siren_msgs/AvControl``."""
+    """Makes the message ``siren_msgs/AvControl``."""
     return make_message("siren_msgs/msg/AvControl", **plain_fields(control, "step"), **at_step(control.step))
 
 
 @checks_content
 def from_av_control(message: Any) -> AvControl:
-    """Inverse of ``to_av_control``; EpisodeError where another program's stamp is not the time of the step."""
+    """Reads the message that ``to_av_control`` makes.
+
+    EpisodeError where another program's stamp is not the time of the step.
+    """
     control = from_plain_fields(AvControl, message)
     check_stamp(message.stamp, control.step)
     return control
 
 
 def to_path(way: Polyline) -> Any:
-    """``nav_msgs/Path`` of a route that is known before the first step; each pose points along it."""
+    """Makes the message ``nav_msgs/Path`` of a route that is known before the first step; each pose points along it."""
     at_start = header(0, MAP_FRAME)
     headings = way.heading_rad(way.arc_m)
     return make_message(
@@ -178,12 +181,12 @@ def to_path(way: Polyline) -> Any:
 
 
 def from_path(message: Any) -> Polyline:
-    """Inverse of ``to_path``."""
+    """Reads the message that ``to_path`` makes."""
     return Polyline.through([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
 
 
 def to_predicted_paths(paths: PredictedPaths) -> Any:
-    """``siren_msgs/PredictedPaths``."""
+    """Makes the message ``siren_msgs/PredictedPaths``."""
     return make_message(
         "siren_msgs/msg/PredictedPaths",
         **at_step(paths.step),
@@ -196,7 +199,7 @@ def to_predicted_paths(paths: PredictedPaths) -> Any:
 
 @checks_content
 def from_predicted_paths(message: Any) -> PredictedPaths:
-    """Inverse of ``to_predicted_paths``; without paths their length is 0.
+    """Reads the message that ``to_predicted_paths`` makes; without paths their length is 0.
 
     Raises EpisodeError for another program's arrays that do not fit, or a stamp that is not the time of the step.
     """

@@ -60,7 +60,7 @@ _STEP_DONE: Final = Layout("Q s B s d")
 
 
 def to_step_done(report: StepReport) -> bytes:
-    """``siren_msgs/StepDone`` as CDR."""
+    """Makes the message ``siren_msgs/StepDone`` as CDR."""
     writer = CdrWriter()
     names = text(report.participant), int(report.phase), text_once(report.error)
     writer.put(_STEP_DONE, report.step, *names, report.busy_s)
@@ -69,12 +69,12 @@ def to_step_done(report: StepReport) -> bytes:
 
 @checks_content
 def from_step_done(message: Any) -> StepReport:
-    """Inverse of ``to_step_done``."""
+    """Reads the message that ``to_step_done`` makes."""
     return from_plain_fields(StepReport, message)
 
 
 def to_episode_description(episode: EpisodeDescription) -> Any:
-    """``siren_msgs/EpisodeDescription``."""
+    """Makes the message ``siren_msgs/EpisodeDescription``."""
     return make_message(
         "siren_msgs/msg/EpisodeDescription",
         stamp=stamp(0),
@@ -95,7 +95,7 @@ def to_episode_description(episode: EpisodeDescription) -> Any:
 
 @checks_content
 def from_episode_description(message: Any) -> EpisodeDescription:
-    """Inverse of ``to_episode_description``."""
+    """Reads the message that ``to_episode_description`` makes."""
     return EpisodeDescription(
         template=str(message.template_id),
         level=EmergencyLevel(int(message.level)),
@@ -113,19 +113,19 @@ def from_episode_description(message: Any) -> EpisodeDescription:
 
 
 def to_episode_end(closing: EpisodeClosing) -> Any:
-    """``siren_msgs/EpisodeEnd``."""
+    """Makes the message ``siren_msgs/EpisodeEnd``."""
     at = stamp(time_ns_of_step(max(closing.steps - 1, 0)))
     return make_message("siren_msgs/msg/EpisodeEnd", stamp=at, **plain_fields(closing))
 
 
 @checks_content
 def from_episode_end(message: Any) -> EpisodeClosing:
-    """Inverse of ``to_episode_end``."""
+    """Reads the message that ``to_episode_end`` makes."""
     return from_plain_fields(EpisodeClosing, message)
 
 
 def to_episode_outcome(outcome: EpisodeOutcome) -> Any:
-    """``siren_msgs/EpisodeOutcome``."""
+    """Makes the message ``siren_msgs/EpisodeOutcome``."""
     return make_message(
         "siren_msgs/msg/EpisodeOutcome",
         stamp=stamp(time_ns_of_step(max(outcome.steps - 1, 0))),
@@ -139,7 +139,7 @@ def to_episode_outcome(outcome: EpisodeOutcome) -> Any:
 
 @checks_content
 def from_episode_outcome(message: Any) -> EpisodeOutcome:
-    """Inverse of ``to_episode_outcome``."""
+    """Reads the message that ``to_episode_outcome`` makes."""
     return EpisodeOutcome(
         end=EpisodeEnd(message.end),
         reason=str(message.reason),

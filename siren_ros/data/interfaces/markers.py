@@ -98,7 +98,7 @@ _MARKER: Final = Layout(f"{STAMPED} s i i i 7d 3d 4f i I ? I I s i I s s I I s s
 
 
 def to_markers(step: int, markers: Sequence[Marker]) -> bytes:
-    """``visualization_msgs/MarkerArray`` of one step, as CDR."""
+    """Makes the message ``visualization_msgs/MarkerArray`` of one step, as CDR."""
     writer = CdrWriter()
     writer.put(COUNT, len(markers))
     head, nothing = stamped(step, MAP_FRAME), text("")
@@ -120,7 +120,7 @@ def to_markers(step: int, markers: Sequence[Marker]) -> bytes:
 
 
 def from_markers(message: Any) -> tuple[Marker, ...]:
-    """Inverse of ``to_markers``."""
+    """Reads the message that ``to_markers`` makes."""
     return tuple(
         Marker(
             namespace=str(marker.ns),

@@ -24,7 +24,7 @@ _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
 
 
 def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
-    """``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
+    """Makes the message ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
     return make_message(
         "sensor_msgs/msg/CompressedImage",
         header=header(step, frame_id),
@@ -34,12 +34,15 @@ def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
 
 
 def from_compressed_image(message: Any) -> bytes:
-    """Inverse of ``to_compressed_image``: the bytes of the JPEG file."""
+    """Reads the message that ``to_compressed_image`` makes: the bytes of the JPEG file."""
     return np.asarray(message.data, dtype=np.uint8).tobytes()
 
 
 def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
-    """``sensor_msgs/Image`` of ``(H, W, 3)`` uint8 (``rgb8``) or ``(H, W)`` uint8, uint16, float32; else InputError."""
+    """Makes the message ``sensor_msgs/Image`` of ``(H, W, 3)`` uint8 (``rgb8``) or ``(H, W)`` uint8, uint16, float32.
+
+    Else InputError.
+    """
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     encodings = [name for name, kind in _ENCODINGS.items() if kind == (pixels.dtype, channels)]
     if not encodings or pixels.ndim not in {2, 3}:
@@ -58,7 +61,7 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
 
 
 def from_image(message: Any) -> npt.NDArray[np.generic]:
-    """Inverse of ``to_image``: the array, which shares the message's memory.
+    """Reads the message that ``to_image`` makes: the array, which shares the message's memory.
 
     Raises InputError for an encoding that the project does not write, or sizes that do not fit the data.
     """
@@ -97,7 +100,7 @@ def to_camera_info(step: int, frame_id: str, camera: CameraIntrinsics) -> Any:
 
 
 def from_camera_info(message: Any) -> CameraIntrinsics:
-    """Inverse of ``to_camera_info``."""
+    """Reads the message that ``to_camera_info`` makes."""
     focal_x, _, centre_x, _, focal_y, centre_y = (float(value) for value in message.k[:6])
     return CameraIntrinsics(int(message.width), int(message.height), focal_x, focal_y, centre_x, centre_y)
 
@@ -108,7 +111,9 @@ _DATATYPE_OF_FORMAT: Final = {name: datatype for datatype, name in _FORMAT_OF_DA
 
 
 def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> Any:
-    """``sensor_msgs/PointCloud2`` of one sweep, a structured array of shape ``(N,)``; each field becomes a PointField.
+    """Makes the message ``sensor_msgs/PointCloud2`` of one sweep, a structured array of shape ``(N,)``.
+
+    Each field becomes a PointField.
 
     Raises InputError for a field whose type has no PointField datatype.
     """
@@ -168,7 +173,7 @@ def from_point_cloud(message: Any) -> npt.NDArray[np.void]:
 
 
 def to_audio(chunk: AudioChunk) -> Any:
-    """``siren_msgs/AudioChunk`` of mono 16-bit PCM that ends at the step."""
+    """Makes the message ``siren_msgs/AudioChunk`` of mono 16-bit PCM that ends at the step."""
     return make_message(
         "siren_msgs/msg/AudioChunk",
         header=header(chunk.step, chunk.frame_id),
@@ -178,7 +183,7 @@ def to_audio(chunk: AudioChunk) -> Any:
 
 
 def from_audio(message: Any) -> AudioChunk:
-    """Inverse of ``to_audio``."""
+    """Reads the message that ``to_audio`` makes."""
     return AudioChunk(
         step=step_of(message),
         frame_id=str(message.header.frame_id),
@@ -195,7 +200,7 @@ _COVARIANCE_DIAGONAL_KNOWN: Final = 2
 
 
 def to_imu(sample: ImuSample) -> Any:
-    """``sensor_msgs/Imu`` without orientation, which this sensor does not estimate."""
+    """Makes the message ``sensor_msgs/Imu`` without orientation, which this sensor does not estimate."""
     return make_message(
         "sensor_msgs/msg/Imu",
         header=header(sample.step, sample.frame_id),
@@ -209,7 +214,7 @@ def to_imu(sample: ImuSample) -> Any:
 
 
 def from_imu(message: Any) -> ImuSample:
-    """Inverse of ``to_imu``."""
+    """Reads the message that ``to_imu`` makes."""
     force, rate = message.linear_acceleration, message.angular_velocity
     return ImuSample(
         step=step_of(message),
@@ -222,7 +227,7 @@ def from_imu(message: Any) -> ImuSample:
 
 
 def to_nav_sat_fix(fix: GnssFix) -> Any:
-    """``sensor_msgs/NavSatFix`` with the covariance in east, north, up."""
+    """Makes the message ``sensor_msgs/NavSatFix`` with the covariance in east, north, up."""
     return make_message(
         "sensor_msgs/msg/NavSatFix",
         header=header(fix.step, fix.frame_id),
@@ -236,7 +241,7 @@ def to_nav_sat_fix(fix: GnssFix) -> Any:
 
 
 def from_nav_sat_fix(message: Any) -> GnssFix:
-    """Inverse of ``to_nav_sat_fix``."""
+    """Reads the message that ``to_nav_sat_fix`` makes."""
     return GnssFix(
         step=step_of(message),
         frame_id=str(message.header.frame_id),

@@ -56,19 +56,19 @@ def matrix_of_quaternion(quaternion: Quaternion) -> Floats:
 
 
 def to_vector(vector: Sequence[float]) -> Any:
-    """``geometry_msgs/Vector3``."""
+    """Makes the message ``geometry_msgs/Vector3``."""
     x, y, z = (float(value) for value in vector)
     return make_message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
 def to_quaternion(quaternion: Quaternion) -> Any:
-    """``geometry_msgs/Quaternion``."""
+    """Makes the message ``geometry_msgs/Quaternion``."""
     x, y, z, w = (float(value) for value in quaternion)
     return make_message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
 def to_pose(position_m: Sequence[float], quaternion: Quaternion) -> Any:
-    """``geometry_msgs/Pose``."""
+    """Makes the message ``geometry_msgs/Pose``."""
     x, y, z = (float(value) for value in position_m)
     return make_message(
         "geometry_msgs/msg/Pose",
@@ -78,12 +78,12 @@ def to_pose(position_m: Sequence[float], quaternion: Quaternion) -> Any:
 
 
 def from_vector(message: Any) -> Vector:
-    """Inverse of ``to_vector``; reads a ``geometry_msgs/Point`` as well."""
+    """Reads the message that ``to_vector`` makes; reads a ``geometry_msgs/Point`` as well."""
     return float(message.x), float(message.y), float(message.z)
 
 
 def from_quaternion(message: Any) -> Quaternion:
-    """Inverse of ``to_quaternion``."""
+    """Reads the message that ``to_quaternion`` makes."""
     return float(message.x), float(message.y), float(message.z), float(message.w)
 
 
@@ -101,7 +101,7 @@ def to_tf(step: int, transforms: Sequence[Transform]) -> bytes:
 
 
 def from_tf(message: Any) -> tuple[Transform, ...]:
-    """Inverse of ``to_tf``."""
+    """Reads the message that ``to_tf`` makes."""
     return tuple(
         Transform(
             parent=str(stamped.header.frame_id),
@@ -171,7 +171,7 @@ def _to_covariance(planar: Floats) -> list[float]:
 
 
 def from_odometry(message: Any) -> tuple[int, Odometry]:
-    """Inverse of ``to_odometry``: simulated time in nanoseconds, and the odometry."""
+    """Reads the message that ``to_odometry`` makes: simulated time in nanoseconds, and the odometry."""
     x, y, _ = from_vector(message.pose.pose.position)
     odometry = Odometry(
         x_m=x,

@@ -23,7 +23,7 @@ class LanesBeside:
     left: Floats
     """Number of driving lanes of the same direction to the left; in junctions it is interpolated between both sides."""
     right: Floats
-    """The same number to the right."""
+    """Number of lanes to the right of the path's lane."""
 
     @classmethod
     def of(cls, network: RoadNetwork, way: Indices) -> Self:

@@ -132,7 +132,7 @@ class EpisodeRow(Brief):
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
-        """Inverse of ``to_json``; missing columns get defaults, unknown ones are ignored.
+        """Reads the message that ``to_json`` makes; missing columns get defaults, unknown ones are ignored.
 
         InputError if it is not a row.
         """

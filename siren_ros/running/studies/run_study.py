@@ -65,17 +65,17 @@ class StudyBar(StudyObserver):
         self._simulated_s = 0.0
 
     def plan(self, episodes: int) -> None:
-        """As ``StudyObserver``."""
+        """Implements ``StudyObserver.plan``."""
         self._bar.reset(episodes)
 
     def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
-        """As ``StudyObserver``."""
+        """Implements ``StudyObserver.keep``."""
         if not self._bar.disable:
             self._bar.initial += 1  # it took no time, so it must not count for the rate
             self._bar.update(1)
 
     def make(self, row: EpisodeRow) -> None:
-        """As ``StudyObserver``."""
+        """Implements ``StudyObserver.make``."""
         if self._bar.disable:
             return
         self._counts["retried"] += row.attempts - 1

@@ -37,7 +37,7 @@ class StudyFolder(ABC):
     @property
     @abstractmethod
     def place(self) -> str:
-        """Path or URL."""
+        """Path or URL of the folder."""
 
     @property
     @abstractmethod
@@ -104,16 +104,19 @@ class LocalFolder(StudyFolder):
 
     @property
     def place(self) -> str:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.place``."""
         return str(self._root)
 
     @property
     def scratches(self) -> Path:
-        """As ``StudyFolder``; on the same file system, so that finished bags are renamed, not copied."""
+        """Implements ``StudyFolder.scratches``.
+
+        On the same file system, so that finished bags are renamed, not copied.
+        """
         return self._root / _WORK
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.take``."""
         target = self._root / row.path
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists():  # left by an attempt without a row, or a bag that was changed later
@@ -122,19 +125,19 @@ class LocalFolder(StudyFolder):
         self.note(row)
 
     def hashes_of(self, path: str) -> tuple[str, str]:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.hashes_of``."""
         bag = self._root / path
         return hashes_of_bag(bag) if bag.is_dir() else ("", "")
 
     def read(self, name: str) -> bytes | None:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.read``."""
         try:
             return (self._root / name).read_bytes()
         except FileNotFoundError:
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.write``."""
         target = self._root / name
         target.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(target) as new:
@@ -244,16 +247,16 @@ class RemoteFolder(StudyFolder):
 
     @property
     def place(self) -> str:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.place``."""
         return self._url
 
     @property
     def scratches(self) -> Path:
-        """As ``StudyFolder``; on this machine."""
+        """Implements ``StudyFolder.scratches``; on this machine."""
         return private_folder(f"siren-episodes-{os.getuid()}")
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.take``."""
         file_system, root = self.opened
         target = f"{root}/{row.path}"
         file_system.makedirs(target, exist_ok=True)
@@ -263,7 +266,7 @@ class RemoteFolder(StudyFolder):
         shutil.rmtree(bag)
 
     def hashes_of(self, path: str) -> tuple[str, str]:
-        """As ``StudyFolder``; the bag is read once and not stored."""
+        """Implements ``StudyFolder.hashes_of``; the bag is read once and not stored."""
         name = path.rsplit("/", 1)[-1]
         return self._sha256(f"{path}/{name}_0.mcap"), self._sha256(f"{path}/{METADATA_FILE}")
 
@@ -279,7 +282,7 @@ class RemoteFolder(StudyFolder):
         return digest.hexdigest()
 
     def read(self, name: str) -> bytes | None:
-        """As ``StudyFolder``."""
+        """Implements ``StudyFolder.read``."""
         file_system, root = self.opened
         try:
             return bytes(file_system.cat_file(f"{root}/{name}"))
@@ -287,7 +290,7 @@ class RemoteFolder(StudyFolder):
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        """As ``StudyFolder``; object stores replace an object as a whole."""
+        """Implements ``StudyFolder.write``; object stores replace an object as a whole."""
         file_system, root = self.opened
         target = f"{root}/{name}"
         file_system.makedirs(target.rsplit("/", 1)[0], exist_ok=True)

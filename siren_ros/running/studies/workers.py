@@ -67,7 +67,7 @@ class LocalWorkers:
     def rows(
         self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
     ) -> Generator[EpisodeRow, None, None]:
-        """As ``Workers``."""
+        """Implements ``Workers.rows``."""
         # The processes end before the threads that wait for them, so that no episode has to be finished.
         with ThreadPoolExecutor(self._count, "episode") as threads, attempt_processes(self._count) as pool:
 

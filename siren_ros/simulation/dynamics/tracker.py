@@ -39,7 +39,7 @@ _FULL_LOCK_RAD: Final = 1.4
 SPEED, SUMO_ACCEL = 3, 4
 """Rows of ``Reference.columns`` after ``X``, ``Y`` and ``YAW``."""
 PACE, SMOOTH_ACCEL = 3, 4
-"""The same of ``TrackerState.columns``."""
+"""Further columns, those of ``TrackerState.columns``."""
 NEXT_YAW, NEXT_PACE, NEXT_ACCEL = range(3, 6)
 """Rows of what ``follow`` gives, after the pedals and the steering angle: the tracker's state then."""
 

@@ -215,9 +215,9 @@ class Controls(Columns):
     """Drivers' commands to the actuators in one step, arrays of shape ``(N,)``."""
 
     throttle: Floats
-    """0–1."""
+    """Throttle pedal, 0–1."""
     brake: Floats
-    """0–1."""
+    """Brake pedal, 0–1."""
     steer_rad: Floats
     hand_brake: npt.NDArray[np.bool_]
     quickness: Floats

@@ -79,7 +79,7 @@ class ControlConstants:
     lane_change_cooldown_s: float = 2.0
     """Least time between two forced lane changes of one vehicle."""
     emv_passed_clearance_m: float = 1.0
-    """Buffer of ``EmvFullyPassed``."""
+    """Clearance behind an EMV in the guard ``EmvFullyPassed``."""
     heading_aligned_rad: float = radians(8.0)
     """Largest error of ``HeadingAligned``."""
     gap_escape: GapEscapeConstants = field(default_factory=GapEscapeConstants)
@@ -94,13 +94,13 @@ class TargetSpeeds:
     emv_lane_change_mps: float = mps_from_kmh(50.0)
     """EMV, intent-override lane change."""
     emv_copy_sumo_mps: float = mps_from_kmh(30.0)
-    """EMV, ``copy_sumo`` corridor."""
+    """Speed of the EMV in the corridor (``copy_sumo``)."""
     emv_gap_escape_mps: float = mps_from_kmh(20.0)
-    """EMV, ``gap_escape`` recovery."""
+    """Speed of the EMV in a gap escape."""
     civilian_yield_lane_change_mps: float = mps_from_kmh(10.0)
     """Civilian, L2 lane change."""
     civilian_pull_over_mps: float = mps_from_kmh(15.0)
-    """Civilian, L3 pull-over."""
+    """Speed of a civilian that pulls over at L3."""
     civilian_yield_speed_difference: float = 0.5
     """Share by which an L2 civilian stays below the speed limit."""
 

@@ -65,7 +65,7 @@ class LstmNetwork(MotionNetwork):
         self.reader = nn.LSTM(4, size.width, batch_first=True)
 
     def forward(self, target: Tensor, *_others: Tensor) -> tuple[Tensor, Tensor]:
-        """As ``PathNetwork.forward``; the other arguments are ignored."""
+        """Implements ``PathNetwork.forward``; the other arguments are ignored."""
         history, other = self.history(target)
         read = self.reader(history)[0][:, -1]
         vehicle = (read + other)[:, None].expand(-1, MODES, -1)
@@ -86,7 +86,7 @@ class TransformerNetwork(MotionNetwork):
     def forward(
         self, target: Tensor, speed_mps: Tensor, neighbours: Tensor, neighbour_there: Tensor, *_road: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """As ``PathNetwork.forward``; the arguments of the road are ignored."""
+        """Implements ``PathNetwork.forward``; the arguments of the road are ignored."""
         history, other = self.history(target)
         points = self.point_in(history) + self.place
         around = self.neighbour_in((neighbours - self.neighbour_mean) / self.neighbour_std)

@@ -40,13 +40,13 @@ class _Packer(ABC):
         """Samples of an episode."""
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the samples name their episode
-        """As ``Exporter.write_episode``."""
+        """Implements ``Exporter.write_episode``."""
         with writing(files.folder, "place"):
             count = write_samples(files.folder / _PART, self.columns, self.samples(source), self.task)
         return EpisodeReport({"samples": count})
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
-        """As ``Exporter.assemble``; a split without episodes gets no file."""
+        """Implements ``Exporter.assemble``; a split without episodes gets no file."""
         for split in dict.fromkeys(part.split for part in parts):
             join_files([part.folder / _PART for part in parts if part.split == split], folder / f"{split}.parquet")
 

@@ -24,9 +24,9 @@ class Control(StrEnum):
     SHUFFLED = "shuffled"
     """Pictures in random order; their content without motion remains."""
     ONE_FRAME = "one_frame"
-    """Only the middle picture."""
+    """The model gets only the picture in the middle."""
     TEXT_ONLY = "text_only"
-    """No pictures."""
+    """The model gets no pictures, only the text of the question."""
 
 
 def _blank(pictures: Sequence[Picture], _: str) -> list[Picture]:

@@ -130,7 +130,7 @@ def lane_of(unit: YieldUnit, ego: Ego) -> int:
 
 
 STANDING_MPS: Final = 0.2
-"""Slower civilians stand."""
+"""Speed below which a civilian counts as standing."""
 
 
 def standing(ego: Ego) -> bool:

@@ -182,7 +182,7 @@ _REPLAN_S: Final = 0.5
 _REPLAN_BELOW_M: Final = 15.0
 """A free path is kept while more than this remains."""
 _USABLE_M: Final = 1.0
-"""Without another path, the present one is followed while this distance is free."""
+"""Least free distance on the present path; while it is free and no other path is found, the path is kept."""
 _OFF_PATH_M: Final = 0.3
 """Distance from the path above which another one is searched."""
 

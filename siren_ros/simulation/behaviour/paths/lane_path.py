@@ -39,9 +39,9 @@ class LaneEnd(StrEnum):
     """Reason why a reference line ends."""
 
     HORIZON = "horizon"
-    """It reaches the requested distance."""
+    """The path has the requested length."""
     ROUTE = "route"
-    """The route ends."""
+    """The path ends because the route ends."""
     ASTRAY = "astray"
     """The lane does not lead to the route's next edge."""
     JUNCTION = "junction"

@@ -336,5 +336,5 @@ class VehicleFactory:
     def emv(
         self, name: str, actor_class: ActorClass, driver: DriverModel, route: tuple[str, ...], spot: Spot
     ) -> PlannedVehicle:
-        """An emergency vehicle."""
+        """Makes an emergency vehicle for the plan."""
         return PlannedVehicle(name, actor_class, *self.size(actor_class), _EMV_PAINT, driver, route, spot, is_emv=True)

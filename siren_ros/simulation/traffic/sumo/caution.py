@@ -89,7 +89,7 @@ WAYS_FAR_M: Final = 70.0
 _SUMO_ACCEL_MPS2: Final = 2.0
 """Acceleration of SUMO's drivers."""
 ROLLING_MPS: Final = 0.3
-"""Slower vehicles stand."""
+"""Speed below which a vehicle counts as standing."""
 BESIDE_M: Final = 3.0
 """Distance beside the own middle within which bodies ahead count."""
 _BEHIND_M: Final = 0.3

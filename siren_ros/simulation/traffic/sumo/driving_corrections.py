@@ -32,7 +32,7 @@ _RIDERS_SHARE: Final = 0.8
 """Share of these speeds at which riders take bends: a lean of 11 degrees in the lane's middle, of 15 at its outer
 edge."""
 BRAKING_MPS2: Final = 1.5
-"""With which they slow down before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
+"""Deceleration of drivers before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
 _WISHED, _LENGTH, _SHARE = range(3)
 """Columns of the bodies in ``BendLimits``."""
 _FIRST, _SAMPLES = range(2)
@@ -40,7 +40,7 @@ _FIRST, _SAMPLES = range(2)
 _IN_BEND, _BEFORE_BEND = range(2)
 """Rows of the speeds of profiles."""
 _PLACE, _BEND_SPEED = range(2)
-"""Of each place that was passed."""
+"""Columns of the table of places that a vehicle has passed."""
 _AHEAD_M: Final = 90.0
 """Distance within which a bend ahead counts: 16 m/s come down to walking speed within it."""
 _EDGES_AHEAD: Final = 4

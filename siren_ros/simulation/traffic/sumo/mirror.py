@@ -42,8 +42,7 @@ OFF_ROUTE = LaneMatch(NO_LANE, 0.0, 0.0)
 _SIDEWAYS_M: Final = 1.2
 """A point at most this far outside a lane's edge still belongs to it."""
 _JUNCTION_SIDEWAYS_M: Final = 5.0
-"""The same on junctions, which are road between the paths too; libsumo 1.28 was seen to crash with a vehicle taken off
-the road there."""
+"""The same distance on junctions, where the space between the paths is road, too;"""
 _SEAM_M: Final = 1.0
 """Paths on junctions shorter than this only join two pieces of one road. libsumo 1.28 takes a slow vehicle off the road
 whose front is on one, and crashes when it looks for the vehicle beside its rear."""
@@ -145,7 +144,7 @@ def _nearest(
 
 # These are no parameters, but codes of SUMO and tolerances of the mirror on which no behaviour depends.
 DEFAULT_LANE_CHANGE_MODE: Final = 1621
-"""SUMO's default."""
+"""SUMO's default code of lane changes."""
 KEEP_LANE_CHANGE_MODE: Final = 1536
 """All reasons for a lane change off; respecting others and alignment within the lane stay on."""
 DEFAULT_SPEED_MODE: Final = 31

@@ -52,7 +52,7 @@ class PillarGrid:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """Inverse of ``to_json``.
+        """Reads the message that ``to_json`` makes.
 
         Raises:
             InputError: A number is missing, unknown or of no use.

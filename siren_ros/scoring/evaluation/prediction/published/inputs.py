@@ -158,7 +158,7 @@ def polar(xy: Floats) -> Floats:
 
 
 def from_polar(polar_xy: Floats) -> Floats:
-    """Inverse of ``polar``."""
+    """Reads the message that ``polar`` makes."""
     r, phi = polar_xy[..., 0], polar_xy[..., 1]
     return np.stack((r * np.cos(phi), r * np.sin(phi)), axis=-1)
 

@@ -47,11 +47,11 @@ class LocalModel:
 
     @property
     def name(self) -> str:
-        """As ``VisionLanguageModel``: the folder's name."""
+        """Implements ``VisionLanguageModel.name``: the folder's name."""
         return self._folder.resolve().name
 
     def answer(self, question: Question) -> Reply:
-        """As ``VisionLanguageModel``; decoding is greedy, which equals temperature 0."""
+        """Implements ``VisionLanguageModel.answer``; decoding is greedy, which equals temperature 0."""
         images = [Image.open(BytesIO(picture)).convert("RGB") for picture in question.pictures]
         pictures = [{"type": "image", "image": image} for image in images]
         messages = [

@@ -58,11 +58,11 @@ class OpenAiServer:
 
     @property
     def name(self) -> str:
-        """As ``VisionLanguageModel``."""
+        """Implements ``VisionLanguageModel.name``."""
         return self._model
 
     def answer(self, question: Question) -> Reply:
-        """As ``VisionLanguageModel``."""
+        """Implements ``VisionLanguageModel.answer``."""
         content: list[Any] = [{"type": "text", "text": question.text}]
         for picture in question.pictures:
             url = f"data:image/jpeg;base64,{b64encode(picture).decode()}"

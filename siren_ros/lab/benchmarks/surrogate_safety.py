@@ -170,7 +170,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Differences between both measures."""
+    """Differences between SUMO's device and SIREN in TTC and DRAC."""
 
     pairs: int
     moments: int

@@ -51,7 +51,7 @@ class LanesBeside:
         return -round(float(self.right[row]))
 
     def leftmost(self, row: int) -> int:
-        """Number of the leftmost lane, counted likewise."""
+        """Number of the leftmost lane, counted from the path's lane."""
         return round(float(self.left[row]))
 
     def is_leftmost(self, row: int, lane: int) -> bool:

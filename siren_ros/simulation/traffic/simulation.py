@@ -384,7 +384,7 @@ class SumoSimulation:
                 readings.lateral_m[row] = place.match.lateral_m
 
     def _routes_of(self, names: Sequence[str], route_index: list[int]) -> tuple[Indices, Indices]:
-        """Edges ahead of each vehicle, as in ``joined_rows``."""
+        """Edges ahead of each vehicle, as one array with offsets (``joined_rows``)."""
         places, reached = self._mirror.places, self._reached
         routes = [
             self._ahead[name] if name not in places and reached.get(name) == index else self._route_of(name, index)

@@ -51,7 +51,7 @@ class LearnedDriver:
 
     @property
     def start(self) -> LearnedState:
-        """Keep the lane until the first decision."""
+        """State before the first decision: the driver keeps its lane."""
         return LearnedState()
 
     def step(self, state: LearnedState, sight: Sight) -> tuple[LearnedState, AvControl]:

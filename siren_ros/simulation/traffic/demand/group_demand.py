@@ -343,7 +343,7 @@ def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
 
 
 ROUTE_SLACK_S: Final = 20.0
-"""Routes are this much longer than warm-up and episode take at ``route_speed_mps``."""
+"""Time for which routes last beyond warm-up and episode, at ``ROUTE_SPEED_MPS``."""
 ROUTE_SPEED_MPS: Final = 16.0
 
 

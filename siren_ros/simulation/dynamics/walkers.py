@@ -49,9 +49,6 @@ def walk(bodies: Floats, sumo: Floats, walks: Flags, step_s: float, after: Float
         after[X, k], after[Y, k] = bodies[X, k] + step_s * vx, bodies[Y, k] + step_s * vy
         after[YAW, k] = wrapped_rad(yaw + turn)
         cos, sin = np.cos(after[YAW, k]), np.sin(after[YAW, k])
-        after[FORWARD, k], after[LATERAL, k], after[YAW_RATE, k] = (
-            vx * cos + vy * sin,
-            vy * cos - vx * sin,
-            turn / step_s,
-        )
+        after[FORWARD, k], after[LATERAL, k] = vx * cos + vy * sin, vy * cos - vx * sin
+        after[YAW_RATE, k] = turn / step_s
         after[ACCEL, k] = (after[FORWARD, k] - ahead) / step_s

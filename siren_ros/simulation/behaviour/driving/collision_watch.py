@@ -65,6 +65,10 @@ _OTHERS_MOST_M: Final = 60.0
 """Largest distance of that prediction."""
 ROLLING_MPS: Final = 0.3
 """Slower vehicles stop without further braking."""
+_Own = tuple[int, float, float, float]
+"""The driver as compiled code takes it: row, progress, target speed and reach of ``CollisionWatch``."""
+_Keeps = tuple[float, float, float, float]
+"""What the driver keeps: side margin, gap at a standstill, comfortable deceleration and headway of ``Navigation``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +100,10 @@ class CollisionWatch:
         those that cross it belong to ``meetings``. The safe speed is Krauss's (``safe_following_mps``).
         """
         seen, config = self.seen, self.config
-        angles = _CROSSING_COSINE, DRIFT_SINE, _TURNING_SINE
-        sides = config.side_margin_m, _DRIFT_TIME_S, MOVING_MPS, *angles
-        keeps = config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
+        keeps = config.side_margin_m, config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
         own = self.row, self.progress_m, self.target_mps, self.reach_m
         ways = _UNKNOWN if seen.outlook is None else seen.outlook.ways
-        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, ways, sides, keeps)
+        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, ways, keeps)
         return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
 
     def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
@@ -112,15 +114,11 @@ class CollisionWatch:
         """
         seen, config, path = self.seen, self.config, self.path
         ways, rights = _straight_on(seen) if seen.outlook is None else (seen.outlook.ways, seen.outlook.rights)
-        reach = _OTHERS_TIME_S, _OTHERS_MORE_M, _OTHERS_MOST_M
-        limits = MOVING_MPS, _CROSSING_COSINE, *reach, config.side_margin_m
-        speeds = ROLLING_MPS, config.own_accel_mps2, config.comfort_brake_mps2
+        limits = config.side_margin_m, config.own_accel_mps2, config.comfort_brake_mps2
         own = self.row, self.progress_m, self.target_mps, self.reach_m
         line = path.curve.points, path.curve.spacing_m, path.times_s
         who = seen.bodies, seen.is_emv
-        worst, speed, brake, free_m = _strictest_wait(
-            who, ways, rights, line, own, leaders, limits, speeds, config.conflicts
-        )
+        worst, speed, brake, free_m = _strictest_wait(who, ways, rights, line, own, leaders, limits, config.conflicts)
         return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), free_m)
 
 
@@ -150,7 +148,7 @@ def _leads(
     window: tuple[int, int],
     own: tuple[float, float, float],
     ways: Ways,
-    sides: tuple[float, ...],
+    side_margin_m: float,
 ) -> tuple[bool, float, float, bool]:
     """Whether a vehicle is ahead in the corridor that another sweeps; its gap and speed along the path.
 
@@ -160,17 +158,13 @@ def _leads(
     path turns along a long vehicle. It is looked at between two of its points, the ``window``.
     """
     (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
-    side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = sides
     x_m = bodies[X, other] + from_middle_m * bodies[SEEN_COS, other]
     y_m = bodies[Y, other] + from_middle_m * bodies[SEEN_SIN, other]
     s_m, left_m, nearest = nearest_point(line, x_m, y_m, window[0], window[1])
     if s_m <= progress_m:
         return False, 0.0, 0.0, False
-    speed, half_length, half_width = (
-        bodies[SEEN_SPEED, other],
-        min(bodies[SEEN_HALF_LENGTH, other], _PART_HALF_LENGTH_M),
-        bodies[SEEN_HALF_WIDTH, other],
-    )
+    speed, half_width = bodies[SEEN_SPEED, other], bodies[SEEN_HALF_WIDTH, other]
+    half_length = min(bodies[SEEN_HALF_LENGTH, other], _PART_HALF_LENGTH_M)
     turned = bodies[YAW, other] - heading_rad[nearest]
     along, across = np.cos(turned), np.sin(turned)
     extent = abs(along) * half_length + abs(across) * half_width
@@ -179,14 +173,14 @@ def _leads(
     corridor = swept + side_margin_m
     gap = s_m - extent - (progress_m + own_length)
     beside = abs(left_m) - side
-    drifted = abs(left_m + drift_time_s * speed * across) - side
+    drifted = abs(left_m + _DRIFT_TIME_S * speed * across) - side
     inside = beside < corridor and (gap > -0.5 or beside < own_width)
-    moving = speed > moving_mps
-    crossing = abs(along) < crossing_cosine and moving
+    moving = speed > MOVING_MPS
+    crossing = abs(along) < _CROSSING_COSINE and moving
     # An oncoming vehicle at an angle turns out of the way or into it, as does one that turns along its course; its
     # predicted course decides.
-    turning = abs(across) > turning_sine and moving and len(ways.first) > 0
-    drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
+    turning = abs(across) > _TURNING_SINE and moving and len(ways.first) > 0
+    drifting = drifted < corridor and abs(across) > DRIFT_SINE and gap > 0.0 and along > 0.0
     drifting = drifting and not (turning and follows_course(ways, other))
     known = turning and along < 0.0
     leads = not (crossing or known) and (inside or drifting)
@@ -197,25 +191,19 @@ def _leads(
 def _strictest_leader(
     bodies: Floats,
     line: LineArrays,
-    own: tuple[int, float, float, float],
+    own: _Own,
     ways: Ways,
-    sides: tuple[float, ...],
-    keeps: tuple[float, float, float],
+    keeps: _Keeps,
 ) -> tuple[int, float, float, float]:
     """The most restrictive leader on a path: its row (−1 without one), safe speed, braking and gap.
 
-    ``ways`` are the vehicles' ways, row by row, where their courses are known. ``sides`` and ``keeps`` are fields of
-    ``Navigation``.
+    ``ways`` are the vehicles' ways, row by row, where their courses are known.
     """
     points, _, _, spacing_m = line
     row, progress_m, target_mps, reach_m = own
-    own_speed, own_length, own_width = (
-        bodies[SEEN_SPEED, row],
-        bodies[SEEN_HALF_LENGTH, row],
-        bodies[SEEN_HALF_WIDTH, row],
-    )
-    own_body, drift_time_s = (progress_m, own_length, own_width), sides[1]
-    standstill_gap_m, brake_mps2, headway_s = keeps
+    own_speed = bodies[SEEN_SPEED, row]
+    own_body = progress_m, bodies[SEEN_HALF_LENGTH, row], bodies[SEEN_HALF_WIDTH, row]
+    side_margin_m, standstill_gap_m, brake_mps2, headway_s = keeps
     first = min(max(int(progress_m / spacing_m) - 2, 0), len(points) - 2)
     end = min(first + int(reach_m / spacing_m) + 12, len(points))
     around_m = reach_m + 8.0
@@ -229,14 +217,16 @@ def _strictest_leader(
         gap, approaching, meets = np.inf, 0.0, False
         for part in range(parts + 1):
             at_m = beyond * (2.0 * part / parts - 1.0) if parts else 0.0
-            leads, part_m, along_mps, touches = _leads(bodies, other, at_m, line, (first, end), own_body, ways, sides)
+            leads, part_m, along_mps, touches = _leads(
+                bodies, other, at_m, line, (first, end), own_body, ways, side_margin_m
+            )
             if leads:
                 meets = meets or touches
                 if part_m < gap:
                     gap, approaching = part_m, along_mps
         if gap == np.inf:
             continue
-        gap, lead = max(gap + drift_time_s * min(approaching, 0.0), 0.0), max(approaching, 0.0)
+        gap, lead = max(gap + _DRIFT_TIME_S * min(approaching, 0.0), 0.0), max(approaching, 0.0)
         safe = safe_following_mps(lead, max(gap - standstill_gap_m, 0.0), brake_mps2, headway_s)
         if safe < least:
             worst, least, least_gap = other, safe, gap
@@ -249,24 +239,21 @@ def _strictest_leader(
 
 
 @compiled
-def _approaching(
-    bodies: Floats, own: tuple[int, float, float, float], reach_m: Floats, limits: tuple[float, ...]
-) -> Rows:
+def _approaching(bodies: Floats, own: _Own, reach_m: Floats) -> Rows:
     """Pairs of the driver and moving vehicles that may reach the path, without those that only follow.
 
     Fills in ``reach_m``: how far ahead each one is looked at.
     """
     row, _, _, own_reach_m = own
-    moving_mps, crossing_cosine, others_time_s, others_more_m, others_most_m, _ = limits
-    around_m, cos, sin = own_reach_m + others_most_m, bodies[SEEN_COS, row], bodies[SEEN_SIN, row]
+    around_m, cos, sin = own_reach_m + _OTHERS_MOST_M, bodies[SEEN_COS, row], bodies[SEEN_SIN, row]
     pairs, count = np.zeros((bodies.shape[1], 2), np.intp), 0
     for other in range(bodies.shape[1]):
         dx, dy, speed = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row], bodies[SEEN_SPEED, other]
-        if other == row or dx * dx + dy * dy >= around_m * around_m or speed <= moving_mps:
+        if other == row or dx * dx + dy * dy >= around_m * around_m or speed <= MOVING_MPS:
             continue
-        reach_m[other] = min(others_time_s * speed + others_more_m, others_most_m)
+        reach_m[other] = min(_OTHERS_TIME_S * speed + _OTHERS_MORE_M, _OTHERS_MOST_M)
         along = cos * bodies[SEEN_COS, other] + sin * bodies[SEEN_SIN, other]
-        behind = cos * dx + sin * dy < 0.0 and along > crossing_cosine
+        behind = cos * dx + sin * dy < 0.0 and along > _CROSSING_COSINE
         if np.hypot(dx, dy) <= own_reach_m + reach_m[other] and not behind:
             pairs[count, OTHER] = other
             count += 1
@@ -279,36 +266,29 @@ def _strictest_wait(
     ways: Ways,
     rights: Rights,
     line: tuple[Points, float, Floats],
-    own: tuple[int, float, float, float],
+    own: _Own,
     leaders: bool,
-    limits: tuple[float, ...],
-    speeds: tuple[float, float, float],
+    limits: tuple[float, float, float],
     config: Margins,
 ) -> tuple[int, float, float, float]:
     """The vehicle that makes a driver wait most.
 
     It gives the row (−1 without one), the speed, the hardest braking of all, and the free distance.
 
-    ``who`` are the bodies and which of them are EMVs, ``limits`` and ``speeds`` fields of ``Navigation``, ``line``
-    is the driver's path. No red light makes an EMV wait: of two with the same right of way the one in the first row
-    goes first.
+    ``who`` are the bodies and which of them are EMVs, ``line`` is the driver's path. ``limits`` are the side margin,
+    the own acceleration and the comfortable deceleration. No red light makes an EMV wait: of two with the same right of
+    way the one in the first row goes first.
     """
     seen, is_emv = who
     (row, progress_m, target_mps, reach_m), (points, spacing_m, times_s) = own, line
-    rolling_mps, accel_mps2, comfort_brake_mps2 = speeds
+    side_margin_m, accel_mps2, comfort_brake_mps2 = limits
     worst, least, hardest, free_m = -1, np.inf, 0.0, np.inf
     bodies = ways.bodies.copy()
-    pairs = _approaching(seen, own, bodies[:, REACH], limits)
+    pairs = _approaching(seen, own, bodies[:, REACH])
     if len(pairs) == 0:
         return worst, least, hardest, free_m
-    x_m, y_m, yaw_rad, own_mps, half_length_m = (
-        seen[X, row],
-        seen[Y, row],
-        seen[YAW, row],
-        seen[SEEN_SPEED, row],
-        seen[SEEN_HALF_LENGTH, row],
-    )
-    half_width_m = seen[SEEN_HALF_WIDTH, row] + limits[5]
+    x_m, y_m, yaw_rad, own_mps = seen[X, row], seen[Y, row], seen[YAW, row], seen[SEEN_SPEED, row]
+    half_length_m, half_width_m = seen[SEEN_HALF_LENGTH, row], seen[SEEN_HALF_WIDTH, row] + side_margin_m
     body = np.array([[x_m, y_m, yaw_rad, spacing_m, progress_m, 0.0, reach_m, half_length_m, half_width_m, 0.0]])
     path = Ways(points, np.zeros(1, np.intp), np.full(1, len(points)), body)
     zones = zones_of(path, Ways(ways.points, ways.first, ways.last, bodies), pairs, leaders)
@@ -319,7 +299,7 @@ def _strictest_wait(
         if met == 0.0 or (leads and not (leaders and merges)):
             continue
         zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
-        top = max(limit_at_mps(ways, rights, other, other_in), rolling_mps)
+        top = max(limit_at_mps(ways, rights, other, other_in), ROLLING_MPS)
         bends, no_bends = Bends(times_s, spacing_m, progress_m), Bends(np.empty(0), 1.0, 0.0)
         own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
         if is_emv[row] and is_emv[other]:
@@ -333,6 +313,6 @@ def _strictest_wait(
             continue
         if worst < 0 or speed < least:
             worst, least, free_m = other, speed, free
-        if brake > comfort_brake_mps2 and own_mps > rolling_mps:
+        if brake > comfort_brake_mps2 and own_mps > ROLLING_MPS:
             hardest = max(hardest, brake)
     return worst, least, hardest, free_m

@@ -108,12 +108,8 @@ def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
 @compiled
 def _gaps(points: Points, arc_m: Floats, bodies: Floats, row: int, range_m: float) -> tuple[int, int, float, float]:
     """Rows of the vehicles ahead and behind in a lane (−1 if there is none), and the gaps."""
-    x_m, y_m, half_length_m, half_width_m = (
-        bodies[X, row],
-        bodies[Y, row],
-        bodies[SEEN_HALF_LENGTH, row],
-        bodies[SEEN_HALF_WIDTH, row],
-    )
+    x_m, y_m = bodies[X, row], bodies[Y, row]
+    half_length_m, half_width_m = bodies[SEEN_HALF_LENGTH, row], bodies[SEEN_HALF_WIDTH, row]
     own_s_m, _, heading = nearest_on_line(points, arc_m, x_m, y_m)
     front, rear, front_m, rear_m = -1, -1, np.inf, np.inf
     for other in range(bodies.shape[1]):

@@ -29,6 +29,7 @@ from siren_ros.simulation.behaviour.paths.lane_path import (
     shoulder_into_turn,
 )
 from siren_ros.simulation.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
+from siren_ros.simulation.conflicts.people import ID
 from siren_ros.simulation.roads.rescue_lane import rescue_boundary_m
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
@@ -237,7 +238,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     straight = None if straight_on_m is None else np.full(len(s_m), straight_on_m)
     base = _boundary_offsets(reference, s_m, ego) if straight is None else straight
     rows = ego.near(_CORRIDOR_M + 10.0)
-    rows = rows[~np.isin(seen.actor_id[rows], seen.people[6])]
+    rows = rows[~np.isin(seen.actor_id[rows], seen.people[ID])]
     if len(rows) == 0:
         return base
     curve = reference.curve

@@ -133,7 +133,7 @@ def test_an_actor_class(followed: FollowedGuide) -> None:
         ]
     taxis = [actor for actor in spawned if actor.actor_class == len(ActorClass)]
     assert taxis
-    assert [actor.height_m for actor in taxis] == pytest.approx([1.58] * len(taxis))
+    assert [actor.height_m for actor in taxis] == pytest.approx([1.6] * len(taxis))
 
 
 @of("exam_driver")

@@ -24,7 +24,7 @@ from typing import Any, Final, Self, TypeVar
 
 import pebble
 
-from siren_ros.base.processes.interrupts import children_without_ctrl_c, deferred_interrupts
+from siren_ros.base.processes.interrupts import children_without_ctrl_c, deferred_interrupts, leave
 from siren_ros.errors import InputError, SirenError
 
 Progress = Callable[[float], None]
@@ -209,6 +209,8 @@ class ProcessPool:
         except BrokenProcessPool as error:
             if self._left:  # pebble may see the closed pipe before it cancels the calls
                 raise CancelledError from error
+            if error.args and error.__cause__ is None:  # pebble found a dead process whose call it did not know yet
+                raise CrashError("a process ended as it began a call") from error
             cause = type(error.__cause__ or error).__name__
             raise CrashError(f"the server of new processes is gone ({cause})") from error
         except SystemExit as error:
@@ -267,16 +269,11 @@ def _start_method() -> str:
 
 def _start_worker(reports: Connection) -> None:
     global _report  # noqa: PLW0603 - this is how a process of a pool gets its settings
-    signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGTERM, leave)
     # The pool ignores SIGINT; programs that calls start must not.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))
     _report = reports.send  # a message this short is one write and needs no lock, which a killed process could keep
     threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _leave(*_: object) -> None:
-    """Close what the call has opened, and remove its temporary folders."""
-    raise SystemExit
 
 
 def _end_with_parent() -> None:

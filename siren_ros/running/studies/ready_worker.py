@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from siren_ros.base.processes.interrupts import signal_at_end_of_parent
+from siren_ros.base.processes.interrupts import leave, signal_at_end_of_parent
 from siren_ros.errors import SirenError
 
 _SHORT_S: Final = 1.0
@@ -26,11 +26,7 @@ def _make_ready() -> None:
     gc.freeze()  # loaded objects stay and are shared with the forked processes
 
 
-def _end(*_: object) -> None:
-    raise SystemExit
-
-
-_usual = signal.signal(signal.SIGTERM, _end)
+_usual = signal.signal(signal.SIGTERM, leave)
 signal_at_end_of_parent(signal.SIGTERM)  # only when it is ready does the server check whether its program still exists
 _make_ready()
 signal_at_end_of_parent(0)

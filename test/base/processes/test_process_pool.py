@@ -143,13 +143,17 @@ def test_an_error_of_the_project_stays_what_it_is(pool: ProcessPool) -> None:
     assert refused.value.exit_code == 2
 
 
+LATER = "import os, signal, time; time.sleep(0.3); "
+"""Waits until pebble has read which call the process has begun; it does not know the reason of an earlier end."""
+
+
 @pytest.mark.parametrize(
     ("function", "argument", "reason"),
     [
         (json.loads, "{", r"^JSONDecodeError: .* \(decoder.py:\d+\)$"),
-        (os._exit, 7, "^its process ended with exit code 7$"),
-        (signal.raise_signal, signal.SIGSEGV, "^its process was killed by SIGSEGV$"),
-        (signal.raise_signal, signal.SIGTERM, "^its process was ended by SIGTERM$"),
+        (exec, LATER + "os._exit(7)", "^its process ended with exit code 7$"),
+        (exec, LATER + "signal.raise_signal(signal.SIGSEGV)", "^its process was killed by SIGSEGV$"),
+        (exec, LATER + "signal.raise_signal(signal.SIGTERM)", "^its process was ended by SIGTERM$"),
     ],
 )
 def test_an_end_without_an_answer_says_its_reason(pool, function, argument, reason) -> None:
@@ -159,7 +163,14 @@ def test_an_end_without_an_answer_says_its_reason(pool, function, argument, reas
 
 def test_a_process_that_dies_among_many_is_named_too() -> None:
     with ProcessPool(2) as pool, pytest.raises(CrashError, match="killed by SIGKILL, as where memory runs out"):
-        pool.map(signal.raise_signal, [(signal.SIGKILL,)])
+        pool.map(exec, [(LATER + "signal.raise_signal(signal.SIGKILL)",)])
+
+
+def test_a_process_that_dies_before_its_call_is_known_ends_the_pool(pool):
+    broken = Future()
+    broken.set_exception(BrokenProcessPool("All workers expired"))  # as pebble says it
+    with pytest.raises(CrashError, match=r"^a process ended as it began a call$"):
+        pool._answer(broken)
 
 
 def workers() -> list[int]:

@@ -5,10 +5,10 @@
 """
 
 import argparse
+import signal
 from contextlib import suppress
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
@@ -53,10 +53,11 @@ class AvListener(Node):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--participant", default="", help="name under which the lockstep waits for this program")
-    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)  # its handlers may raise RCLError
     node = AvListener(parser.parse_args().participant)
-    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while rclpy.ok() and not node.over:
+    with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
+        while not node.over:
             node.say_ready()
             rclpy.spin_once(node, timeout_sec=0.05)
         _ = node.report and node.report.wait_for_all_acked()

@@ -10,12 +10,12 @@ its lane, and back when the emergency vehicle has passed.
 """
 
 import math
+import signal
 from contextlib import suppress
 
 import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry, Path
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from siren_msgs.msg import AvControl, EpisodeEnd, GroundTruth
@@ -127,10 +127,11 @@ def pose_on_map(message: TFMessage) -> tuple[float, float, float]:
 
 def main() -> None:
     """Drive until the episode is over."""
-    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)  # its handlers may raise RCLError
     node = AvPolicy()
-    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while rclpy.ok() and not node.over:
+    with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
+        while not node.over:
             node.get_ready()
             rclpy.spin_once(node, timeout_sec=0.05)
 

@@ -3,12 +3,12 @@
 ./env siren exam --av 'python examples/lawful_stack.py' --rulebook california --out exam/
 """
 
+import signal
 from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -51,9 +51,10 @@ class Stack(Node):
 
 
 if __name__ == "__main__":
-    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)  # its handlers may raise RCLError
     stack = Stack()
-    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while rclpy.ok() and not stack.av.ended:
+    with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
+        while not stack.av.ended:
             stack.get_ready()
             rclpy.spin_once(stack, timeout_sec=0.05)

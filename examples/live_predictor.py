@@ -8,11 +8,11 @@ It lets every vehicle keep its velocity. A real predictor keeps the states of th
 paths for each vehicle. The episode waits for it, however slow it is.
 """
 
+import signal
 from contextlib import suppress
 
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from siren_msgs.msg import ActorStates, EpisodeEnd, PredictedPaths, StepDone
@@ -65,10 +65,11 @@ class LivePredictor(Node):
 
 
 if __name__ == "__main__":
-    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)  # its handlers may raise RCLError
     node = LivePredictor()
-    with suppress(ExternalShutdownException, KeyboardInterrupt):  # SIGTERM or Ctrl-C
-        while rclpy.ok() and not node.over:
+    with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
+        while not node.over:
             node.say_ready()
             rclpy.spin_once(node, timeout_sec=0.05)
         node.report.wait_for_all_acked()

@@ -13,9 +13,9 @@ path, number = sys.argv[1:]
 del sys.argv[1:]
 spin_once = rclpy.spin_once
 def interrupted(node, timeout_sec):
-    spin_once(node, timeout_sec=timeout_sec)
+    rclpy.spin_once = spin_once
     threading.Timer(0.2, os.kill, (os.getpid(), int(number))).start()
-    spin_once(node, timeout_sec=60.0)
+    spin_once(node, timeout_sec=timeout_sec)
 rclpy.spin_once = interrupted
 runpy.run_path(path, run_name="__main__")
 """

@@ -12,9 +12,10 @@ from siren_ros.cli.options import add_bags, add_processes, check_numbers, names_
 from siren_ros.data.recording.bag_reader import bags_among, read_episode
 from siren_ros.errors import EXIT_OK, InputError, write_text
 from siren_ros.lab.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
-from siren_ros.lab.calibration.parameters import PARAMETERS, Parameter, check_effect, parameters_named
+from siren_ros.lab.calibration.parameters import PARAMETERS, check_effect, parameters_named
 from siren_ros.lab.calibration.searches import residuals_over
 from siren_ros.lab.calibration.targets import Situation, Target, Trajectory, horizons_of
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 from siren_ros.simulation.scenario.episode import MAX_SEED
 
 DEFAULTS = "emv.speed_mps,emv_driver.driving.comfort_accel_mps2,emv_driver.approach.headway_s"
@@ -73,10 +74,16 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def fitted_lines(parameters: tuple[Parameter, ...], fitted: Fitted) -> list[str]:
+def fitted_lines(parameters: tuple[DriverParameter, ...], fitted: Fitted) -> list[str]:
     """The values and how sure they are, for a terminal."""
     rows = tuple(
-        (each.name, fitted.values[each.name], fitted.spread[each.name], f"{each.low:g} to {each.high:g}", each.meaning)
+        (
+            each.name,
+            fitted.values[each.name],
+            fitted.spread[each.name],
+            f"{each.minimum:g} to {each.maximum:g}",
+            each.meaning,
+        )
         for each in parameters
     )
     table = Table("fit", "", ("parameter", "value", "spread", "range", "meaning"), rows, spec=".3f")

@@ -18,10 +18,11 @@ from siren_ros.base.tables.table import Table
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.calibration.fit import EVALUATIONS_EACH, Fitted, fit
-from siren_ros.lab.calibration.parameters import Parameter, check_effect, parameters_named
+from siren_ros.lab.calibration.parameters import check_effect, parameters_named
 from siren_ros.lab.calibration.searches import residuals_over
 from siren_ros.lab.calibration.targets import Situation, Target, Trajectory, driven, horizons_of
 from siren_ros.running.generation.episode_setup import plan_length
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 
@@ -86,18 +87,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     return EXIT_OK if worst <= asked.tolerance else EXIT_FAILED
 
 
-def recovery_table(parameters: Sequence[Parameter], truth: Mapping[str, float], fitted: Fitted) -> Table:
+def recovery_table(parameters: Sequence[DriverParameter], truth: Mapping[str, float], fitted: Fitted) -> Table:
     """Table of true and fitted values; differences and spreads are shares of the range."""
     rows = []
     for each in parameters:
-        reach, value = each.high - each.low, fitted.values[each.name]
+        reach, value = each.maximum - each.minimum, fitted.values[each.name]
         off = abs(value - truth[each.name]) / reach
         rows.append((each.name, truth[each.name], value, off, fitted.spread[each.name] / reach))
     head = ("parameter", "truth", "found", "off, of the range", "spread, of the range")
     return Table("recovery", "", head, tuple(rows), spec=".3f", specs=dict.fromkeys(head[3:], ".1%"))
 
 
-def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:
+def drawn_truth(parameters: Sequence[DriverParameter], seed: int) -> dict[str, float]:
     """Draw true values uniformly from the inner part of each range."""
     rng = random_stream(seed, "calibration/truth")
     return {each.name: each.at(float(rng.uniform(*_INNER))) for each in parameters}

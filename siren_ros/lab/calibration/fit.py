@@ -8,7 +8,6 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, random_stream
 from siren_ros.errors import InputError
-from siren_ros.lab.calibration.parameters import Parameter
 from siren_ros.lab.calibration.searches import (
     Bottom,
     Residuals,
@@ -25,6 +24,7 @@ from siren_ros.lab.calibration.searches import (
     tries_for,
 )
 from siren_ros.lab.calibration.targets import FAILED_M, WHOLE
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 
 AGREE_SHARE: Final = 0.02
 """Relative difference of errors below which two rounds agree."""
@@ -128,7 +128,7 @@ class Fitted:
 
 
 def fit(
-    parameters: Sequence[Parameter],
+    parameters: Sequence[DriverParameter],
     residuals: Residuals,
     evaluations: int,
     seed: int = 0,
@@ -160,7 +160,7 @@ def fit(
     shares = list(zip(parameters, spread_shares(tried, tried.best, tried.best_error_m), strict=True))
     return Fitted(
         values=tried.values(tried.best),
-        spread={each.name: float(share) * (each.high - each.low) for each, share in shares},
+        spread={each.name: float(share) * (each.maximum - each.minimum) for each, share in shares},
         undetermined=tuple(each.name for each, share in shares if share > UNDETERMINED_SHARE),
         error_m=tried.best_error_m,
         start_error_m=start_error,

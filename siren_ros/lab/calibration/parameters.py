@@ -1,12 +1,12 @@
 """The parameters that can be fitted: those of the drivers of EMVs, and where each is put in an episode."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from siren_ros.errors import InputError
 from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
-from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS, DriverParameters
+from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS, DriverParameter, DriverParameters
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan, with_emv_drivers
 
@@ -16,39 +16,14 @@ TARGET_SPEED: Final = "emv.speed_mps"
 """The template's parameter that is fitted too."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of the EMV."""
-
-    name: str
-    """``sumo.…`` works where SUMO drives the EMV (L0), the others where ROS does (L1 to L3)."""
-    meaning: str
-    low: float
-    high: float
-
-    @property
-    def of_sumo(self) -> bool:
-        """Whether SUMO's driver has it, and not the controller."""
-        return self.name.startswith(_OF_SUMO)
-
-    def at(self, share: float) -> float:
-        """Value at a share of the range."""
-        return self.low + share * (self.high - self.low)
-
-    def share_of(self, value: float) -> float:
-        """Inverse of ``at``."""
-        return (value - self.low) / (self.high - self.low)
-
-
-PARAMETERS: Final[Mapping[str, Parameter]] = {
-    TARGET_SPEED: Parameter(TARGET_SPEED, "speed on a free way", 8.0, 20.0),
-    **{
-        name: Parameter(name, known.meaning, known.minimum, known.maximum)
-        for name, known in DRIVER_PARAMETERS.items()
-        if name.startswith((_OF_SUMO, _OF_ROS))
-    },
+PARAMETERS: Final[Mapping[str, DriverParameter]] = {
+    TARGET_SPEED: DriverParameter(TARGET_SPEED, "speed on a free way", None, 8.0, 20.0),
+    **{name: known for name, known in DRIVER_PARAMETERS.items() if name.startswith((_OF_SUMO, _OF_ROS))},
 }
-"""Every parameter that can be fitted, by name. The ranges are those of driving that is physically sensible."""
+"""Every parameter that can be fitted, by name. The ranges are those of driving that is physically sensible.
+
+``sumo.…`` acts where SUMO drives the EMV (L0), the others where ROS does (L1 to L3).
+"""
 
 FORMER_NAMES: Final[Mapping[str, str]] = {
     "controller.target_speed_mps": TARGET_SPEED,
@@ -62,7 +37,7 @@ FORMER_NAMES: Final[Mapping[str, str]] = {
 """Names that commands of earlier versions have; they still work."""
 
 
-def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
+def parameters_named(names: Sequence[str]) -> tuple[DriverParameter, ...]:
     """Parameters by name, in the given order; InputError for no name, an unknown name, or a repeated one."""
     names = [FORMER_NAMES.get(name, name) for name in names]
     for name in names:
@@ -73,7 +48,7 @@ def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
     return tuple(PARAMETERS[name] for name in names)
 
 
-def check_effect(parameters: Sequence[Parameter], levels: Collection[str]) -> None:
+def check_effect(parameters: Sequence[DriverParameter], levels: Collection[str]) -> None:
     """Refuse parameters without an effect: SUMO's if ROS drives the EMV at all levels, and vice versa.
 
     Raises:
@@ -81,7 +56,7 @@ def check_effect(parameters: Sequence[Parameter], levels: Collection[str]) -> No
     """
     sumo_drives = EmergencyLevel.L0.name in levels
     ros_drives = any(level != EmergencyLevel.L0.name for level in levels)
-    works = [name for name, known in PARAMETERS.items() if (sumo_drives if known.of_sumo else ros_drives)]
+    works = [name for name in PARAMETERS if (sumo_drives if name.startswith(_OF_SUMO) else ros_drives)]
     for parameter in parameters:
         if parameter.name not in works:
             allowed = f"at {', '.join(levels)} one or several of {', '.join(works)}"
@@ -90,7 +65,7 @@ def check_effect(parameters: Sequence[Parameter], levels: Collection[str]) -> No
 
 def with_drivers(plan: TrafficPlan, values: Mapping[str, float]) -> TrafficPlan:
     """The plan with SUMO's parameters of all its EMVs."""
-    of_sumo = {name: value for name, value in values.items() if PARAMETERS[name].of_sumo}
+    of_sumo = {name: value for name, value in values.items() if name.startswith(_OF_SUMO)}
     return with_emv_drivers(plan, DriverParameters().with_values(of_sumo).sumo)
 
 

@@ -11,8 +11,8 @@ import scipy
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.errors import InputError
-from siren_ros.lab.calibration.parameters import Parameter
 from siren_ros.lab.calibration.targets import WHOLE, Target, residuals_m
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 
 Residuals = Callable[[Sequence[Mapping[str, float]], float], Sequence[Floats]]
 """Computes the residual vectors of several tries, which may run in parallel, over the trajectories' first seconds. Over
@@ -33,7 +33,7 @@ class Spent(Exception):  # noqa: N818 - the end of a search, and no error
 class Tried:
     """Runs and records the tries of a search. Parameters are shares of their ranges, 0 to 1."""
 
-    def __init__(self, parameters: Sequence[Parameter], residuals: Residuals, report: Tell) -> None:
+    def __init__(self, parameters: Sequence[DriverParameter], residuals: Residuals, report: Tell) -> None:
         """Start without any try."""
         self._parameters = parameters
         self._residuals = residuals

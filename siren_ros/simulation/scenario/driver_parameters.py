@@ -1,7 +1,8 @@
 """Parameters of drivers that users can set: by dotted names in presets, templates and ``values``, each default once."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -151,7 +152,11 @@ class ManoeuvringConfig:
     clearance_m: float = number(0.1, 0, 1, "distance to others at which a driver stops")
     brake_mps2: float = number(2.0, 0.5, 6, "deceleration laid out for towards tight places")
 
-    @property
+    def __post_init__(self) -> None:
+        """Refuses margins that do not decrease in their order."""
+        _falling(self, "narrow_gap_m", "clearance_m")
+
+    @cached_property
     def squeezes(self) -> tuple[tuple[float, float], ...]:
         """The margins that are tried, the widest first, each with its speed."""
         return (self.narrow_gap_m, math.inf), (self.clearance_m, self.narrow_mps)
@@ -337,17 +342,14 @@ class DriverParameters:
         Raises:
             InputError: An unknown name, a value out of its range, or margins that do not fall.
         """
-        changed: DriverParameters = self
+        groups: defaultdict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
         for name, value in values.items():
             check_driver_value(name, value)
-        for parts in sorted({tuple(name.split(".")[:-1]) for name in values}, key=len):
-            prefix = ".".join((*parts, ""))
-            own = {
-                name.removeprefix(prefix): float(values[name])
-                for name in values
-                if name.rpartition(".")[0] + "." == prefix
-            }
-            changed = _replaced(changed, parts, own)
+            *owners, field_name = name.split(".")
+            groups[tuple(owners)][field_name] = float(value)
+        changed: DriverParameters = self
+        for path, own in groups.items():  # fields of one owner together: each alone might not fit the others
+            changed = _replaced(changed, path, own)
         return changed
 
     def speeds(self, emv_mps: float) -> TargetSpeeds:
@@ -363,11 +365,11 @@ class DriverParameters:
         )
 
 
-def _replaced(owner: Any, parts: tuple[str, ...], values: Mapping[str, float]) -> Any:
-    if not parts:
+def _replaced(owner: Any, owners: Sequence[str], values: Mapping[str, float]) -> Any:
+    if not owners:
         return replace(owner, **values)
-    head, *rest = parts
-    return replace(owner, **{head: _replaced(getattr(owner, head), tuple(rest), values)})
+    head, *rest = owners
+    return replace(owner, **{head: _replaced(getattr(owner, head), rest, values)})
 
 
 @dataclass(frozen=True)
@@ -379,6 +381,14 @@ class DriverParameter:
     default: float | None
     minimum: float
     maximum: float
+
+    def at(self, share: float) -> float:
+        """Value at a share of the range."""
+        return self.minimum + share * (self.maximum - self.minimum)
+
+    def share_of(self, value: float) -> float:
+        """Inverse of ``at``."""
+        return (value - self.minimum) / (self.maximum - self.minimum)
 
 
 def _parameters_in(owner: Any, path: str = "") -> Iterator[DriverParameter]:

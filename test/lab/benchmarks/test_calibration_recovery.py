@@ -28,7 +28,7 @@ def test_the_table_gives_differences_and_spreads_as_shares_of_the_ranges() -> No
 @pytest.mark.parametrize(("off_share", "code"), [(0.9 * TOLERANCE, 0), (1.1 * TOLERANCE, 1)])
 def test_a_parameter_beyond_the_tolerance_fails_the_command(off_share, code, monkeypatch, capsys) -> None:
     truth = drawn_truth((SPEED, ACCEL), 1)
-    off = off_share * (ACCEL.high - ACCEL.low)
+    off = off_share * (ACCEL.maximum - ACCEL.minimum)
     result = fitted(truth[SPEED.name], truth[ACCEL.name] - off)
     monkeypatch.setattr(calibration_recovery, "fit", lambda *_, **__: result)
     monkeypatch.setattr(calibration_recovery, "target_with", lambda *_: None)

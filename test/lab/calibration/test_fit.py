@@ -9,11 +9,12 @@ import pytest
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.errors import InputError
 from siren_ros.lab.calibration.fit import SAME_PLACE, fit, search_rounds
-from siren_ros.lab.calibration.parameters import PARAMETERS, Parameter, parameters_named
+from siren_ros.lab.calibration.parameters import PARAMETERS, parameters_named
 from siren_ros.lab.calibration.searches import Residuals, Tried
 from siren_ros.lab.calibration.targets import FAILED_M, WHOLE
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 
-UNIT = tuple(Parameter(name, "a share of itself", 0.0, 1.0) for name in ("a", "b"))
+UNIT = tuple(DriverParameter(name, "a share of itself", None, 0.0, 1.0) for name in ("a", "b"))
 TRUTH = {"a": 0.33, "b": 0.71}
 TIME_S = np.arange(0.0, 40.0, 0.1)
 HORIZONS = (6.0, 9.0, 13.5, 20.0, 30.0, WHOLE)
@@ -140,7 +141,7 @@ def test_the_minimum_is_found(count: int) -> None:
     bowl = Bowl()
     fitted = fit(parameters_named(NAMES[:count]), bowl, 300)
     for name, value in fitted.values.items():
-        reach = PARAMETERS[name].high - PARAMETERS[name].low
+        reach = PARAMETERS[name].maximum - PARAMETERS[name].minimum
         assert value == pytest.approx(TRUTH_FIT[name], abs=1e-3 * reach)
         assert 0.0 < fitted.spread[name] < 0.01 * reach
     assert fitted.undetermined == ()
@@ -182,7 +183,7 @@ def test_every_try_is_within_the_ranges() -> None:
     fit(parameters_named(NAMES), bowl, 60)
     for values in bowl.tries:
         for name, value in values.items():
-            assert PARAMETERS[name].low <= value <= PARAMETERS[name].high
+            assert PARAMETERS[name].minimum <= value <= PARAMETERS[name].maximum
 
 
 def test_the_same_seed_gives_the_same_search_and_leaves_numpys_generator_alone() -> None:

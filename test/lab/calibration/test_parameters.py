@@ -17,7 +17,6 @@ from siren_ros.lab.calibration.fit import fit
 from siren_ros.lab.calibration.parameters import (
     FORMER_NAMES,
     PARAMETERS,
-    Parameter,
     check_effect,
     parameters_named,
     with_drivers,
@@ -38,7 +37,7 @@ from siren_ros.lab.calibration.targets import (
 )
 from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.simulation.roads.road_network import RoadNetwork
-from siren_ros.simulation.scenario.driver_parameters import DriverParameters
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter, DriverParameters
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import load_preset
@@ -84,18 +83,20 @@ def plan_of(driver: DriverModel) -> TrafficPlan:
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS.values(), ids=lambda parameter: parameter.name)
-def test_a_parameter_changes_its_fields_and_no_others(parameter: Parameter) -> None:
+def test_a_parameter_changes_its_fields_and_no_others(parameter: DriverParameter) -> None:
     share = 0.07 if "gap_m" in parameter.name or "clearance_m" in parameter.name else 0.77  # margins fall
     value = parameter.at(share)
     assert parameter.share_of(value) == pytest.approx(share)
-    if parameter.of_sumo:
+    if parameter.name.startswith("sumo."):
         changed = changes(DRIVER, with_drivers(plan_of(DRIVER), {parameter.name: value}).emvs[0].driver)
         assert with_world(world(), {parameter.name: value}).config == DriverParameters()
     else:
         before, after = world(), with_world(world(), {parameter.name: value})
         changed = changes(before.config, after.config) | changes(before.speeds, after.speeds)
         present = [old for old, _ in changed.values() if old is not None]
-        assert all(parameter.low <= old <= parameter.high for old in present), "the present value is in the range"
+        assert all(parameter.minimum <= old <= parameter.maximum for old in present), (
+            "the present value is in the range"
+        )
     assert set(changed) == CHANGED.get(parameter.name, {parameter.name})
     assert {new for _, new in changed.values()} == {value}
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.base.numerics.arrays import Floats
-from siren_ros.lab.calibration.parameters import Parameter, parameters_named
+from siren_ros.lab.calibration.parameters import parameters_named
 from siren_ros.lab.calibration.searches import (
     LEAST_ERROR_M,
     NEAR_SHARE,
@@ -23,6 +23,7 @@ from siren_ros.lab.calibration.searches import (
     tries_for,
 )
 from siren_ros.lab.calibration.targets import WHOLE
+from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 
 PARAMETERS = parameters_named(["emv.speed_mps", "sumo.tau_s"])
 
@@ -84,7 +85,7 @@ def test_shares_beyond_the_parameters_say_nothing() -> None:
     assert tried.best.tolist() == [0.5]
 
 
-UNIT = tuple(Parameter(name, "a share of itself", 0.0, 1.0) for name in ("a", "b", "c"))
+UNIT = tuple(DriverParameter(name, "a share of itself", None, 0.0, 1.0) for name in ("a", "b", "c"))
 TRUTH = np.array([0.62, 0.31, 0.8])
 NOISE_M = 0.14
 
@@ -194,4 +195,4 @@ def test_the_slopes_are_taken_within_the_ranges(first: float, second: float) -> 
     assert moves == pytest.approx(move_shares(np.diag([7.0, 11.0]), 0.3))
     assert len(asked) == tries_for(2) == 4
     for parameter in PARAMETERS:
-        assert all(parameter.low - 1e-9 <= values[parameter.name] <= parameter.high + 1e-9 for values in asked)
+        assert all(parameter.minimum - 1e-9 <= values[parameter.name] <= parameter.maximum + 1e-9 for values in asked)

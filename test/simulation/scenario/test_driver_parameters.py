@@ -48,3 +48,5 @@ def test_margins_fall() -> None:
     assert [margin for margin, _ in corridor.squeezes] == [1.0, 0.5, 0.1]
     with pytest.raises(InputError, match="tight_gap_m"):
         DriverParameters().with_values({narrow: 0.3})
+    with pytest.raises(InputError, match="clearance_m"):
+        DriverParameters().with_values({"civilian_driver.manoeuvring.narrow_gap_m": 0.1})

@@ -60,11 +60,12 @@ def make_episode(
             take part over ROS and need ``cosim``.
         EpisodeError: The disk is full.
     """
-    from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+    from siren_ros.running.generation.episode_setup import set_up_episode
     from siren_ros.running.generation.recorded_episode import record_episode
 
-    on_step = _moved(progress, plan_length(request))
-    return record_episode(set_up_episode(request), Path(bag), overwrite=overwrite, on_step=lambda _: on_step())
+    setup = set_up_episode(request)
+    on_step = _moved(progress, setup.steps)
+    return record_episode(setup, Path(bag), overwrite=overwrite, on_step=lambda _: on_step())
 
 
 def read_record(bag: Folder) -> EpisodeRecord:

@@ -19,7 +19,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Packs samples for training as one Parquet file for each split, and prints how many samples a second of "
-        "processor time one process reads. The classes of siren_ros.lab.training.torch_samples give them to PyTorch."
+        "processor time one process reads. The classes of siren_ros.training.torch_samples give them to PyTorch."
     )
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     for pack in PACKS.values():

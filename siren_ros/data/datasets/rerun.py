@@ -118,9 +118,8 @@ class _Steps:
             show_labels=False,
         )
         self._recording.log(f"{MAP_ROOT}/vehicles", boxes)
-        emv_id = min(self._source.description.emv_ids, default=0)
-        row = int(np.searchsorted(states.actor_id, emv_id))
-        if row == len(states) or states.actor_id[row] != emv_id:
+        row = states.row_of(min(self._source.description.emv_ids, default=0))
+        if row is None:
             return
         place = (float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]))
         turned = rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), angle=rr.Angle(rad=float(states.yaw_rad[row])))

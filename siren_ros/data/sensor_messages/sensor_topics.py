@@ -50,8 +50,8 @@ def noise_seed(seed: int, carrier: Carrier) -> int:
 
 def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
     """Row of the carrier in the states; EpisodeError if it has left the map."""
-    row = int(np.searchsorted(states.actor_id, carrier_id))
-    if row == len(states) or states.actor_id[row] != carrier_id:
+    row = states.row_of(carrier_id)
+    if row is None:
         raise EpisodeError(f"the sensors' carrier, actor {carrier_id}, is not on the map at step {states.step}")
     return row
 

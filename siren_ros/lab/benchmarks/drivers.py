@@ -11,7 +11,6 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
-from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EXIT_OK, SirenError
@@ -36,7 +35,7 @@ def record_with(driver: str, request: EpisodeRequest) -> tuple[EpisodeRecord, in
         EpisodeError: The episode failed.
     """
     setup = set_up_episode(replace(request, av="" if driver == PAPER else "civilian"))
-    loop = closed_loop(setup, steps_from_s(setup.description.duration_s))
+    loop = closed_loop(setup, setup.steps)
     if driver == PAPER:
         record = record_of(setup, list(loop))
         return record, actor_in_seat(record)

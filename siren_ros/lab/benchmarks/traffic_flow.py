@@ -19,7 +19,7 @@ from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.benchmarks.templates import seeds_of_option
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
-from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.evaluation.traffic_flow import (
     civilian_accelerations_mps2,
     discharge_headways,
@@ -49,7 +49,7 @@ def record_at(request: EpisodeRequest, level: str = "") -> EpisodeRecord:
     """Record an episode without ROS and sensors; at L0 it lasts until the signal is green again."""
     asked = replace(request, level=level, duration_s=NOMINAL_S if level else 0.0)
     setup = set_up_episode(asked)
-    return record_of(setup, list(closed_loop(setup, plan_length(asked))))
+    return record_of(setup, list(closed_loop(setup, setup.steps)))
 
 
 def measure(request: EpisodeRequest) -> FlowSamples:

@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import ClassVar, Final, Self, cast
 
-from siren_ros.base.numerics.units import STEP_S, steps_from_s
+from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
@@ -53,7 +53,6 @@ class Rollout:
         self.setup: EpisodeSetup = set_up_episode(request)
         self.request = request
         self.network = right_hand_image(self.setup.network)
-        self.length = max(1, steps_from_s(self.setup.description.duration_s))
         self.actors: dict[int, ActorDescription] = {}
         """All who were there, by id."""
         self.steps: list[LoopStep] = []
@@ -74,7 +73,7 @@ class Rollout:
     @property
     def over(self) -> bool:
         """Whether the episode's time is over."""
-        return len(self.steps) == self.length
+        return len(self.steps) == self.setup.steps
 
     @property
     def states(self) -> ActorStates:
@@ -94,7 +93,7 @@ class Rollout:
             EpisodeError: An answer cannot be used, the episode failed, or its time is over.
         """
         if self.over:
-            raise EpisodeError(f"the episode is over after {self.length} steps")
+            raise EpisodeError(f"the episode is over after {self.setup.steps} steps")
         if self.setup.network.left_hand:
             controls = {actor_id: mirror_image(control) for actor_id, control in controls.items()}
         for control in controls.values():
@@ -139,7 +138,7 @@ class Rollout:
             Rollout._running.taken = True
         self._free_sumo()
         self.taken = False
-        self._loop = closed_loop(self.setup, self.length)
+        self._loop = closed_loop(self.setup, self.setup.steps)
         Rollout._running = self
         first = self._next(None)
         if not self.steps:

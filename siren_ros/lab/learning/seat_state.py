@@ -2,13 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from siren_ros.lab.learning.rollout import Rollout, Seat
 from siren_ros.running.seat.sight import Sight, sight_of
 from siren_ros.running.seat.way import Way
 from siren_ros.simulation.traffic.demand.demand import av_way, way_of
-from siren_ros.simulation.world.actors import NO_ACTOR
 from siren_ros.simulation.world.traffic_state import EventKind
 
 
@@ -31,9 +28,7 @@ class SeatState:
     @property
     def emv_row(self) -> int | None:
         """Row of the first emergency vehicle; None if it is not on the map."""
-        states = self.sight.states
-        row = int(np.searchsorted(states.actor_id, self.emv_id))
-        return row if row < len(states) and states.actor_id[row] == self.emv_id else None
+        return self.sight.states.row_of(self.emv_id)
 
 
 class SeatView:
@@ -57,8 +52,7 @@ class SeatView:
     def look(self) -> SeatState | None:
         """State at the rollout's current step; None if the vehicle has left the map."""
         step, states = self._rollout.steps[-1], self._rollout.states
-        row = int(np.searchsorted(states.actor_id, self.actor_id))
-        if self.actor_id == NO_ACTOR or row == len(states) or states.actor_id[row] != self.actor_id:
+        if states.row_of(self.actor_id) is None:
             return None
         at_m = 0.0 if self._last is None else self._last.sight.s_m
         sight = sight_of(states, step.traffic.signals, self._rollout.actors, self.actor_id, self.way, at_m)

@@ -44,8 +44,8 @@ class TopView:
     def draw(self, step: LoopStep, actors: Mapping[int, ActorDescription], actor_id: int) -> npt.NDArray[np.uint8]:
         """Draw a step around an actor, or around its last place, shape ``(400, 640, 3)``."""
         states = step.states
-        row = int(np.searchsorted(states.actor_id, actor_id))
-        if row < len(states) and states.actor_id[row] == actor_id:
+        row = states.row_of(actor_id)
+        if row is not None:
             self._centre_m = np.array([states.x_m[row], states.y_m[row]])
         roads = self._roads(self._centre_m)
         left, top = (int(value) for value in _corner(roads, self._centre_m))

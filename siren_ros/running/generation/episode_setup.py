@@ -78,6 +78,11 @@ class EpisodeSetup:
     plan: TrafficPlan
     preset: DriverPreset
 
+    @property
+    def steps(self) -> int:
+        """Number of steps of the episode."""
+        return _steps_of(self.description.duration_s)
+
 
 def level_of(request: EpisodeRequest, template: Template) -> EmergencyLevel:
     """Level of the request, or the template's own."""
@@ -91,13 +96,17 @@ def map_of(request: EpisodeRequest, template: Template) -> Path | None:
 
 
 def plan_length(request: EpisodeRequest) -> int:
-    """Number of steps of the episode.
+    """Number of steps of a request's episode, which need not be set up for it.
 
     Raises:
         InputError: The template cannot be used.
     """
     template = load_template(request.template).with_values(values_of(request.values))
-    return max(1, steps_from_s(request.duration_s or template.lasting_s))
+    return _steps_of(request.duration_s or template.lasting_s)
+
+
+def _steps_of(duration_s: float) -> int:
+    return max(1, steps_from_s(duration_s))
 
 
 def default_bag_path(request: EpisodeRequest) -> Path:

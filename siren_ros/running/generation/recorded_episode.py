@@ -7,7 +7,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import Any
 
-from siren_ros.base.numerics.units import steps_from_s, time_ns_of_step
+from siren_ros.base.numerics.units import time_ns_of_step
 from siren_ros.base.tables.brief import Brief
 from siren_ros.data.interfaces import topics, wire
 from siren_ros.data.interfaces.conversions import (
@@ -133,7 +133,7 @@ def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, byt
     actors: dict[int, ActorDescription] = {}
     if setup.plan.av:
         yield _sent(topics.AV_ROUTE, to_path(av_way(setup.network, setup.plan)))
-    loop = closed_loop(setup, max(1, steps_from_s(described.duration_s)))
+    loop = closed_loop(setup, setup.steps)
     for step, controls in driven(loop, answer):
         for control in controls.values():
             control.check()

@@ -150,7 +150,6 @@ class Reactions:
         self._internal = np.array([lane.kind is LaneKind.INTERNAL for lane in network.lanes])
         self._emvs = tuple(vehicle.name for vehicle in plan.emvs)
         self._reach_m = plan.response_distance_m
-        self._advice_range_m = ADVICE_RANGE_M
         self._siren = LEVEL_POLICIES[level].siren
 
     def rescued(
@@ -175,7 +174,7 @@ class Reactions:
         """Flags of every vehicle; lane-change wishes only near an EMV."""
         emvs = np.array([names.index(emv) for emv in self._emvs if emv in names], np.intp)
         points = readings.x_m, readings.y_m
-        flags, near = _junctions_and_near(readings.lane, self._internal, points, emvs, self._advice_range_m)
+        flags, near = _junctions_and_near(readings.lane, self._internal, points, emvs, ADVICE_RANGE_M)
         reacting = {name for listed in rescued.values() for name in listed}
         if reacting:
             flags[[name in reacting for name in names]] |= np.uint8(TrafficFlags.RESCUE_LANE)

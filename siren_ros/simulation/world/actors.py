@@ -168,6 +168,11 @@ class ActorStates(Brief):
         arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
         return type(self)(step=self.step, **arrays)
 
+    def row_of(self, actor_id: int) -> int | None:
+        """Row of an actor; None if it is not on the map."""
+        row = int(self.actor_id.searchsorted(actor_id))
+        return row if row < len(self) and self.actor_id[row] == actor_id else None
+
 
 RESIDUAL_LIMIT_M: Final = 20.0
 """Largest distance of a simulated vehicle from its pose in SUMO. SUMO's vehicle should have been moved back long

@@ -54,6 +54,14 @@ def test_codes_are_those_of_the_messages():
     assert (int(Lights.BEACON), int(Lights.SIREN), int(Owner.SUMO), int(Owner.ROS)) == (8, 16, 0, 1)
 
 
+@given(present=_ids, asked=st.integers(0, 45))
+def test_the_row_of_an_actor_is_none_where_it_is_not_on_the_map(present, asked):
+    columns = {name: np.zeros(len(present), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+    states = ActorStates(step=0, **{**columns, "actor_id": present})
+    listed = present.tolist()
+    assert states.row_of(asked) == (listed.index(asked) if asked in listed else None)
+
+
 def test_rows_are_selected_from_every_column():
     columns = {name: np.arange(4).astype(dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
     states = ActorStates(step=7, **{**columns, "vx_mps": np.array([3.0, 0.0, -3.0, 5.0])})

@@ -16,7 +16,7 @@ from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.lab.training.data_files import MadeFiles, make_files, read_arrays, write_arrays
 from siren_ros.lab.training.prediction.plan import PlannedEpisode
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
-from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
 from siren_ros.scoring.evaluation.prediction.predictors import Predictor
 from siren_ros.scoring.evaluation.prediction.samples import (
@@ -108,7 +108,7 @@ def _record_of(planned: PlannedEpisode) -> EpisodeRecord:
         with open_source(planned.bag) as source:
             return source.tracks()
     setup = set_up_episode(planned.request)
-    return record_of(setup, list(closed_loop(setup, plan_length(planned.request))))
+    return record_of(setup, list(closed_loop(setup, setup.steps)))
 
 
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:

@@ -11,7 +11,7 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError, SirenError
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
-from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.evaluation.risk.labels import (
     Camera,
     Evidence,
@@ -121,7 +121,7 @@ def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
 def simulated(request: EpisodeRequest) -> EpisodeRecord:
     """Record of a request's episode, without sensors; EpisodeError if it failed."""
     setup = set_up_episode(request)
-    return record_of(setup, list(closed_loop(setup, plan_length(request))))
+    return record_of(setup, list(closed_loop(setup, setup.steps)))
 
 
 def seen_by_most_at_risk(record: EpisodeRecord, thresholds: RiskThresholds) -> EpisodeRecord:

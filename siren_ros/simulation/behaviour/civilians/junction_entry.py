@@ -45,8 +45,7 @@ def may_cross(ego: Ego, movement: Connection, front_m: float) -> bool:
 
     ``front_m`` is the front's way beyond the stop line.
     """
-    in_the_way_m = _IN_THE_WAY_M
-    return not is_held(ego, movement) or front_m > room_beyond_line_m(ego, movement) + in_the_way_m
+    return not is_held(ego, movement) or front_m > room_beyond_line_m(ego, movement) + _IN_THE_WAY_M
 
 
 def is_held(ego: Ego, movement: Connection | None) -> bool:

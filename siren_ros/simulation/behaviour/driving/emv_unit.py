@@ -62,8 +62,7 @@ def plan_route(
     """
     network = ego.network
     ahead_m = max(PATH_AHEAD_M, 1.5 * ego.far_m(0.0))
-    behind_m = _PATH_BEHIND_M
-    reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
+    reference = ego.line_along(lane, ahead_m, _PATH_BEHIND_M, length_m=ahead_m + _PATH_BEHIND_M)
     before_m = {LaneEnd.ROUTE: _STOP_BEFORE_ROUTE_END_M, LaneEnd.ASTRAY: 1.0}.get(reference.end)
     shorten = 0.0 if before_m is None else before_m + ego.half_length_m
     stop = reference.end is not LaneEnd.HORIZON

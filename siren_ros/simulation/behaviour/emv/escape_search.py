@@ -58,7 +58,6 @@ class Lattice:
     vehicle: Start
     obstacles: Obstacles
     """Vehicles, extended along their motion."""
-    config: GapEscapeConfig
     left_m: Floats
     slope: Floats
     start: tuple[int, tuple[int, ...]]
@@ -85,8 +84,7 @@ _STEEPEST: Final = 0.8
 
 def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig) -> Lattice:
     """Make the lattice at the stations of a road, with the clearance of each node."""
-    step = STATION_M
-    grain = 0.5 * step * SLOPE_STEP
+    grain = 0.5 * STATION_M * SLOPE_STEP
     reach = start.body.half_width_m
     low = min(float(road.right_m.min()) + reach, start.left_m)
     high = max(float(road.opposite_left_m.max()) - reach, start.left_m)
@@ -99,8 +97,8 @@ def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles
     bend = np.gradient(heading, road.s_m)
     turns = tuple(
         range(
-            min(math.ceil((-start.sharpest_1pm - k) * step / SLOPE_STEP), 0),
-            max(math.floor((start.sharpest_1pm - k) * step / SLOPE_STEP), 0) + 1,
+            min(math.ceil((-start.sharpest_1pm - k) * STATION_M / SLOPE_STEP), 0),
+            max(math.floor((start.sharpest_1pm - k) * STATION_M / SLOPE_STEP), 0) + 1,
         )
         for k in bend.tolist()
     )
@@ -110,7 +108,7 @@ def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles
     clearance = _clearances(curve, halved, (left, slope), start, obstacles, present, config.edge_overhang_m)
     node = below, tuple(sorted({math.floor(steps), math.ceil(steps)}))
     prices = _prices(road, left, start.body, config)
-    given = curve, road, start, obstacles, config
+    given = curve, road, start, obstacles
     return Lattice(*given, left, slope, node, present, clearance[::2], clearance[1::2], prices, turns)
 
 

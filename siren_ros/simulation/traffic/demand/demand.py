@@ -439,8 +439,7 @@ class _Planner:
             if front >= length_m and free and off:
                 return lane, front
         value = f"{self._template.demand.background_vehicles} civilians"
-        gap_m = PLACEMENT_GAP_M
-        raise MapError(value, f"a map with room for them at gaps of {gap_m:g} m, or a smaller volume")
+        raise MapError(value, f"a map with room for them at gaps of {PLACEMENT_GAP_M:g} m, or a smaller volume")
 
 
 _SPACING_M: Final = 1.0

@@ -298,8 +298,7 @@ class VehicleFactory:
 
     def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
         """A random way for an EMV of at least ``length_m`` (or to a dead end) that begins with the given edges."""
-        turn_weight = _EMV_TURN_WEIGHT
-        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=turn_weight, lasting_m=length_m)
+        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=_EMV_TURN_WEIGHT, lasting_m=length_m)
 
     def draw_route(
         self, start: Sequence[int], length_m: float, rng: np.random.Generator, lane: int, actor_class: ActorClass

@@ -136,6 +136,39 @@ def test_an_actor_class(followed: FollowedGuide) -> None:
     assert [actor.height_m for actor in taxis] == pytest.approx([1.6] * len(taxis))
 
 
+_COUNTED = """
+from siren_ros import EpisodeRequest, make_episode
+import libsumo
+from siren_ros.simulation.traffic.sumo.behind_buses import BehindBuses
+from siren_ros.simulation.world.actors import ActorClass
+
+tell, told = BehindBuses.apply, []
+
+def apply(self, vehicles):
+    tell(self, vehicles)
+    for name in vehicles:
+        leader, _ = libsumo.vehicle.getLeader(name, 50.0) or ("", 0.0)
+        own_s = vehicles[name].driver.tau_s
+        behind = leader in vehicles and vehicles[leader].actor_class is ActorClass.BUS
+        assert abs(libsumo.vehicle.getTau(name) - (2.5 if behind else own_s)) < 1e-5, name
+        told.append(behind)
+
+BehindBuses.apply = apply
+make_episode(EpisodeRequest(template="S1", seed=0, duration_s=2.0), "counted")
+print(sum(told), "of", len(told))
+"""
+
+
+@of("sumo_rule")
+def test_a_rule_for_sumos_drivers(followed: FollowedGuide) -> None:
+    output_of(followed)
+    (followed.root / "counted.py").write_text(_COUNTED, encoding="utf-8")
+    done = followed.run("./env python counted.py")
+    assert done.stderr == ""
+    behind, every = map(int, done.stdout.split(" of "))
+    assert 0 < behind < every
+
+
 @of("exam_driver")
 def test_an_exam_driver(followed: FollowedGuide) -> None:
     followed.run(*followed.commands)

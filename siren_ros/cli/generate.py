@@ -108,7 +108,7 @@ def add_arguments(verb: Command) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Runs the study; exit code 1 where an episode could not be made, or with ``--strict`` lacks something."""
     check_numbers(arguments, _LIMITS)
-    study = _study_of(arguments)
+    study = study_of(arguments)
     folder = folder_at(arguments.out)
     make_risk_set = _risk_set_of(study, folder, arguments)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
@@ -165,7 +165,7 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
         yield DaskWorkers(client)
 
 
-def _study_of(arguments: argparse.Namespace) -> Study:
+def study_of(arguments: argparse.Namespace) -> Study:
     """The study of the study file, or of all templates; options of the command line replace its fields."""
     named = arguments.study
     study = Study(TEMPLATES) if named is None else read_study(named_params_file("study", "studies", named))

@@ -65,13 +65,13 @@ def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> No
     corners = scene.mesh.vertices_m[scene.mesh.triangles[solid]].astype(np.float64)
     for name, mount in suite.mounts:
         x, y, z = (station.base_from_sensor @ mount.base_from_sensor)[:3, 3]
-        if _crossings_above(corners, float(x), float(y), float(z)) % 2:
+        if crossings_above(corners, float(x), float(y), float(z)) % 2:
             place = f"({x:.1f}, {y:.1f}, {z:.1f}) m in the map frame"
             raise InputError(f"{suite.name}: {name}.mount", place, "a place outside of buildings and trees")
 
 
-def _crossings_above(corners: Floats, x_m: float, y_m: float, z_m: float) -> int:
-    """How many triangles of shape ``(T, 3, 3)`` a ray straight up from a point crosses."""
+def crossings_above(corners: Floats, x_m: float, y_m: float, z_m: float) -> int:
+    """How many triangles of shape ``(T, 3, 3)`` a ray straight up from a point crosses: odd inside a closed body."""
     a, b, c = (corners[:, k, :2] - (x_m + _ASIDE_M[0], y_m + _ASIDE_M[1]) for k in range(3))
     ab, bc, ca = _cross(a, b), _cross(b, c), _cross(c, a)
     around = ((ab > 0) & (bc > 0) & (ca > 0)) | ((ab < 0) & (bc < 0) & (ca < 0))

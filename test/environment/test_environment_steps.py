@@ -26,7 +26,8 @@ def fake_python(folder: Path, name: str, script: str) -> Path:
 
 def base_python() -> str:
     """The interpreter below the tests' own environment, where it can make environments."""
-    path = os.path.realpath(sys._base_executable)  # type: ignore[attr-defined]  # CPython has it
+    major, minor, *_ = sys.version_info
+    path = os.path.realpath(Path(sys.base_prefix, "bin", f"python{major}.{minor}"))
     if subprocess.run([path, "-c", USABLE], capture_output=True, check=False).returncode:
         pytest.skip("the tests' Python has no headers or no ensurepip")
     return path

@@ -11,7 +11,7 @@ from siren_ros.data.sensor_messages.sensor_topics import static_transforms
 from siren_ros.errors import InputError
 from siren_ros.sensing.rig import SensorRig
 from siren_ros.sensing.specification import LidarSpec, Mount
-from siren_ros.sensing.station import _crossings_above, check_outdoors, station_mount
+from siren_ros.sensing.station import check_outdoors, crossings_above, station_mount
 from siren_ros.sensing.suite import SensorSuite, Station, load_suite
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription
@@ -82,7 +82,7 @@ def test_triangles_above_a_place_are_those_of_their_planes(corners, place):
             height_m = triangle[0, 2] - (normal[:2] @ (np.array([x_m, y_m]) - triangle[0, :2])) / normal[2]
             assume(abs(height_m - z_m) > 1e-2)
             expected += bool(height_m > z_m)
-    assert _crossings_above(triangles, x_m, y_m, z_m) == expected
+    assert crossings_above(triangles, x_m, y_m, z_m) == expected
 
 
 def test_only_solid_bodies_are_indoors(boxes):

@@ -14,13 +14,12 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from shapely.geometry import Polygon
 from shapely.ops import unary_union
 
 from siren_ros.base.numerics.arrays import Points
 from siren_ros.data.datasets.files import FileWriter, link
 from siren_ros.data.datasets.formats import EpisodePart, EpisodeReport
-from siren_ros.data.datasets.lane_graph import GraphLane, driven_shapes, lane_graph
+from siren_ros.data.datasets.lane_graph import GraphLane, driven_shapes, lane_graph, without_holes
 from siren_ros.data.record.episode_source import EpisodeSource
 from siren_ros.data.record.tracks import FRAME_S, Track, tracks_of, whole_windows
 from siren_ros.errors import InputError
@@ -31,6 +30,7 @@ _SEGMENT_POINTS: Final = 10
 """Number of points of boundaries and centre lines in Argoverse 2; longer lanes get one more every five metres."""
 _SPACING_M: Final = 5.0
 _SIMPLE_M: Final = 0.05
+_SMALLEST_M2: Final = 0.05
 STEPS: Final = 110
 """Frames of a scenario: 11 s at 10 Hz, of which 5 s are observed and 6 s are to predict."""
 OBSERVED: Final = 50
@@ -94,24 +94,8 @@ def drivable_areas(network: RoadNetwork, graph: dict[int, GraphLane]) -> list[Po
     """Outlines of lanes and junctions as one area. Holes are left out of it, since Argoverse 2 has none."""
     shapes = [shape.buffer(_SIMPLE_M) for shape in driven_shapes(network, graph) if not shape.is_empty]
     joined = unary_union(shapes).simplify(_SIMPLE_M)
-    pieces = [piece for part in getattr(joined, "geoms", [joined]) for piece in _without_holes(part)]
+    pieces = [piece for part in getattr(joined, "geoms", [joined]) for piece in without_holes(part, _SMALLEST_M2)]
     return [np.array(piece.exterior.coords) for piece in pieces]
-
-
-def _without_holes(polygon: Polygon) -> list[Polygon]:
-    """Split a polygon into pieces without holes, by cuts through the holes."""
-    if not polygon.interiors:
-        return [polygon]
-    x = Polygon(polygon.interiors[0]).centroid.x
-    low_x, low_y, high_x, high_y = polygon.bounds
-    pieces = []
-    for start, end in ((low_x, x), (x, high_x)):
-        side = Polygon([(start, low_y), (end, low_y), (end, high_y), (start, high_y)])
-        cut = polygon.intersection(side)
-        for part in getattr(cut, "geoms", [cut]):
-            if isinstance(part, Polygon) and part.area > _SIMPLE_M:
-                pieces += _without_holes(part)
-    return pieces
 
 
 def _crossing(index: int, outline: Points) -> dict[str, Any]:

@@ -230,11 +230,11 @@ class CommonRoadExporter(FilesExporter):
         emv = next((track for track in tracks if track.actor.actor_id == emv_id), None)
         if emv is None or len(emv) < 2:
             raise BagError(str(source.path), "an episode in which the EMV drives")
-        root = _root(record, source.description, self._arm_names)
+        root = scenario_root(record, source.description, self._arm_names)
         others = [track for track in tracks if track is not emv and len(track) > 1]
         for track in others:
-            _add_obstacle(root, track)
-        _add_problem(root, emv)
+            add_obstacle(root, track)
+        add_problem(root, emv)
         if source.network.left_hand:
             mirror_commonroad(root)
         files.write(f"{episode_id}.xml", document(root))
@@ -255,7 +255,8 @@ def benchmark_id(description: EpisodeDescription) -> str:
     return f"ZAM_Siren{letters}-{description.seed + 1}_1_T-1"
 
 
-def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str = "outgoing") -> Element:
+def scenario_root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str = "outgoing") -> Element:
+    """A scenario that has everything but vehicles: its head, its place and the lanelet network (``add_network``)."""
     root = Element(
         "commonRoad",
         {
@@ -276,7 +277,8 @@ def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str
     return root
 
 
-def _add_obstacle(root: Element, track: Track) -> None:
+def add_obstacle(root: Element, track: Track) -> None:
+    """Add a vehicle that drives as its track says; whoever plans in the scenario must not hit it."""
     obstacle = child(root, "dynamicObstacle", id=_OBSTACLES + track.actor.actor_id)
     child(obstacle, "type", obstacle_type(track.actor.actor_class))
     children(child(obstacle, "shape/rectangle"), length=track.actor.length_m, width=track.actor.width_m)
@@ -294,8 +296,8 @@ def _add_state(state: Element, track: Track, row: int) -> None:
     child(state, "acceleration/exact", track.accel_mps2[row])
 
 
-def _add_problem(root: Element, emv: Track) -> None:
-    """The planning problem: from the EMV's start to its last place."""
+def add_problem(root: Element, emv: Track) -> None:
+    """Add the planning problem: from the EMV's first state to its last place, in as much time as the EMV needed."""
     problem = child(root, "planningProblem", id=_PROBLEM + emv.actor.actor_id)
     state = child(problem, "initialState")
     _add_state(state, emv, 0)

@@ -11,10 +11,9 @@ from typing import Final
 import numpy as np
 import shapely
 from shapely.geometry import LineString, Polygon
-from shapely.ops import split
 
 from siren_ros.base.numerics.arrays import Floats, Points
-from siren_ros.data.datasets.lane_graph import GraphLane, offset_line
+from siren_ros.data.datasets.lane_graph import GraphLane, offset_line, without_holes
 from siren_ros.sensing.scene.surfaces import closed, polygons
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.scenario.driver_parameters import PullOverConfig
@@ -40,6 +39,14 @@ class Bounds:
 
     left: Points
     right: Points
+
+    @classmethod
+    def around(cls, area: Polygon) -> "Bounds":
+        """The boundaries of an area without holes, from its first corner to the corner farthest from it."""
+        ring = shapely.get_coordinates(area.exterior)[:: -1 if area.exterior.is_ccw else 1]
+        furthest = int(np.hypot(*(ring - ring[0]).T).argmax())
+        (left, right), _ = _at_common_shares((ring[: furthest + 1], ring[furthest:][::-1]))
+        return cls(left, right)
 
     @property
     def turned(self) -> "Bounds":
@@ -193,23 +200,5 @@ def junction_surfaces(network: RoadNetwork, bounds: Mapping[int, Bounds]) -> lis
         driven = shapely.union_all(parts)
         paved = shapely.union(driven, closed(driven, _CORNER_M))
         for part in polygons(shapely.intersection(paved, outline.buffer(_OVERLAP_M)), _SMALLEST_M2):
-            surfaces += [_as_bounds(piece) for piece in _without_holes(part)]
+            surfaces += [Bounds.around(piece) for piece in without_holes(part, _SMALLEST_M2)]
     return surfaces
-
-
-def _without_holes(area: Polygon) -> list[Polygon]:
-    """Split an area by cuts through the middle of its holes."""
-    if not area.interiors:
-        return [area]
-    _, south, _, north = area.bounds
-    x = Polygon(area.interiors[0]).centroid.x
-    parts = split(area, LineString([(x, south - 1.0), (x, north + 1.0)]))
-    return [piece for part in polygons(parts, _SMALLEST_M2) for piece in _without_holes(part)]
-
-
-def _as_bounds(area: Polygon) -> Bounds:
-    """A polygon as two boundaries, from its first corner to the corner farthest from it."""
-    ring = shapely.get_coordinates(area.exterior)[:: -1 if area.exterior.is_ccw else 1]
-    furthest = int(np.hypot(*(ring - ring[0]).T).argmax())
-    (left, right), _ = _at_common_shares((ring[: furthest + 1], ring[furthest:][::-1]))
-    return Bounds(left, right)

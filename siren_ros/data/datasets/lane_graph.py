@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from shapely.geometry import Polygon
+from shapely.geometry import LineString, Polygon
+from shapely.ops import split
 
 from siren_ros.base.numerics.arrays import Points
 from siren_ros.data.record.vehicle_location import DRIVEN_KINDS
+from siren_ros.sensing.scene.surfaces import polygons
 from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
 
 
@@ -91,3 +93,16 @@ def driven_shapes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> list[
     outlines = [lane.outline for lane in graph.values()]
     outlines += [junction.outline for junction in network.junctions.values() if len(junction.outline) > 2]
     return [Polygon(outline).buffer(0.0) for outline in outlines]
+
+
+def without_holes(area: Polygon, smallest_m2: float) -> list[Polygon]:
+    """Split an area by cuts through the middle of its holes, for formats whose areas have none.
+
+    Pieces that are smaller than ``smallest_m2`` are left out.
+    """
+    if not area.interiors:
+        return [area]
+    _, south, _, north = area.bounds
+    x = Polygon(area.interiors[0]).centroid.x
+    parts = split(area, LineString([(x, south - 1.0), (x, north + 1.0)]))
+    return [piece for part in polygons(parts, smallest_m2) for piece in without_holes(part, smallest_m2)]

@@ -20,7 +20,8 @@ from siren_ros.lab.benchmarks.episode import measure
 from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.running.ros.transport.domain import VARIABLE
 
-_LOOP: Final = "sum(number * number for number in range(60_000_000))"
+LOOP: Final = "sum(number * number for number in range(60_000_000))"
+"""Program that needs nothing but a processor, for some seconds."""
 
 
 def speed_up(work: Callable[[int], object]) -> float:
@@ -35,7 +36,7 @@ def speed_up(work: Callable[[int], object]) -> float:
 
 
 def _busy_loop(_: int) -> None:
-    subprocess.run([sys.executable, "-c", _LOOP], check=True)  # noqa: S603 - own text
+    subprocess.run([sys.executable, "-c", LOOP], check=True)  # noqa: S603 - own text
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -28,7 +28,7 @@ _DOMAINS: Final = 100
 _TRIES: Final = 5
 _LOOK_S: Final = 0.25
 """Wall time between checks of the programs."""
-_TOLD_S: Final = 12.0
+TOLD_S: Final = 12.0
 """Wall time in which ``cosim`` reports that its driver is gone."""
 LIMIT_S: Final = 1800.0
 """Wall time after which an episode's programs are killed."""
@@ -116,27 +116,30 @@ def _run(
             raise InputError("av", program, f"the command line of a program ({error})") from error
         stack.callback(end_program, driver)
         stack.enter_context(_watched(cosim, driver))
-        code = _wait(cosim, driver, limit_s)
+        code = wait_for_episode(cosim, driver, limit_s)
         ended = driver.poll()
-        last = f"exit code {ended}: {' '.join(_lines(driver_words)[-1:])}"[:_SAID] if ended else ""
+        last = f"exit code {ended}: {' '.join(lines_of(driver_words)[-1:])}"[:_SAID] if ended else ""
         if code is None:
             return 1, "the program ended before the episode" if ended else f"not done after {limit_s:g} s", last, None
-        lines = _lines(words)
+        lines = lines_of(words)
         said = [line.removeprefix("cosim: ") for line in lines if line.startswith("cosim: ")]
         told = [line for line in said if not line.startswith(("waiting for ", "lower DDS"))]
         reason = told[-1] if told else " ".join(lines[-1:])
         return code, reason[:_SAID], last, AnswerTimes.in_lines(lines)
 
 
-def _wait(cosim: "subprocess.Popen[str]", driver: "subprocess.Popen[str]", limit_s: float) -> int | None:
-    """Exit code of ``cosim``; None if it exceeds the limit, or soon after its driver has failed."""
+def wait_for_episode(cosim: "subprocess.Popen[str]", driver: "subprocess.Popen[str]", limit_s: float) -> int | None:
+    """Wait for an episode whose AV another program drives, and return the exit code of its ``cosim``.
+
+    None if it is not done after the wall time ``limit_s``, or ``TOLD_S`` after its driver has failed; then both run on.
+    """
     left_s = limit_s
     while left_s > 0.0:
         with suppress(subprocess.TimeoutExpired):
             return cosim.wait(min(_LOOK_S, left_s))
         left_s -= _LOOK_S
         if driver.poll():
-            left_s = min(left_s, _TOLD_S)
+            left_s = min(left_s, TOLD_S)
     return None
 
 
@@ -164,6 +167,7 @@ def _watched(*programs: "subprocess.Popen[str]") -> Iterator[None]:
             watch.kill()
 
 
-def _lines(file: object) -> list[str]:
+def lines_of(file: object) -> list[str]:
+    """The lines that a program has written into a file, without empty ones, as a terminal can show them."""
     file.seek(0)  # type: ignore[attr-defined] # a file
     return [shown_text(line) for line in file.read().splitlines() if line.strip()]  # type: ignore[attr-defined] # a file

@@ -206,7 +206,7 @@ def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Ve
     where = f"EMV {traversal.actor_id} at junction {junction} from {first_s:.1f} s to {last_s:.1f} s"
     parts = (
         at_least("right_turn_deg", turned_deg, TURN_MIN_DEG, where, *reached(course_deg, TURN_MIN_DEG)),
-        at_least("shoulder_s", shoulder_s, needed_s, _stretches(rows, on_shoulder), *reached(so_far_s, needed_s)),
+        at_least("shoulder_s", shoulder_s, needed_s, times_text(rows, on_shoulder), *reached(so_far_s, needed_s)),
     )
     text = f"the EMV was on the shoulder for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"
     return verdict_of(parts, text)
@@ -246,7 +246,7 @@ def on_shoulder_area(network: RoadNetwork, rows: StateRows) -> npt.NDArray[np.bo
     return on_shoulder
 
 
-def _stretches(rows: StateRows, holds: npt.NDArray[np.bool_]) -> str:
+def times_text(rows: StateRows, holds: npt.NDArray[np.bool_]) -> str:
     """Time intervals in which a condition holds, as text."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
     times = [

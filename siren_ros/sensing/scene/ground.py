@@ -264,7 +264,7 @@ def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> 
         (grass, 0.0, Material.GRASS, GRASS_RGB),
     )
     parts = [
-        flat_polygons([tile for part in polygons(area) for tile in _cut(part, config.tile_m)], z, material, colour)
+        flat_polygons([tile for part in polygons(area) for tile in tiles_of(part, config.tile_m)], z, material, colour)
         for area, z, material, colour in flat
     ]
     parts.extend(walls(part, 0.0, top, Material.KERB, KERB_RGB) for part in polygons(raised))
@@ -272,7 +272,7 @@ def ground_mesh(surfaces: Surfaces, markings: Markings, config: SceneConfig) -> 
     return Mesh.joined(*parts)
 
 
-def _cut(area: BaseGeometry, tile_m: float) -> list[shapely.Polygon]:
+def tiles_of(area: BaseGeometry, tile_m: float) -> list[shapely.Polygon]:
     """Cut an area into pieces along the lines of a square grid."""
     columns = [area]
     for axis in (0, 1):

@@ -22,9 +22,9 @@ from siren_ros.sensing.scene.static_scene import static_scene
 from siren_ros.sensing.scene.surfaces import SceneConfig
 from siren_ros.simulation.roads.road_network import RoadNetwork
 
-_KEPT: Final = 24
+KEPT: Final = 24
 """Number of files that are kept, those used most recently; a town's file has 5 MB."""
-_CODE: Final = ("base/numerics", "simulation/roads", "simulation/world", "sensing/meshes", "sensing/scene")
+CODE: Final = ("base/numerics", "simulation/roads", "simulation/world", "sensing/meshes", "sensing/scene")
 """Folders of the library whose code builds the triangles."""
 _PACKAGES: Final = ("numpy", "shapely", "mapbox-earcut")
 _COLUMNS: Final = ("vertices_m", "triangles", "material", "colour_rgb")
@@ -51,7 +51,7 @@ def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = Non
     numbers = config or SceneConfig()
     if not network.net_sha256 or numbers.parked_share:
         return static_scene(network, seed, config)
-    key = hashlib.sha256("\0".join((network.net_sha256, str(seed), repr(numbers), _recipe())).encode()).hexdigest()
+    key = hashlib.sha256("\0".join((network.net_sha256, str(seed), repr(numbers), recipe())).encode()).hexdigest()
     file = default_cache_dir() / f"scene-{key[:32]}.npz"
     with suppress(*_UNREADABLE):
         scene = _read(file.read_bytes(), key)
@@ -62,17 +62,17 @@ def kept_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = Non
     with suppress(OSError, InputError):
         store_in_cache(file, _written(scene, key))
         used_last = sorted(file.parent.glob("scene-*.npz"), key=lambda one: one.stat().st_mtime_ns, reverse=True)
-        for old in used_last[_KEPT:]:
+        for old in used_last[KEPT:]:
             old.unlink(missing_ok=True)
     return scene
 
 
 @cache
-def _recipe() -> str:
+def recipe() -> str:
     """What decides the result of a build: the source code, and the versions of the packages that it calls."""
     library = Path(__file__).parents[2]
     code = hashlib.sha256()
-    for file in sorted(file for name in _CODE for file in (library / name).rglob("*.py")):
+    for file in sorted(file for name in CODE for file in (library / name).rglob("*.py")):
         code.update(file.read_bytes())
     return "\0".join((code.hexdigest(), *map(version, _PACKAGES), shapely.geos_version_string))
 

@@ -71,20 +71,20 @@ def building(lot: Lot, rng: np.random.Generator, *, detailed: bool) -> Mesh:
     gabled = lot.height_m < 10.5 and rng.random() < 0.6
     half, depth, height = lot.width_m / 2, lot.depth_m, lot.height_m
     parts = [box((0.0, -half, 0.0), (depth, half, height), Material.BUILDING_WALL, colour)]
-    parts.extend(_gable(half, depth, height, rng) if gabled else _flat_roof(half, depth, height, colour, rng))
+    parts.extend(gable_roof(half, depth, height, rng) if gabled else flat_roof(half, depth, height, colour, rng))
     ribbons, shop = storeys >= 4 and rng.random() < 0.4, storeys >= 2 and rng.random() < 0.55
     faces = [((0.0, half), (0.0, -half))]
     if detailed:
         faces += [((0.0, -half), (depth, -half)), ((depth, half), (0.0, half)), ((depth, -half), (depth, half))]
     rooms = np.random.Generator(np.random.PCG64([abs(int(8.0 * lot.x_m)), abs(int(8.0 * lot.y_m))]))
     for number, (start, end) in enumerate(faces):
-        parts.append(_facade(start, end, storeys, height, rooms, ribbons=ribbons, shop=shop and number == 0))
+        parts.append(facade(start, end, storeys, height, rooms, ribbons=ribbons, shop=shop and number == 0))
     c, s = float(np.cos(lot.heading_rad)), float(np.sin(lot.heading_rad))
     turn = np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
     return Mesh.joined(*parts).transformed(turn, (lot.x_m, lot.y_m, 0.0))
 
 
-def _facade(
+def facade(
     start: tuple[float, float],
     end: tuple[float, float],
     storeys: int,
@@ -94,7 +94,10 @@ def _facade(
     ribbons: bool,
     shop: bool,
 ) -> Mesh:
-    """Window panes along a wall from ``start`` to ``end``, left to right as seen from outside."""
+    """Window panes along a wall from ``start`` to ``end`` (x and y in metres), left to right as seen from outside.
+
+    ``ribbons`` joins the panes of a storey, ``shop`` has wide panes at the ground; ``rooms`` draws who has light on.
+    """
     a, b = np.array(start), np.array(end)
     length = float(np.linalg.norm(b - a))
     spans: list[tuple[float, float, float, float]] = []
@@ -131,7 +134,8 @@ def _panes(origin: Floats, along: Floats, span: Floats, rooms: np.random.Generat
     return replace(panes, colour_rgb=np.concatenate((curtains, curtains)).astype(np.uint8))
 
 
-def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: np.random.Generator) -> list[Mesh]:
+def flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: np.random.Generator) -> list[Mesh]:
+    """A flat roof within an edge a little darker than the ``wall``; large ones carry a box for the lift."""
     grey = int(rng.integers(92, 132))
     roof: Rgb = (grey, grey, grey + 4)
     eaves: Rgb = (int(0.82 * wall[0]), int(0.82 * wall[1]), int(0.82 * wall[2]))
@@ -147,8 +151,8 @@ def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: n
     return parts
 
 
-def _gable(half_m: float, depth_m: float, height_m: float, rng: np.random.Generator) -> list[Mesh]:
-    """A saddle roof with its ridge parallel to the street; the eaves reach 0.4 m out."""
+def gable_roof(half_m: float, depth_m: float, height_m: float, rng: np.random.Generator) -> list[Mesh]:
+    """A saddle roof with its ridge parallel to the street; the eaves, at ``height_m``, reach 0.4 m out."""
     eaves, rise = 0.4, depth_m * 0.28
     shade = int(rng.integers(-14, 15))
     colour: Rgb = (138 + shade, 74 + shade, 58 + shade)

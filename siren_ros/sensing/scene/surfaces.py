@@ -224,7 +224,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
         for lane in network.lanes
         if lane.kind is LaneKind.INTERNAL and (lane.civilian_allowed or lane.emergency_allowed)
     )
-    heart = _junction_carriageway(network, across, outlines)
+    heart = junction_carriageway(network, across, outlines)
     crossed = intersection(crossings, outlines)
     beside = union(area[x.index] for x in network.lanes if x.kind in {LaneKind.SHOULDER, LaneKind.CYCLE})
     seams = closed(union((driving, beside)), 0.9)
@@ -267,7 +267,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     )
 
 
-def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: BaseGeometry) -> BaseGeometry:
+def junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: BaseGeometry) -> BaseGeometry:
     """The paved part of the junctions: paths across them, the ends of their lanes, and the gaps between these."""
     mouths: list[Polygon] = []
     for lane in network.lanes:

@@ -120,8 +120,12 @@ def way_point(points: Points, first: int, last: int, place: float) -> tuple[floa
 
 
 @compiled
-def _pose(points: Points, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float) -> Pose:
-    """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``."""
+def pose_at(points: Points, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float) -> Pose:
+    """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``.
+
+    The body points along a chord of its course, is ``left_m`` beside it, and cuts bends as if it were on the middle of
+    a chord of ``2 * cut_m``. The points are ``spacing`` metres apart.
+    """
     xs, ys = way_point(points, first, last, (s_m - _REAR_M - TRACK_M) / spacing)
     xe, ye = way_point(points, first, last, (s_m - _REAR_M + TRACK_M) / spacing)
     dx, dy = xe - xs, ye - ys
@@ -139,7 +143,7 @@ def follows_course(ways: Ways, row: int) -> bool:
     """Whether a body points along its course, within 6°."""
     yaw_rad, spacing_m, centre_m, left_m = ways.bodies[row, 2:6]
     first, last = ways.first[row], ways.last[row]
-    _, _, cos, sin = _pose(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, CUT])
+    _, _, cos, sin = pose_at(ways.points, first, last, spacing_m, centre_m, left_m, ways.bodies[row, CUT])
     return np.cos(yaw_rad) * cos + np.sin(yaw_rad) * sin > _ALONG_COURSE
 
 
@@ -160,8 +164,12 @@ def straight_to_m(ways: Ways, own: int, other: int, reach_m: float) -> float:
 
 
 @compiled
-def _poses(ways: Ways, used: Rows) -> Poses:
-    """Poses of the used bodies along their courses, ``STEP_M`` apart, in one array, and where each body's begin."""
+def way_poses(ways: Ways, used: Rows) -> Poses:
+    """Poses of the used bodies (rows of ``ways``) along their courses, ``STEP_M`` apart.
+
+    Returns:
+        All poses, shape ``(K, 4)``, and the row at which those of each body begin, shape ``(W + 1,)``.
+    """
     begins = np.zeros(ways.first.shape[0] + 1, np.intp)
     for n in used:
         begins[n + 1] = int(ways.bodies[n, REACH] / STEP_M) + 1
@@ -169,28 +177,30 @@ def _poses(ways: Ways, used: Rows) -> Poses:
         begins[n + 1] += begins[n]
     poses = np.empty((begins[-1], 4))
     for n in range(ways.first.shape[0]):
-        off = _off_course(ways, n) if begins[n] < begins[n + 1] else (0.0, 0.0)
+        off = off_course(ways, n) if begins[n] < begins[n + 1] else (0.0, 0.0)
         for k in range(begins[n + 1] - begins[n]):
-            pose = _pose_after(ways, n, off, k * STEP_M)
+            pose = pose_after(ways, n, off, k * STEP_M)
             at = begins[n] + k
             poses[at, X], poses[at, Y], poses[at, COS], poses[at, SIN] = pose
     return poses, begins
 
 
 @compiled
-def _off_course(ways: Ways, n: int) -> tuple[float, float]:
-    """Difference between a body's pose and its course: to the left, and in yaw."""
+def off_course(ways: Ways, n: int) -> tuple[float, float]:
+    """Difference between the pose of body ``n`` and its course: metres to the left, and radians."""
     body = ways.bodies[n]
-    x, y, cos, sin = _pose(ways.points, ways.first[n], ways.last[n], body[SPACING], body[PLACE], body[LEFT], body[CUT])
+    x, y, cos, sin = pose_at(
+        ways.points, ways.first[n], ways.last[n], body[SPACING], body[PLACE], body[LEFT], body[CUT]
+    )
     return cos * (body[Y] - y) - sin * (body[X] - x), wrapped_rad(body[YAW] - np.arctan2(sin, cos))
 
 
 @compiled
-def _pose_after(ways: Ways, n: int, off: tuple[float, float], way_m: float) -> Pose:
-    """Pose of a body after a distance; its present difference from the course decreases to zero."""
+def pose_after(ways: Ways, n: int, off: tuple[float, float], way_m: float) -> Pose:
+    """Pose of body ``n`` after a distance; its present difference from the course, ``off``, decreases to zero."""
     body = ways.bodies[n]
     first, last, s_m = ways.first[n], ways.last[n], body[PLACE] + way_m
-    x, y, cos, sin = _pose(ways.points, first, last, body[SPACING], s_m, body[LEFT], body[CUT])
+    x, y, cos, sin = pose_at(ways.points, first, last, body[SPACING], s_m, body[LEFT], body[CUT])
     if way_m > _STRAIGHT_AFTER_M:
         return x, y, cos, sin
     left = 1.0 - way_m / _STRAIGHT_AFTER_M
@@ -200,9 +210,10 @@ def _pose_after(ways: Ways, n: int, off: tuple[float, float], way_m: float) -> P
 
 
 @compiled
-def _next_touch(own: Pose, theirs: Floats, sizes: Sizes, j: int) -> int:
+def next_touch(own: Pose, theirs: Floats, sizes: Sizes, j: int) -> int:
     """First position on another path, from ``j`` on, that touches a body in a pose; the path's length if there is none.
 
+    ``theirs`` has the poses on that path, shape ``(K, 4)``; ``sizes`` half lengths and widths, the body's own first.
     Places that are too far away to matter are stepped over: the distance changes by no more than the way does.
     """
     half_length, half_width, length, width = sizes
@@ -222,10 +233,10 @@ def _next_touch(own: Pose, theirs: Floats, sizes: Sizes, j: int) -> int:
 @compiled
 def _entry_m(ways: Ways, n: int, k: int, theirs: Floats, sizes: Sizes) -> float:
     """Distance of a body until just before contact, between positions k − 1 and k, by bisection."""
-    low, high, off = max(k - 1, 0) * STEP_M, k * STEP_M, _off_course(ways, n)
+    low, high, off = max(k - 1, 0) * STEP_M, k * STEP_M, off_course(ways, n)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if _next_touch(_pose_after(ways, n, off, middle), theirs, sizes, 0) == theirs.shape[0]:
+        if next_touch(pose_after(ways, n, off, middle), theirs, sizes, 0) == theirs.shape[0]:
             low = middle
         else:
             high = middle
@@ -246,14 +257,14 @@ def _around(poses: Floats, begins: Rows) -> Floats:
 
 
 @compiled
-def _bounds(ways: Ways, used: Rows) -> Floats:
-    """Bounding box of each used body's edges on its path, shape ``(W, 4)``."""
+def way_bounds(ways: Ways, used: Rows) -> Floats:
+    """Bounding box of each used body's edges on its path: least and greatest x, then y; shape ``(W, 4)``, else NaN."""
     bounds = np.full((ways.first.shape[0], 4), np.nan)
     for n in used:
         if not np.isnan(bounds[n, _LOW_X]):
             continue
         first, last, body = ways.first[n], ways.last[n], ways.bodies[n]
-        x, y, cos, sin = _pose(ways.points, first, last, body[SPACING], body[PLACE], body[LEFT], body[CUT])
+        x, y, cos, sin = pose_at(ways.points, first, last, body[SPACING], body[PLACE], body[LEFT], body[CUT])
         aside = abs(cos * (body[Y] - y) - sin * (body[X] - x)) + abs(body[LEFT])
         margin = aside + np.sqrt(body[HALF_LENGTH] ** 2 + body[HALF_WIDTH] ** 2) + _CLOSE_M
         begin, end = (body[PLACE] - body[CUT]) / body[SPACING], (body[PLACE] + body[REACH] + body[CUT]) / body[SPACING]
@@ -272,7 +283,7 @@ def _bounds(ways: Ways, used: Rows) -> Floats:
 @compiled
 def _near_each_other(own: Ways, others: Ways, pairs: Rows) -> Rows:
     """Pairs whose bounding boxes overlap; only these need poses."""
-    a, b = _bounds(own, pairs[:, OWN]), _bounds(others, pairs[:, OTHER])
+    a, b = way_bounds(own, pairs[:, OWN]), way_bounds(others, pairs[:, OTHER])
     near, count = np.empty_like(pairs), 0
     for p in range(pairs.shape[0]):
         i, n = pairs[p, OWN], pairs[p, OTHER]
@@ -293,7 +304,7 @@ def zones_of(own: Ways, others: Ways, pairs: Rows, leads: bool) -> Floats:
     """
     out = np.empty((pairs.shape[0], _COLUMNS))
     near = _near_each_other(own, others, pairs)
-    own_poses, their_poses = _poses(own, near[:, OWN].copy()), _poses(others, near[:, OTHER].copy())
+    own_poses, their_poses = way_poses(own, near[:, OWN].copy()), way_poses(others, near[:, OTHER].copy())
     _search_poses(own, own_poses, others, their_poses, pairs, leads, out)
     return out
 
@@ -302,7 +313,7 @@ def zones_of(own: Ways, others: Ways, pairs: Rows, leads: bool) -> Floats:
 def search_among(ways: Ways, pairs: Rows) -> Floats:
     """``zones_of`` without leads, where both bodies of a pair are of the same ways."""
     out = np.empty((pairs.shape[0], _COLUMNS))
-    poses = _poses(ways, _near_each_other(ways, ways, pairs).ravel())
+    poses = way_poses(ways, _near_each_other(ways, ways, pairs).ravel())
     _search_poses(ways, poses, ways, poses, pairs, bool(0), out)  # a literal False would compile the search again
     return out
 
@@ -332,7 +343,7 @@ def _search_poses(
             pose = ahead[k, X], ahead[k, Y], ahead[k, COS], ahead[k, SIN]
             at = theirs.shape[0]
             if low_x <= pose[X] <= high_x and low_y <= pose[Y] <= high_y:
-                at = _next_touch(pose, theirs, sizes, 0)
+                at = next_touch(pose, theirs, sizes, 0)
             if at == theirs.shape[0]:
                 if met > 0.0:
                     s_out = k * STEP_M
@@ -348,7 +359,7 @@ def _search_poses(
                 met, s_in = 1.0, _entry_m(own, i, k, theirs, sizes)
             q_in = min(q_in, at * STEP_M)
             while at < theirs.shape[0]:
-                end, at = at, _next_touch(pose, theirs, sizes, at + 1)
+                end, at = at, next_touch(pose, theirs, sizes, at + 1)
             q_out = max(q_out, end * STEP_M)
             course = pose[COS] * theirs[end, COS] + pose[SIN] * theirs[end, SIN]
         out[p, MET], out[p, OWN_IN], out[p, OWN_OUT], out[p, OTHER_IN] = met, s_in, s_out, q_in

@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pebble
 import pytest
 
 from siren_ros.base.processes.process_pool import CrashError, ProcessPool, side_by_side
@@ -166,11 +167,17 @@ def test_a_process_that_dies_among_many_is_named_too() -> None:
         pool.map(exec, [(LATER + "signal.raise_signal(signal.SIGKILL)",)])
 
 
-def test_a_process_that_dies_before_its_call_is_known_ends_the_pool(pool):
-    broken = Future()
-    broken.set_exception(BrokenProcessPool("All workers expired"))  # as pebble says it
+def broken(*reasons: str) -> Future[Any]:
+    """What pebble answers to a call when all its processes are gone."""
+    answer: Future[Any] = Future()
+    answer.set_exception(BrokenProcessPool(*reasons))
+    return answer
+
+
+def test_a_process_that_dies_before_its_call_is_known_ends_the_pool(pool, monkeypatch):
+    monkeypatch.setattr(pebble.ProcessPool, "schedule", lambda *_, **__: broken("All workers expired"))
     with pytest.raises(CrashError, match=r"^a process ended as it began a call$"):
-        pool._answer(broken)
+        pool.call(os.getpid)
 
 
 def workers() -> list[int]:
@@ -227,18 +234,19 @@ def test_the_temporary_folders_of_processes_that_are_ended_are_removed(pool: Pro
     assert not list(tmp_path.iterdir())
 
 
-def test_a_pool_that_breaks_while_it_is_stopped_counts_as_stopped(pool):
-    broken = Future()
-    broken.set_exception(BrokenProcessPool())
-    with pytest.raises(CrashError, match="server of new processes is gone"):
-        pool._answer(broken)
-    pool.stop()
-    with pytest.raises(CancelledError):
-        pool._answer(broken)
+def test_a_pool_that_breaks_while_it_is_stopped_counts_as_stopped(pool, monkeypatch):
+    def stopped(*_: Any, **__: Any) -> Future[Any]:
+        pool.stop()
+        return broken()
 
-
-def fork_server() -> int:
-    return int(multiprocessing.forkserver._forkserver._forkserver_pid)  # type: ignore[attr-defined] # nobody else knows it
+    with monkeypatch.context() as patched:
+        patched.setattr(pebble.ProcessPool, "schedule", lambda *_, **__: broken())
+        with pytest.raises(CrashError, match="server of new processes is gone"):
+            pool.call(os.getpid)
+    monkeypatch.setattr(pebble.ProcessPool, "schedule", stopped)
+    with pytest.raises(CancelledError) as cancelled:
+        pool.call(os.getpid)
+    assert isinstance(cancelled.value.__cause__, BrokenProcessPool)
 
 
 def test_a_killed_fork_server_is_named_and_the_next_call_has_another(pool: ProcessPool) -> None:
@@ -253,10 +261,11 @@ def test_a_killed_fork_server_is_named_and_the_next_call_has_another(pool: Proce
 @pytest.mark.parametrize("starts_pool", [True, False])
 def test_a_fork_server_that_is_killed_while_it_starts_a_process_costs_a_call_at_most(starts_pool, monkeypatch) -> None:
     connect = multiprocessing.forkserver.connect_to_new_process
+    with ProcessPool(1, fresh=True) as before:
+        server = before.call(os.getppid)
 
     def killing(fds: Any) -> Any:
         monkeypatch.undo()
-        server = fork_server()
         os.kill(server, signal.SIGSTOP)  # it takes the connection, and answers no more
         threading.Timer(0.1, os.kill, (server, signal.SIGKILL)).start()
         return connect(fds)

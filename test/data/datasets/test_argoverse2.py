@@ -17,7 +17,7 @@ from synthetic_episode import NET_XML
 
 from siren_ros.cli.main import main
 from siren_ros.data.datasets import argoverse2
-from siren_ros.data.datasets.lane_graph import lane_graph
+from siren_ros.data.datasets.lane_graph import lane_graph, without_holes
 from siren_ros.data.record.tracks import Track, whole_windows
 from siren_ros.simulation.roads.mirror_image import mirrored_network
 from siren_ros.simulation.roads.net_parser import parse_road_network
@@ -87,7 +87,7 @@ def test_a_hole_is_cut_open_and_stays_a_hole():
     ring = Polygon(
         [(0, 0), (10, 0), (10, 10), (0, 10)], [[(3, 3), (3, 6), (6, 6), (6, 3)], [(7, 7), (7, 9), (9, 9), (9, 7)]]
     )
-    pieces = argoverse2._without_holes(ring)
+    pieces = without_holes(ring, 0.05)
     assert all(not piece.interiors for piece in pieces)
     assert sum(piece.area for piece in pieces) == pytest.approx(ring.area)
     assert unary_union(pieces).symmetric_difference(ring).area == pytest.approx(0.0)
@@ -97,7 +97,8 @@ def test_a_hole_is_cut_open_and_stays_a_hole():
 def test_a_crossing_has_its_long_edges_in_one_direction(first):
     """4 m wide, 12 m long, its outline from any corner on."""
     outline = np.roll(np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 4.0), (0.0, 4.0)]), -first, axis=0)
-    crossing_json = argoverse2._crossing(7, outline)
+    walked = replace(crossing(), crossings=(*[outline] * 7, outline, outline))
+    crossing_json = argoverse2.map_json(walked)["pedestrian_crossings"]["7"]
     edges = [xy(crossing_json[name]) for name in ("edge1", "edge2")]
     assert crossing_json["id"] == 7
     assert [float(np.hypot(*(edge[1] - edge[0]))) for edge in edges] == [12.0, 12.0]

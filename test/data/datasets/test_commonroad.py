@@ -18,31 +18,29 @@ from shapely.geometry import Point, Polygon
 from siren_ros.base.numerics.arrays import Points
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.data.datasets.commonroad import (
-    _add_obstacle,
-    _add_problem,
-    _root,
+    add_obstacle,
+    add_problem,
     benchmark_id,
     lanelet_id,
     mirror_commonroad,
     obstacle_type,
+    scenario_root,
 )
 from siren_ros.data.datasets.commonroad_surface import (
     BORDER_M,
     Bounds,
-    _as_bounds,
-    _without_holes,
     border_strips,
     junction_surfaces,
     lanelet_bounds,
 )
 from siren_ros.data.datasets.files import document
-from siren_ros.data.datasets.lane_graph import lane_graph
+from siren_ros.data.datasets.lane_graph import lane_graph, without_holes
 from siren_ros.data.record.tracks import Track, tracks_of
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
 
 RECORD = made_record()
-ROOT = _root(RECORD, RECORD.description)
+ROOT = scenario_root(RECORD, RECORD.description)
 LANELETS = {int(lanelet.attrib["id"]) - 1: lanelet for lanelet in ROOT.findall("lanelet")}
 PATHS = 12
 
@@ -83,7 +81,7 @@ def test_opposite_lanes_share_their_left_bounds():
         assert lane.find("adjacentLeft") is None, "by their junctions they are different roads"
     network = RECORD.network
     edges = tuple(replace(edge, to_junction="s_in") if edge.edge_id == "s_out" else edge for edge in network.edges)
-    root = _root(replace(RECORD, network=replace(network, edges=edges)), RECORD.description)
+    root = scenario_root(replace(RECORD, network=replace(network, edges=edges)), RECORD.description)
     lanes = {int(lanelet.attrib["id"]) - 1: lanelet for lanelet in root.findall("lanelet")}
     for lane, other in ((2, 9), (9, 2)):
         neighbour = lanes[lane].find("adjacentLeft")
@@ -116,7 +114,7 @@ def test_the_intersection_knows_who_comes_and_where_one_goes():
     assert refs(south, "outgoingLeft") == []
     assert refs(west, "outgoingStraight") == [PATHS + EAST]
     assert len({arm.attrib["id"] for arm in crossing.findall("incoming")}) == len(arms)
-    older = _root(RECORD, RECORD.description, "successors")
+    older = scenario_root(RECORD, RECORD.description, "successors")
     assert [element.tag for element in older.iter() if element.tag.startswith("outgoing")] == []
     cycle = [element.attrib for element in older.iter("successorsStraight")]
     assert cycle == [element.attrib for element in ROOT.iter("outgoingStraight")]
@@ -137,7 +135,7 @@ def exact(state: Element, tag: str) -> float:
 def test_obstacles_have_their_states_from_their_first_frame_on():
     root = Element("root")
     car = made_tracks()[1]
-    _add_obstacle(root, car)
+    add_obstacle(root, car)
     (obstacle,) = root.findall("dynamicObstacle")
     states = [obstacle.find("initialState"), *obstacle.findall("trajectory/state")]
     present = [state for state in states if state is not None]
@@ -152,7 +150,7 @@ def test_obstacles_have_their_states_from_their_first_frame_on():
 
 def test_the_problem_is_to_be_where_the_emv_was_at_the_end():
     root = Element("root")
-    _add_problem(root, made_tracks()[0])
+    add_problem(root, made_tracks()[0])
     (problem,) = root.findall("planningProblem")
     start = problem.find("initialState")
     assert (exact(start, "time"), exact(start, "velocity"), exact(start, "yawRate")) == (0.0, 10.0, 0.0)
@@ -165,7 +163,7 @@ def test_the_problem_is_to_be_where_the_emv_was_at_the_end():
 def test_the_goal_lies_along_the_last_heading():
     """Of a vehicle that drives at 1 rad and ends at frame 20."""
     root, car = Element("root"), made_tracks()[1]
-    _add_problem(root, car)
+    add_problem(root, car)
     goal = root.find("planningProblem/goalState")
     start = root.find("planningProblem/initialState")
     rectangle = [float(goal.findtext(f"position/rectangle/{tag}", "nan")) for tag in ("orientation", "length", "width")]
@@ -255,9 +253,9 @@ def test_the_emv_is_the_planning_problem(read, tracks):
 
 
 def test_where_traffic_keeps_left_the_scenario_is_the_mirror_image():
-    root = _root(RECORD, RECORD.description)
+    root = scenario_root(RECORD, RECORD.description)
     for track in made_tracks():
-        _add_obstacle(root, track)
+        add_obstacle(root, track)
     text = document(root)
     mirror_commonroad(root)
     lane = next(lanelet for lanelet in root.findall("lanelet") if lanelet.get("id") == str(lanelet_id(LANE)))
@@ -395,11 +393,11 @@ def test_a_junction_is_paved_between_its_paths():
 def test_an_island_is_no_part_of_the_surface():
     """A lanelet has no holes, so the area around one is cut in two."""
     ring = Point(0.0, 0.0).buffer(10.0).difference(Point(1.0, 2.0).buffer(3.0))
-    pieces = _without_holes(ring)
+    pieces = without_holes(ring, 0.01)
     assert (len(pieces), sum(len(piece.interiors) for piece in pieces)) == (2, 0)
     assert sum(piece.area for piece in pieces) == pytest.approx(ring.area)
     for piece in pieces:
-        bounds = _as_bounds(piece)
+        bounds = Bounds.around(piece)
         assert len(bounds.left) == len(bounds.right)
         assert bounds.polygon().symmetric_difference(piece).area == pytest.approx(0.0, abs=1e-6)
 
@@ -414,11 +412,11 @@ def scenario_file(folder: Path, *dropped: str) -> Path:
         7: moving(6.9, -9.5, 0.5, yaw_rad=np.pi / 4.0, steps=steps),
     }
     record = record_with(tracks, crossing())
-    root = _root(record, record.description)
+    root = scenario_root(record, record.description)
     emv, *others = tracks_of(record)
     for track in others:
-        _add_obstacle(root, track)
-    _add_problem(root, emv)
+        add_obstacle(root, track)
+    add_problem(root, emv)
     for lanelet in root.findall("lanelet"):
         kind = lanelet.findtext("laneletType")
         if (kind == "border" or (kind == "intersection" and lanelet.find("successor") is None)) and kind in dropped:

@@ -10,7 +10,6 @@ import pytest
 
 import siren_ros
 from siren_ros.cli.main import main
-from siren_ros.data.datasets import export_job
 from siren_ros.data.datasets.export_job import (
     ExportJob,
     card,
@@ -28,7 +27,9 @@ from siren_ros.data.datasets.formats import (
     format_named,
     load_exporter,
 )
+from siren_ros.data.datasets.trajectory_csv import CsvExporter
 from siren_ros.data.record.bag_survey import BagSurvey, Need, episode_name, in_dataset_order
+from siren_ros.data.record.episode_source import EpisodeSource
 from siren_ros.data.record.licences import LICENCE
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.splits import EpisodeIdentity
@@ -240,15 +241,16 @@ def test_the_same_bag_twice_is_refused(bags, tmp_path, capsys):
 def test_an_interrupted_export_goes_on_where_it_was(bags, tmp_path, monkeypatch):
     job = ExportJob(format_named("csv"), {}, tuple(bags), tmp_path / "out")
     done: list[str] = []
-    whole = export_job._export_part
+    whole = CsvExporter.write_episode
 
-    def interrupted(*arguments: object) -> None:
+    def interrupted(exporter: CsvExporter, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         if len(done) == 2:
             raise InterruptedError
-        whole(*arguments)
-        done.append(str(arguments[3]))
+        report = whole(exporter, source, episode_id, files)
+        done.append(episode_id)
+        return report
 
-    monkeypatch.setattr(export_job, "_export_part", interrupted)
+    monkeypatch.setattr(CsvExporter, "write_episode", interrupted)
     with pytest.raises(InputError):
         run_export(job)
     assert not (tmp_path / "out").exists()

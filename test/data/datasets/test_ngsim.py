@@ -2,7 +2,8 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,9 @@ from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, NEAR, streets
 from scipy.io import loadmat
 
 from siren_ros.data.datasets import ngsim
-from siren_ros.data.record.tracks import tracks_of
+from siren_ros.data.datasets.files import FileWriter
+from siren_ros.data.datasets.formats import EpisodePart
+from siren_ros.data.record.episode_source import EpisodeSource
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
@@ -148,15 +151,28 @@ def record(network: RoadNetwork, accel_mps2: float = 0.0) -> EpisodeRecord:
     )
 
 
-def sample(network: RoadNetwork, accel_mps2: float = 0.0) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Row and tracks of the first sample."""
-    episode = record(network, accel_mps2)
-    roads = [ngsim._on_road(episode, track) for track in tracks_of(episode)]
-    return next(iter(ngsim.NgsimExporter("all")._samples(episode, roads)))
+def exported(folder: Path, *records: EpisodeRecord) -> Path:
+    """The data sets of episodes that train, in a folder."""
+    exporter, parts = ngsim.NgsimExporter("all"), []
+    for number, episode in enumerate(records):
+        source = cast("EpisodeSource", SimpleNamespace(record=lambda episode=episode: episode))
+        part = folder / f"part{number}"
+        part.mkdir()
+        with FileWriter(part) as files:
+            report = exporter.write_episode(source, f"episode{number}", files)
+        parts.append(EpisodePart(f"episode{number}", number, "train", part, report))
+    exporter.assemble(parts, folder)
+    return folder
 
 
-def test_the_row_has_the_target_at_its_origin(straight_road_of_two_lanes):
-    row, _ = sample(straight_road_of_two_lanes)
+def sample(folder: Path, network: RoadNetwork, accel_mps2: float = 0.0) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Row and tracks of the first sample, without the number of its data set."""
+    data, tracks = read(exported(folder, record(network, accel_mps2)), "stdan", "TrainSet.mat")
+    return data[0, 1:], [track for track in tracks[0] if track.size]
+
+
+def test_the_row_has_the_target_at_its_origin(straight_road_of_two_lanes, tmp_path):
+    row, _ = sample(tmp_path, straight_road_of_two_lanes)
     vehicle, frame, x, y, speed, accel, lane, kind, lateral, longitudinal = row[:10]
     assert (vehicle, frame, x, y) == (1.0, 30.0, 0.0, 0.0)
     assert speed == pytest.approx(10.0 / ngsim.FOOT_M)
@@ -164,9 +180,9 @@ def test_the_row_has_the_target_at_its_origin(straight_road_of_two_lanes):
     assert (lateral, longitudinal) == (ngsim.KEEP, ngsim.NORMAL)
 
 
-def test_neighbours_are_in_the_cells_where_they_are(straight_road_of_two_lanes):
+def test_neighbours_are_in_the_cells_where_they_are(straight_road_of_two_lanes, tmp_path):
     """20 m are 65.6 ft: the cell of 155.6 / 15 from behind; 10 m behind in the lane to the left: that of 57.2 / 15."""
-    cells = sample(straight_road_of_two_lanes)[0][10:]
+    cells = sample(tmp_path, straight_road_of_two_lanes)[0][10:]
     taken = {int(cell): int(cells[cell]) for cell in np.flatnonzero(cells)}
     ahead, behind = (
         ngsim.CELLS_ALONG + round((20.0 / ngsim.FOOT_M + 90.0) / 15.0),
@@ -175,9 +191,9 @@ def test_neighbours_are_in_the_cells_where_they_are(straight_road_of_two_lanes):
     assert taken == {ahead: 2, behind: 3}
 
 
-def test_tracks_are_turned_so_that_ahead_is_y(straight_road_of_two_lanes):
+def test_tracks_are_turned_so_that_ahead_is_y(straight_road_of_two_lanes, tmp_path):
     """Frames 0 to 80; the target is at the origin at frame 30."""
-    _, (target, bus, left) = sample(straight_road_of_two_lanes)
+    _, (target, bus, left) = sample(tmp_path, straight_road_of_two_lanes)
     frames = np.arange(81)
     assert target[0].tolist() == bus[0].tolist() == frames.tolist()
     assert target[1] == pytest.approx(np.zeros(81), abs=1e-9)
@@ -190,20 +206,24 @@ def test_tracks_are_turned_so_that_ahead_is_y(straight_road_of_two_lanes):
     assert bus[3] == pytest.approx(np.full(81, 10.0 / ngsim.FOOT_M))
 
 
-def test_who_gains_speed_accelerates(straight_road_of_two_lanes):
-    row, _ = sample(straight_road_of_two_lanes, accel_mps2=1.0)
+def test_who_gains_speed_accelerates(straight_road_of_two_lanes, tmp_path):
+    row, _ = sample(tmp_path, straight_road_of_two_lanes, accel_mps2=1.0)
     assert row[9] == ngsim.ACCELERATE
     assert row[5] == pytest.approx(1.0 / ngsim.FOOT_M)
     assert row[4] == pytest.approx(13.0 / ngsim.FOOT_M)
 
 
-def test_cells_of_vehicles_that_are_not_there_are_empty():
-    track = np.arange(14.0).reshape(7, 2)
-    cells = ngsim._cells([[track, track], [track]], 3)
-    assert cells.shape == (2, 2)
-    assert cells[0, 1].tolist() == track[:3].tolist()
-    assert cells[1, 1].shape == (0, 0)
-    assert ngsim._cells([], 3).shape == (0, 0)
+def test_cells_of_vehicles_that_are_not_there_are_empty(straight_road_of_two_lanes, tmp_path):
+    """The bus and the car beside are 30 m apart, so each has one neighbour; the vehicle far ahead has none."""
+    dataset = exported(tmp_path, record(straight_road_of_two_lanes))
+    whole, tracks = (read(dataset, layout, "TrainSet.mat")[1] for layout in ("stdan", "csp"))
+    assert whole.shape == tracks.shape == (4, 3)
+    there = [[True, True, True], [True, True, False], [True, True, False], [True, False, False]]
+    for layout, height in ((whole, 7), (tracks, 3)):
+        assert [[track.shape == (height, 81) for track in row] for row in layout] == there
+        assert [[track.shape != (0, 0) for track in row] for row in layout] == there
+    assert tracks[0, 1].tolist() == whole[0, 1][:3].tolist()
+    assert read(dataset, "csp", "ValSet.mat")[1].shape == (0, 0)
 
 
 def read(dataset: Path, layout: str, name: str) -> tuple[Any, Any]:

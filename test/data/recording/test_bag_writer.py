@@ -9,11 +9,11 @@ import subprocess
 import sys
 import textwrap
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from io import BytesIO
+from io import BytesIO, FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,10 +25,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys.store import Typestore
 
 from siren_ros.data.interfaces.messages import make_message, stamp
+from siren_ros.data.recording import bag_writer
+from siren_ros.data.recording.bag_folder import WorkingFolder
 from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.data.recording.bag_writer import BackgroundWorker, BagOptions, BagSummary, EpisodeBagWriter
 from siren_ros.data.recording.mcap_scan import DamageError, parse_content, read_chunks, unpack
-from siren_ros.data.recording.mcap_stream import ChunkContent, plain_bytes
+from siren_ros.data.recording.mcap_stream import ChunkContent, McapStream, plain_bytes
 from siren_ros.errors import BagError, EpisodeError
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
@@ -233,33 +235,49 @@ def test_an_abandoned_bag_is_readable_and_says_why(writing):
 class FillingDisk:
     """A storage file on a disk that fills up: one write is taken in half, and the next ones are refused until freed."""
 
-    def __init__(self, file: Any, room_bytes: int) -> None:
-        self._file = file
-        self.room_bytes = room_bytes
+    def __init__(self) -> None:
+        self.file: Any = None
+        self.room_bytes = 1_000_000
+
+    def stream(self, file: Any) -> McapStream:
+        """What writes a bag: to this disk."""
+        self.file = file
+        return McapStream(cast("FileIO", self))
+
+    def frees(self, room_bytes: int) -> Callable[[WorkingFolder], None]:
+        """What gives the reserve of a bag's folder back: there is so much room then."""
+        return lambda _folder: setattr(self, "room_bytes", room_bytes)
 
     def write(self, data: Any) -> int:
         if self.room_bytes <= 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        taken = int(self._file.write(data[: self.room_bytes]))
+        taken = int(self.file.write(data[: self.room_bytes]))
         self.room_bytes -= taken
         return taken
 
     def truncate(self, size: int) -> int:
-        before = self._file.seek(0, os.SEEK_END)
+        before = self.file.seek(0, os.SEEK_END)
         self.room_bytes += max(0, before - size)
-        return int(self._file.truncate(size))
+        return int(self.file.truncate(size))
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
+        return getattr(self.file, name)
 
 
-def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing, monkeypatch):
+@pytest.fixture
+def disk(monkeypatch) -> FillingDisk:
+    """The disk of all bags."""
+    disk = FillingDisk()
+    monkeypatch.setattr(bag_writer, "McapStream", disk.stream)
+    return disk
+
+
+def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing, disk, monkeypatch):
     writer = writing.begin((), chunk_bytes=64)
-    disk = FillingDisk(writer._stream._stream, 20_000)
-    monkeypatch.setattr(writer._stream, "_stream", disk)
+    disk.room_bytes = 20_000
     with pytest.raises(EpisodeError, match="disk is full"):
         writing.write_clocks(writer, range(5000))
-    monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 1_000_000))
+    monkeypatch.setattr(WorkingFolder, "free_reserve", disk.frees(1_000_000))
     summary = writer.abandon("the disk is full")
     with open_bag(summary.path) as bag:
         times = [message.time_ns for message in bag.messages()]
@@ -269,10 +287,10 @@ def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing, monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full, which is Linux's")
-def test_a_full_disk_ends_the_episode_with_its_cause(writing, monkeypatch):
+def test_a_full_disk_ends_the_episode_with_its_cause(writing, disk):
     writer = writing.begin(range(10), chunk_bytes=64)
     with Path("/dev/full").open("wb", buffering=0) as full:
-        monkeypatch.setattr(writer._stream, "_stream", full)
+        disk.file = full
         with pytest.raises(EpisodeError, match="disk is full"):
             writing.write_clocks(writer, range(10, 2000))
         summary = writer.abandon("the disk is full")
@@ -352,15 +370,14 @@ def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages
     assert read == [(TEXT[0], writing.text), *[(CLOCK[0], writing.clock)] * 3]
 
 
-def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(writing, monkeypatch):
+def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(writing, disk, monkeypatch):
     writer = writing.begin(())
     writer.write(*TEXT, np.random.default_rng(0).bytes(100_000), 0)
     writing.write_clocks(writer, [0])
-    disk = FillingDisk(writer._stream._stream, 150_000)
-    monkeypatch.setattr(writer._stream, "_stream", disk)
+    disk.room_bytes = 150_000
     with pytest.raises(EpisodeError, match="disk is full"):
         writer.finish()
-    monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 30_000))
+    monkeypatch.setattr(WorkingFolder, "free_reserve", disk.frees(30_000))
     summary = writer.abandon("the disk is full")
     with open_bag(summary.path) as bag:
         assert [message.topic for message in bag.messages()] == [TEXT[0], CLOCK[0]]

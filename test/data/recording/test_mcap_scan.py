@@ -105,12 +105,17 @@ def packed_chunk(packed: bytes, plain_bytes: int, compression: bytes = b"zstd") 
     return head + struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(packed)) + packed
 
 
+def chunk_with(content: bytes) -> mcap_scan.PackedChunk:
+    """The chunk of a record at byte 7 of a file; code and length of a record have nine bytes."""
+    return mcap_scan.read_chunk(BytesIO(bytes(7 + 9) + content), mcap_scan.RecordPlace(Opcode.CHUNK, 7, len(content)))
+
+
 @pytest.mark.parametrize("checksum", [False, True])
 @pytest.mark.parametrize("plain", [b"", b"x", b"abc" * 1000, bytes(300_000)])
 def test_frames_of_any_length_are_measured(plain, checksum):
     """The frame of nothing ends with the head of its one block."""
     packed = zstandard.ZstdCompressor(write_checksum=checksum).compress(plain)
-    chunk = mcap_scan._chunk(packed_chunk(packed, len(plain)), 7)
+    chunk = chunk_with(packed_chunk(packed, len(plain)))
     assert (chunk.offset, chunk.compression, chunk.packed) == (7, "zstd", packed)
     if plain:
         assert mcap_scan.unpack(chunk) == plain
@@ -130,7 +135,7 @@ def test_frames_of_any_length_are_measured(plain, checksum):
 def test_what_is_not_just_one_frame_is_refused(packed, reason):
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
     with pytest.raises(mcap_scan.DamageError, match=reason):
-        mcap_scan._chunk(packed_chunk(packed(frame), 3000), 7)
+        chunk_with(packed_chunk(packed(frame), 3000))
 
 
 def frame_of_repeated_bytes(claimed: int, blocks: list[int]) -> bytes:
@@ -154,24 +159,24 @@ def test_a_small_chunk_that_unpacks_to_more_than_is_allowed_is_refused_unread(cl
         with pytest.raises(
             mcap_scan.DamageError, match=f"more than one frame of at most {mcap_scan.MAX_CHUNK_BYTES} bytes"
         ):
-            mcap_scan._chunk(content, 7)
+            chunk_with(content)
     else:
-        assert mcap_scan._chunk(content, 7).plain_bytes == claimed
+        assert chunk_with(content).plain_bytes == claimed
 
 
 def test_a_frame_of_repeated_bytes_is_read():
     frame = frame_of_repeated_bytes(300_000, [131_072, 131_072, 37_856])
-    assert mcap_scan.unpack(mcap_scan._chunk(packed_chunk(frame, 300_000), 7)) == b"x" * 300_000
+    assert mcap_scan.unpack(chunk_with(packed_chunk(frame, 300_000))) == b"x" * 300_000
 
 
 @pytest.mark.parametrize("off", [-1, 1])
 def test_a_size_that_is_not_the_contents_is_refused(off):
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
     with pytest.raises(mcap_scan.DamageError, match=f"claims {3000 + off} bytes and holds 3000"):
-        mcap_scan._chunk(packed_chunk(frame, 3000 + off), 7)
+        chunk_with(packed_chunk(frame, 3000 + off))
     with pytest.raises(mcap_scan.DamageError, match=f"claims {4 + off} bytes and holds 4"):
-        mcap_scan._chunk(packed_chunk(b"abcd", 4 + off, b""), 7)
-    assert mcap_scan._chunk(packed_chunk(b"abcd", 4, b""), 7).packed == b"abcd"
+        chunk_with(packed_chunk(b"abcd", 4 + off, b""))
+    assert chunk_with(packed_chunk(b"abcd", 4, b"")).packed == b"abcd"
 
 
 @pytest.mark.parametrize("change", [-1, 1])
@@ -180,12 +185,12 @@ def test_lengths_that_contradict_each_other_are_refused(change):
     longer = content[:-12] + struct.pack("<Q", 4 + change) + content[-4:]
     for broken in (longer, content[:-1], content + b"x"):
         with pytest.raises(mcap_scan.DamageError, match="contradict"):
-            mcap_scan._chunk(broken, 7)
+            chunk_with(broken)
 
 
 def test_other_compressions_are_refused():
     with pytest.raises(mcap_scan.DamageError, match="'lz4'; zstd and none"):
-        mcap_scan._chunk(packed_chunk(b"abcd", 4, b"lz4"), 7)
+        chunk_with(packed_chunk(b"abcd", 4, b"lz4"))
 
 
 SCHEMAS = tuple(

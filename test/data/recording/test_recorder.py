@@ -15,6 +15,7 @@ from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.episode_conversions import EpisodeClosing, from_episode_end
 from siren_ros.data.interfaces.messages import decode_cdr, encode_cdr, typestore
 from siren_ros.data.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME, PREDICTIONS
+from siren_ros.data.recording import recorder as recorder_module
 from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.data.recording.record_builder import RecordBuilder
 from siren_ros.data.recording.recorder import MAX_STEPS_AHEAD, EpisodeRecorder, StepCollector
@@ -242,15 +243,16 @@ def test_an_episode_that_ended_before_its_first_step_leaves_no_bag_and_no_folder
     assert not bags.exists()
 
 
-def test_what_another_programs_serialiser_leaves_in_the_padding_is_not_recorded(tmp_path):
+def test_what_another_programs_serialiser_leaves_in_the_padding_is_not_recorded(tmp_path, monkeypatch):
     """Three actors: four bytes between their ids and the numbers of eight bytes."""
     store, numbers = typestore(), np.arange(3.0)
     stamp = store.types["builtin_interfaces/msg/Time"](0, 0)
     ids = np.arange(3, dtype=np.uint32)
     clean = encode_cdr(store, PREDICTIONS, store.types[PREDICTIONS.type_name](stamp, 0, ids, numbers, numbers, numbers))
-    recorder: Any = recorder_of(SyntheticEpisode(), tmp_path / "bag")
+    clock = encode_cdr(store, CLOCK, store.types[CLOCK.type_name](stamp))
     written: list[bytes] = []
-    recorder._writer = SimpleNamespace(write=lambda *row: written.append(row[2]))
+    writer = SimpleNamespace(write=lambda name, _, cdr, __: written.append(cdr) if name == PREDICTIONS.name else None)
+    monkeypatch.setattr(recorder_module, "EpisodeBagWriter", lambda *_: writer)
 
     def values(cdr: bytes) -> tuple[Any, ...]:
         read = decode_cdr(store, PREDICTIONS, cdr)
@@ -261,6 +263,9 @@ def test_what_another_programs_serialiser_leaves_in_the_padding_is_not_recorded(
         dirty = clean[:place] + b"\x5a" + clean[place + 1 :]
         with suppress(EpisodeError):
             if values(dirty) == values(clean):
-                recorder._write(PREDICTIONS, 0, dirty)
+                recorder = EpisodeRecorder(None, store, frozenset(), judge)
+                recorder.expect((CLOCK, PREDICTIONS), tmp_path / "bag")
+                recorder.take(CLOCK, clock)
+                recorder.take(PREDICTIONS, dirty)
     assert len(written) >= 4
     assert set(written) == {clean}

@@ -178,7 +178,7 @@ def test_work_that_only_waits_is_twice_as_fast_at_once():
 
 
 def test_two_episodes_are_compared_with_two_loops(tmp_path, monkeypatch):
-    monkeypatch.setattr(two_at_once, "_LOOP", "pass")
+    monkeypatch.setattr(two_at_once, "LOOP", "pass")
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     file, short = tmp_path / "figures.json", ("duration_s:=0.5", f"template:={quick_template('S2')}")
     assert two_at_once.main([*short, "--suites", "none", "--json", str(file)]) == EXIT_OK

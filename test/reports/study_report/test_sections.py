@@ -13,7 +13,7 @@ from evaluation.made_scores import reported_scores
 
 from siren_ros.base.tables.interval import Measure
 from siren_ros.base.tables.table import Table
-from siren_ros.cli.generate import _study_of
+from siren_ros.cli.generate import study_of
 from siren_ros.cli.main import parser
 from siren_ros.errors import InputError
 from siren_ros.reports.study_report import build
@@ -221,7 +221,7 @@ def test_the_command_asks_for_the_same_study(study: Study) -> None:
     words = split(generate_command(study.to_json(), Path("out folder")))
     assert words[:3] == ["./env", "siren", "generate"]
     arguments = parser().parse_args(words[2:])
-    assert _study_of(arguments).to_json() == study.to_json()
+    assert study_of(arguments).to_json() == study.to_json()
     assert arguments.out == "out folder"
 
 

@@ -31,29 +31,29 @@ LASTS = "import time; time.sleep(600)"
 
 @pytest.mark.parametrize("ends", ["", "raise SystemExit(3)"])
 def test_an_episode_that_ends_gives_its_code(child: Child, ends: str) -> None:
-    assert av_program._wait(child(ends), child(LASTS), 60.0) == (3 if ends else 0)
+    assert av_program.wait_for_episode(child(ends), child(LASTS), 60.0) == (3 if ends else 0)
 
 
 def test_an_episode_is_not_waited_for_once_its_driver_has_failed(child: Child, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that does not start would cost two minutes in each episode of an exam."""
-    monkeypatch.setattr(av_program, "_TOLD_S", 0.5)
+    monkeypatch.setattr(av_program, "TOLD_S", 0.5)
     cosim = child(LASTS)
-    assert av_program._wait(cosim, child("raise SystemExit(2)"), 600.0) is None
+    assert av_program.wait_for_episode(cosim, child("raise SystemExit(2)"), 600.0) is None
     assert cosim.poll() is None
 
 
 def test_a_driver_that_has_ended_well_ends_no_episode(child: Child, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(av_program, "_TOLD_S", 0.0)
+    monkeypatch.setattr(av_program, "TOLD_S", 0.0)
     driver = child("")
     driver.wait()
-    assert av_program._wait(child("import time; time.sleep(1)"), driver, 60.0) == 0
+    assert av_program.wait_for_episode(child("import time; time.sleep(1)"), driver, 60.0) == 0
 
 
 def test_an_episode_that_takes_too_long_gives_no_code(child: Child) -> None:
-    assert av_program._wait(child(LASTS), child(LASTS), 0.5) is None
+    assert av_program.wait_for_episode(child(LASTS), child(LASTS), 0.5) is None
 
 
 def test_a_programs_words_are_shown_without_escape_codes() -> None:
     with tempfile.TemporaryFile("w+", encoding="utf-8") as words:
         words.write("one\n\x1b[31mred\x1b[0m\n")
-        assert av_program._lines(words) == ["one", r"\x1b[31mred\x1b[0m"]
+        assert av_program.lines_of(words) == ["one", r"\x1b[31mred\x1b[0m"]

@@ -184,7 +184,7 @@ def test_the_files_of_a_request_are_those_of_its_episode() -> None:
 
 def test_templates_change_first_then_levels_maps_draws_and_seeds_last(monkeypatch: pytest.MonkeyPatch) -> None:
     """A map has a name in the episode's, the town has none; draws are counted from 0."""
-    monkeypatch.setattr(matrix._Inputs, "sha256_of", lambda *_: "")
+    monkeypatch.setattr(matrix, "source_sha256_of", lambda _: "")
     study = Study(
         ("S2", "S1"), ("own", "L0"), (7, 3), ("town", "maps/Some Map.xodr"),
         duration_s=30.0, sensors="lidar", look="rain",

@@ -34,7 +34,6 @@ from hand_made_record import (
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.judging.junction_templates import (
     APPROACH_M,
-    _stretches,
     is_same_direction,
     least_free_speed_mps,
     on_shoulder_area,
@@ -43,6 +42,7 @@ from siren_ros.scoring.judging.junction_templates import (
     shoulder_turn,
     stop_crossing,
     stop_same_direction,
+    times_text,
     turned_right_rad,
 )
 from siren_ros.scoring.judging.junction_traversal import find_traversals
@@ -451,4 +451,4 @@ def test_an_interval_ends_with_the_step_after_its_last_one():
     rows = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
     holds = np.zeros(40, dtype=np.bool_)
     holds[4:8] = holds[20:22] = True
-    assert _stretches(rows, holds) == "0.2 s to 0.4 s, 1.0 s to 1.1 s"
+    assert times_text(rows, holds) == "0.2 s to 0.4 s, 1.0 s to 1.1 s"

@@ -8,7 +8,7 @@ from shapely.geometry import Polygon
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.sensing.meshes.mesh import Material
-from siren_ros.sensing.scene.ground import _cut, arrow, ground_mesh, ribbon, road_markings
+from siren_ros.sensing.scene.ground import arrow, ground_mesh, ribbon, road_markings, tiles_of
 from siren_ros.sensing.scene.surfaces import SceneConfig, drawn_centres, road_surfaces
 from siren_ros.simulation.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 
@@ -91,7 +91,7 @@ def test_the_land_is_covered_once_with_a_plane_below():
     ],
 )
 def test_areas_are_cut_along_a_grid_without_loss(area, count):
-    tiles = _cut(area, 10.0)
+    tiles = tiles_of(area, 10.0)
     assert shapely.union_all(tiles).symmetric_difference(area).area < 1e-9
     assert sum(tile.area for tile in tiles) == pytest.approx(area.area)
     for tile in tiles:
@@ -100,7 +100,7 @@ def test_areas_are_cut_along_a_grid_without_loss(area, count):
         assert np.floor(low_y / 10.0) == np.floor((high_y - 1e-9) / 10.0)
     assert len(tiles) == count
     inside = Polygon([(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])
-    assert _cut(inside, 10.0) == [inside]
+    assert tiles_of(inside, 10.0) == [inside]
 
 
 def markings_of(network):

@@ -95,7 +95,7 @@ def test_another_seed_net_or_number_is_another_scene(network, folder, built):
 
 def test_other_code_makes_other_scenes(network, folder, built, monkeypatch):
     kept_scene(network, 3)
-    monkeypatch.setattr(kept_scenes, "_recipe", lambda: "other code")
+    monkeypatch.setattr(kept_scenes, "recipe", lambda: "other code")
     kept_scene(network, 3)
     assert built == [3, 3]
     assert len(files(folder)) == 2
@@ -103,15 +103,15 @@ def test_other_code_makes_other_scenes(network, folder, built, monkeypatch):
 
 def test_the_folders_of_the_code_are_there():
     library = Path(kept_scenes.__file__).parents[2]
-    assert [name for name in kept_scenes._CODE if not list((library / name).glob("*.py"))] == []
+    assert [name for name in kept_scenes.CODE if not list((library / name).glob("*.py"))] == []
 
 
 def test_what_makes_a_scene_is_code_and_packages(monkeypatch):
-    recipes = [kept_scenes._recipe.__wrapped__()]
-    monkeypatch.setattr(kept_scenes, "_CODE", kept_scenes._CODE[:-1])
-    recipes.append(kept_scenes._recipe.__wrapped__())
+    recipes = [kept_scenes.recipe.__wrapped__()]
+    monkeypatch.setattr(kept_scenes, "CODE", kept_scenes.CODE[:-1])
+    recipes.append(kept_scenes.recipe.__wrapped__())
     monkeypatch.setattr(kept_scenes, "version", lambda name: f"{name} of tomorrow")
-    recipes.append(kept_scenes._recipe.__wrapped__())
+    recipes.append(kept_scenes.recipe.__wrapped__())
     assert len(set(recipes)) == 3
 
 
@@ -177,7 +177,7 @@ def test_a_folder_that_cannot_be_written_costs_time_alone(network, tmp_path, bui
 
 
 def test_the_files_used_last_stay(network, folder, built, monkeypatch):
-    monkeypatch.setattr(kept_scenes, "_KEPT", 2)
+    monkeypatch.setattr(kept_scenes, "KEPT", 2)
     for seed in (1, 2):
         kept_scene(network, seed)
     for file in files(folder):
@@ -193,5 +193,8 @@ def test_the_files_used_last_stay(network, folder, built, monkeypatch):
     assert built == [1, 2, 3, 2]
 
 
-def test_meshes_have_no_columns_that_are_not_kept():
-    assert tuple(Mesh.__dataclass_fields__) == kept_scenes._COLUMNS
+def test_meshes_have_no_columns_that_are_not_kept(network, folder):
+    kept_scene(network, 3)
+    (file,) = files(folder)
+    with np.load(file) as content:
+        assert set(content.files) == {"head", "raised", *Mesh.__dataclass_fields__}

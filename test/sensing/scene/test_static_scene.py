@@ -11,13 +11,13 @@ from siren_ros.sensing.meshes.mesh import LampColour, Material, Mesh
 from siren_ros.sensing.scene.signals import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, street_lamp, turned
 from siren_ros.sensing.scene.static_scene import (
     Lot,
-    _facade,
-    _flat_roof,
-    _gable,
     broadleaf,
     building,
     conifer,
+    facade,
+    flat_roof,
     footprint,
+    gable_roof,
     static_scene,
 )
 from siren_ros.sensing.scene.surfaces import SceneConfig
@@ -226,7 +226,7 @@ def test_plain_buildings_have_windows_in_front_alone():
 
 def test_windows_of_a_facade_lie_side_by_side_in_each_storey():
     """16 m and 5 storeys of 3 m: (16 − 0.8) / 2.9 makes five windows, 46 % of their field each."""
-    mesh = _facade((0.0, 8.0), (0.0, -8.0), 5, 15.0, np.random.default_rng(0), ribbons=False, shop=False)
+    mesh = facade((0.0, 8.0), (0.0, -8.0), 5, 15.0, np.random.default_rng(0), ribbons=False, shop=False)
     quads = mesh.vertices_m.reshape(-1, 4, 3)
     assert len(quads) == 25
     step = 15.2 / 5
@@ -238,7 +238,7 @@ def test_windows_of_a_facade_lie_side_by_side_in_each_storey():
 
 
 def test_ribbons_and_shops():
-    mesh = _facade((0.0, 8.0), (0.0, -8.0), 3, 9.0, np.random.default_rng(0), ribbons=True, shop=True)
+    mesh = facade((0.0, 8.0), (0.0, -8.0), 3, 9.0, np.random.default_rng(0), ribbons=True, shop=True)
     quads = mesh.vertices_m.reshape(-1, 4, 3)
     shop = quads[quads[:, 0, 2] < 0.5]
     assert len(shop) == 4, "16 m / 3.6 m"
@@ -250,7 +250,7 @@ def test_ribbons_and_shops():
 
 def test_a_saddle_roof_is_closed_and_has_its_volume():
     """A ridge of 16.8 m, 0.28 of the depth above the eaves; half of the box around it."""
-    (roof,) = _gable(8.0, DEPTH_M, 7.0, np.random.default_rng(0))
+    (roof,) = gable_roof(8.0, DEPTH_M, 7.0, np.random.default_rng(0))
     assert gap_m2(roof) < 1e-4
     rise = 0.28 * DEPTH_M
     assert volume(roof.translated(0.0, 0.0, -7.0)) == pytest.approx(0.5 * 16.8 * 10.8 * rise, rel=1e-4)
@@ -260,7 +260,7 @@ def test_a_saddle_roof_is_closed_and_has_its_volume():
 
 
 def test_a_flat_roof_lies_on_the_walls():
-    parts = _flat_roof(8.0, DEPTH_M, 9.0, (100, 100, 100), np.random.default_rng(0))
+    parts = flat_roof(8.0, DEPTH_M, 9.0, (100, 100, 100), np.random.default_rng(0))
     assert len(parts) == 2
     edge, roof = parts
     assert edge.bounds_m[0] == pytest.approx([-0.15, -8.15, 8.55])
@@ -268,7 +268,7 @@ def test_a_flat_roof_lies_on_the_walls():
     assert roof.bounds_m[0] == pytest.approx([0.1, -7.9, 8.8])
     assert roof.bounds_m[1] == pytest.approx([9.9, 7.9, 9.04])
     assert np.unique(edge.colour_rgb).tolist() == [82]
-    low, high = _flat_roof(8.0, DEPTH_M, 12.0, (100, 100, 100), np.random.default_rng(0))[2].bounds_m
+    low, high = flat_roof(8.0, DEPTH_M, 12.0, (100, 100, 100), np.random.default_rng(0))[2].bounds_m
     assert (high - low, low[2]) == (pytest.approx([3.2, 3.6, 2.2], abs=1e-4), 12.0)
     assert low[0] > 0.0
     assert high[0] < DEPTH_M

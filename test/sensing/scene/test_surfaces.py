@@ -15,8 +15,8 @@ from siren_ros.sensing.scene.signals import clear_pole
 from siren_ros.sensing.scene.surfaces import (
     FreeSpace,
     SceneConfig,
-    _junction_carriageway,
     drawn_centres,
+    junction_carriageway,
     ring_samples,
     road_surfaces,
 )
@@ -82,8 +82,8 @@ def test_a_lane_that_ends_at_a_junction_is_paved_up_to_it_and_no_further(length_
     short = replace(network.lanes[1], centre=Polyline.through(np.array([end - (0.0, length_m), end])))
     alone = replace(network, lanes=(short,))
     around = shapely.box(-10.0, -20.0, 20.0, 10.0)
-    assert _junction_carriageway(alone, shapely.MultiPolygon(), around).area == pytest.approx(0.0, abs=1e-6)
-    reaching = _junction_carriageway(alone, shapely.MultiPolygon(), shapely.box(-10.0, -200.0, 20.0, 10.0))
+    assert junction_carriageway(alone, shapely.MultiPolygon(), around).area == pytest.approx(0.0, abs=1e-6)
+    reaching = junction_carriageway(alone, shapely.MultiPolygon(), shapely.box(-10.0, -200.0, 20.0, 10.0))
     assert reaching.area == pytest.approx(3.5 * min(length_m, 2 * 3.0))
 
 

@@ -281,13 +281,21 @@ def test_on_the_junctions_own_lane_the_movement_is_known():
 
 def test_a_book_keeps_the_points_of_many_courses(network):
     """More than there is room for at first."""
-    book = CourseBook(network)
-    ends = [
-        book.along(lane, edges(edge, *[2] * number)) for number in range(60) for lane, edge in ((0, 0), (1, 0), (3, 2))
-    ]
-    assert book._points.used == sum(len(course.points) for course in ends) > 4096
-    for course, (begin, end) in zip(ends, book._ends.rows[:, :2].tolist(), strict=False):
-        np.testing.assert_array_equal(book._points.rows[begin:end], course.points)
+    asked = [(lane, edges(edge, *[2] * more)) for more in range(60) for lane, edge in ((0, 0), (1, 0), (3, 2))]
+    lanes, routes = zip(*asked, strict=True)
+    nowhere = np.zeros(len(asked))
+    traffic = Traffic(
+        *(np.array(lanes, np.int32), nowhere, nowhere, nowhere, nowhere, nowhere),
+        actor_id=np.arange(1, len(asked) + 1, dtype=np.uint32),
+        route_offset=np.cumsum([0, *map(len, routes)], dtype=np.int32),
+        route_edges=np.concatenate(routes),
+    )
+    courses = CourseBook(network).courses_of(traffic)
+    begins, ends, *_ = courses.ends
+    assert begins.tolist() == [0, *ends[:-1].tolist()]
+    assert ends[-1] > 4096
+    for (lane, route), begin, end in zip(asked, begins, ends, strict=True):
+        np.testing.assert_array_equal(courses.points[begin:end], CourseBook(network).along(lane, route).points)
 
 
 def test_a_course_is_worked_out_once_of_outlook():

@@ -11,12 +11,12 @@ from siren_ros.simulation.conflicts.zones import (
     Way,
     Ways,
     Zone,
-    _bounds,
-    _next_touch,
-    _off_course,
-    _pose,
-    _pose_after,
-    _poses,
+    next_touch,
+    off_course,
+    pose_after,
+    pose_at,
+    way_bounds,
+    way_poses,
     zones_of,
 )
 
@@ -280,7 +280,7 @@ def test_a_body_turns_into_a_corner_late_and_cuts_it_or_not(turn, left, spacing,
         (-5.0, (-5.0, 0.0), (-5.0, 0.0), 0.0),
         (45.0, (20.0, 25.0), (20.0, 25.0), np.pi / 2.0),
     ):
-        x, y, cos, sin = _pose(points, 0, len(points), spacing, s, left, cut)
+        x, y, cos, sin = pose_at(points, 0, len(points), spacing, s, left, cut)
         expected = np.array(cutting if cut > 0.0 else on_course) + left * np.array([-np.sin(heading), np.cos(heading)])
         assert rotate(np.array([x, y]), -turn) == pytest.approx(expected, abs=1e-6)
         assert np.arctan2(sin, cos) == pytest.approx(
@@ -297,7 +297,7 @@ def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look)
     yaw = np.arctan2(np.sin(turn + look), np.cos(turn + look))
     ways = Ways.of([Way(points, 1.0, 10.0, 0.0, (*place, yaw), 30.0, LENGTH, WIDTH)])
     for way_m, left in ((0.0, 1.0), (1.5, 0.75), (3.0, 0.5), (5.99, 0.01 / 6.0), (6.01, 0.0), (20.0, 0.0)):
-        x, y, cos, sin = _pose_after(ways, 0, _off_course(ways, 0), way_m)
+        x, y, cos, sin = pose_after(ways, 0, off_course(ways, 0), way_m)
         assert rotate(np.array([x, y]), -turn) == pytest.approx((10.0 + way_m, left * aside), abs=1e-5)
         turned = np.arctan2(sin, cos) - turn
         assert np.arctan2(np.sin(turned), np.cos(turned)) == pytest.approx(left * look, abs=1e-5)
@@ -308,8 +308,8 @@ def test_wide_bodies_touch_with_their_corners(ahead, aside, touches):
     """Two of 4 m by 2.6 m; nearer than their outer circles they are looked at as boxes."""
     theirs = np.array([[ahead, aside, 1.0, 0.0], [ahead + 30.0, aside, 1.0, 0.0]])
     own, sizes = (0.0, 0.0, 1.0, 0.0), (2.0, 1.3, 2.0, 1.3)
-    assert _next_touch(own, theirs, sizes, 0) == (0 if touches else 2)
-    assert _next_touch(own, theirs, sizes, 1) == 2
+    assert next_touch(own, theirs, sizes, 0) == (0 if touches else 2)
+    assert next_touch(own, theirs, sizes, 1) == 2
 
 
 @pytest.mark.parametrize("aside", [0.0, 1.5, 40.0])
@@ -356,7 +356,7 @@ def test_no_edge_of_a_body_comes_beyond_the_bounds_of_its_way(turn, left, look, 
     pose = *rotate(points[min(max(int(place), 0), 99)] + left, turn), look + turn
     ways = Ways.of([Way(rotate(points, turn), 1.0, place, left, pose, 40.0, LENGTH, WIDTH)])
     used = np.array([0])
-    (x, y, *_), (low_x, high_x, low_y, high_y) = _poses(ways, used)[0].T, _bounds(ways, used)[0]
+    (x, y, *_), (low_x, high_x, low_y, high_y) = way_poses(ways, used)[0].T, way_bounds(ways, used)[0]
     radius = np.hypot(LENGTH, WIDTH)
     assert low_x <= x.min() - radius
     assert x.max() + radius <= high_x

@@ -20,7 +20,7 @@ LARGEST_DOMAIN: Final = 101
 DISCOVERY_S: Final = 0.3
 """Time in which two processes of one machine discover each other (params/fastdds_localhost.xml)."""
 _POLL_S: Final = 0.01
-_CLAIM: Final = "siren_ros/domain"
+CLAIM: Final = "siren_ros/domain"
 """Prefix of the abstract sockets that claim a domain."""
 
 
@@ -66,7 +66,7 @@ def claimed_domain() -> Iterator[None]:
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
         try:
-            claim.bind(f"\0{_CLAIM}/{_domain()}")
+            claim.bind(f"\0{CLAIM}/{_domain()}")
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise _taken("on this machine") from error

@@ -214,7 +214,7 @@ def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
                 seen = {name: from_camera_truth(held[topic].read()) for topic, name in labels.items() if topic in held}
                 points = _NO_POINTS if seen else from_point_cloud(held[lidar.topic].read())
                 visible = visible_fractions(LidarFrame(len(steps), points, truth, {}, seen, None))
-                modes = _modes(truth.actor_id, held.get(ACTORS.name))
+                modes = modes_at(truth.actor_id, held.get(ACTORS.name))
                 parts.append(_labelled(len(steps), truth, poses[-1] @ lidar.base_from_sensor, visible, modes))
             steps.append(step)
             pictured.append(bool(pictures & held.keys()))
@@ -272,7 +272,7 @@ def _labelled(frame: int, truth: GroundTruth, map_from_lidar: Matrix, visible: F
     )
 
 
-def _modes(actor_id: Ids, message: BagMessage | None) -> Codes:
+def modes_at(actor_id: Ids, message: BagMessage | None) -> Codes:
     """Modes of some actors at a step; nominal where no state was recorded."""
     modes = np.full(len(actor_id), Mode.NOMINAL, dtype=np.uint8)
     if message is None:

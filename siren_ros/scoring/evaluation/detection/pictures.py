@@ -159,7 +159,7 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
     axes = figure.add_subplot(1, columns, 1)
     _draw_surroundings(axes, episode, row)
     for name, boxes in groups.items():
-        _draw(axes, boxes, episode.vehicle_m[row], name)
+        draw_boxes(axes, boxes, episode.vehicle_m[row], name)
     axes.legend(fontsize=_LEGEND_PT, loc="upper right", framealpha=1.0)
     axes.set_title(
         f"{scores.name}: {frames.name_of(frame)}\nthe frame of {template} with the most errors: detections with a "
@@ -197,8 +197,15 @@ def _draw_surroundings(axes: Axes, episode: EpisodeFrames, row: int) -> None:
     axes.set_aspect("equal")
 
 
-def _draw(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
-    """Draw boxes with a line from the centre to the front, and the confidence of wrong ones."""
+def draw_boxes(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
+    """Draw boxes from above, each with a line from its centre to its front, and the confidence of false alarms.
+
+    Args:
+        axes: In metres from the sensor, east and north.
+        boxes: Boxes on the map.
+        place: The sensor's x and y on the map.
+        name: What they are, for the legend: ``hit``, ``false alarm``, ``label, found`` or ``label, missed``.
+    """
     centre = boxes.centre_m[:, :2] - place
     corners = footprint_corners(centre[:, 0], centre[:, 1], boxes.yaw_rad, boxes.size_m[:, 0], boxes.size_m[:, 1])
     is_label = name.startswith("label")

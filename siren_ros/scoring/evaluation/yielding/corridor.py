@@ -67,7 +67,7 @@ def corridor_series(record: EpisodeRecord, line: EmvLine, limits: YieldThreshold
             size_m = sizes[int(other.track.actor_id[at])]
             reach_m = sum(size_m) + 0.5
             if arc[0] - reach_m < other.arc_m[at] < arc[-1] + reach_m:
-                occupied |= _footprint(other, at, size_m, arc)
+                occupied |= covered_cells(other, at, size_m, arc)
         steps.append(step)
         contested.append(bool((occupied & free).any()))
         widths.append(widest_way_m(free & ~occupied, float(line.emv.left_m[row])))
@@ -101,8 +101,17 @@ def _follow(best: Array, width: Array, reach: int) -> Array:
     return best
 
 
-def _footprint(other: OnLine, row: int, size_m: tuple[float, float], arc_m: Floats) -> Flags:
-    """Cells that a vehicle's body covers at its heading."""
+def covered_cells(other: OnLine, row: int, size_m: tuple[float, float], arc_m: Floats) -> Flags:
+    """Cells beside the line that a vehicle's body covers at one state of its track, shape ``(S, C)``.
+
+    The body is half a metre longer at each end, because stations are 1 m apart.
+
+    Args:
+        other: The vehicle's places on the line.
+        row: The state.
+        size_m: Length and width.
+        arc_m: Stations on the line, shape ``(S,)``.
+    """
     along = arc_m[:, None] - other.arc_m[row]
     across = _ACROSS_M - other.left_m[row]
     cos, sin = np.cos(other.turn_rad[row]), np.sin(other.turn_rad[row])

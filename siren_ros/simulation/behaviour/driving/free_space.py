@@ -151,7 +151,7 @@ class FreeWay:
         way = _PATH_STEP_M * np.arange(max(math.ceil((end - progress) / _PATH_STEP_M), 0) + 1)
         poses, curve = np.empty((4, len(way))), path.curve
         line = curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m
-        _poses_ahead(*line, progress, left, yaw, centre_ahead_m, way, poses)
+        poses_ahead(*line, progress, left, yaw, centre_ahead_m, way, poses)
         return cls(way, _gaps_m(poses, body, obstacles), credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
@@ -211,7 +211,7 @@ class FreeWay:
 
 
 @compiled
-def _poses_ahead(
+def poses_ahead(
     points: Points, heading_rad: Floats, curvature_1pm: Floats, spacing_m: float, progress_m: float, left_m: float,
     yaw_rad: float, centre_ahead_m: float, way_m: Floats, poses: Floats,
 ) -> None:  # fmt: skip

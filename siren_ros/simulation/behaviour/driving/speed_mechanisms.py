@@ -156,7 +156,7 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     if path is None or unit.between:
         return UNLIMITED
     own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), SIDE_MARGIN_M
-    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, ALONG_COSINE, _approach_limits(config))
+    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, ALONG_COSINE, approach_limits(config))
     if alone:
         return UNLIMITED
     least = min(allowed, _needed_lane_mps(unit, ego))
@@ -214,7 +214,7 @@ def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
     gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
     if gaps is None or not 0.0 < gaps.front_m < math.inf:
         return math.inf
-    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, _approach_limits(ego.emv_driver.approach))
+    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, approach_limits(ego.emv_driver.approach))
 
 
 _LEAVING_MIN_MPS: Final = 0.15
@@ -223,7 +223,8 @@ LEAVING_MPS: Final = 0.6
 """Mean lateral speed of a lane change; the present value varies and says little about the end."""
 
 
-def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
+def approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
+    """The numbers of a driver as ``approach_speed_mps`` takes them: compiled code knows no config classes."""
     gaps = config.standstill_gap_m, config.brake_mps2, config.headway_s
     return *gaps, _LEAVING_MIN_MPS, LEAVING_MPS
 
@@ -232,7 +233,7 @@ def _approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
 def approach_speed_mps(
     gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: tuple[float, ...]
 ) -> float:
-    """Speed towards a vehicle ahead; ``limits`` are the fields of ``AnticipationConfig``.
+    """Speed towards a vehicle ahead; ``limits`` come from ``approach_limits``.
 
     The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with
     ``leaving_mps``, may be approached faster: with the mean speed that brings the EMV to the standstill gap behind it

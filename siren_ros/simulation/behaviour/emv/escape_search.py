@@ -289,7 +289,7 @@ def _cheapest(lattice: Lattice, between_m: Floats, clearance_m: float) -> tuple[
     for k in range(1, stations):
         best = np.full((offsets, slopes), np.inf)
         for turn in lattice.turns[k - 1]:
-            moved = _moved(cost, turn, between_m[k - 1] < clearance_m) + _TURN_COST * turn * turn
+            moved = moved_costs(cost, turn, between_m[k - 1] < clearance_m) + _TURN_COST * turn * turn
             better = moved < best
             best[better] = moved[better]
             turned[k][better] = turn
@@ -326,7 +326,7 @@ def _path_through(lattice: Lattice, way: Ints, clearance_m: float) -> EscapePath
     return EscapePath(fine, offsets, clearance_m, complete=len(way) == len(lattice.road.s_m))
 
 
-def _moved(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
+def moved_costs(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
     """Costs after one station with a change of slope: nodes move by the mean of both slopes, in steps of offset.
 
     Half way they have moved by their first slope, and a quarter of the change that is less than a grain; there they

@@ -127,7 +127,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     if lane == NO_LANE:
         return unit
     lane = corridor_lane(network, lane, ego.route, SHOULDER_REACH_M)
-    planned = _along(unit, ego, lane, straight_on=False)
+    planned = along_corridor(unit, ego, lane, straight_on=False)
     open_m = _open_m(planned, ego)
     if open_m < _STRAIGHT_BELOW_M:
         driven = unit.navigator.path is not None and ego.speed_mps > _KEEP_ABOVE_MPS
@@ -137,7 +137,7 @@ def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
             _open_m(unit, ego) > open_m + gain_m or (not stops and _touches_m(unit, ego) > _touches_m(planned, ego))
         ):
             return changed(unit, corridor_planned_step=ego.step)
-        other = _along(unit, ego, lane, straight_on=True)
+        other = along_corridor(unit, ego, lane, straight_on=True)
         if _open_m(other, ego) > open_m + _STRAIGHT_GAIN_M:
             return other
     return planned
@@ -162,7 +162,7 @@ _SAME_OFFSET_M: Final = 0.5
 """Corridors nearer to each other than this lead to the same place."""
 
 
-def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
+def along_corridor(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """Give the EMV the corridor relative to a lane as path."""
     config = ego.emv_driver.corridor
     reference = ego.line_along(lane, _CORRIDOR_M, 2.0, length_m=_CORRIDOR_M + 2.0)
@@ -263,7 +263,7 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
-    return _smooth(target, int(_INFLUENCE_M))
+    return smoothed(target, int(_INFLUENCE_M))
 
 
 def _on_cycle_lanes(ego: Ego) -> list[int]:
@@ -291,10 +291,14 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
     if not known.any():
         return np.zeros(len(s_m))
     radius = max(_LINE_SMOOTHING_M, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
-    return _smooth(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
+    return smoothed(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
 
 
-def _smooth(values: Floats, radius: int) -> Floats:
+def smoothed(values: Floats, radius: int) -> Floats:
+    """Mean of each value and its neighbours, ``radius`` on each side, weighted by a Hann window; the ends repeat.
+
+    Lines that are no longer than the window are left as they are.
+    """
     if radius < 1 or len(values) <= 2 * radius:
         return values
     taps = np.hanning(2 * radius + 3)[1:-1]

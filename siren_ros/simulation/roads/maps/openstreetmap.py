@@ -70,12 +70,12 @@ def taper_patches(network: RoadNetwork) -> list[Element]:
     return [
         Element("node", id=junction, radius=f"{_TAPER_RADIUS_M:g}")
         for junction, numbered in network.connections_at.items()
-        if _only_joins(network, movements := [movement for _, movement in numbered])
+        if only_joins(network, movements := [movement for _, movement in numbered])
         and any(movement_turn_rad(network, movement) > _TAPER_SWERVE_RAD for movement in movements)
     ]
 
 
-def _only_joins(network: RoadNetwork, movements: Sequence[Connection]) -> bool:
+def only_joins(network: RoadNetwork, movements: Sequence[Connection]) -> bool:
     """Whether all movements lead straight on, without control, each from one road piece to one other."""
     plain = all(c.direction == "s" and c.signal_id is None and not c.must_stop for c in movements)
     pairs = {(network.lanes[c.from_lane].edge, network.lanes[c.to_lane].edge) for c in movements}

@@ -306,21 +306,12 @@ class _Planner:
         stage: list[LaneInterval] = []
         for lane in driving_lanes(self._network, rearmost.route[0]):
             stage += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
-        stage += self._sharing_junction_paths(stage)
+        stage += sharing_junction_paths(self._network, stage)
         for start in crossing:
             rear, reach = start.front_m - STAGE_BEHIND_M, start.front_m + _STAGE_AHEAD_M
             for lane in driving_lanes(self._network, start.route[0]):
                 stage += chain_along(self._network, lane, start.route).intervals(self._network, rear, reach)
         return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
-
-    def _sharing_junction_paths(self, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
-        """Junction paths that share an end with the stage: vehicles that turn off there are ahead of the EMV, too."""
-        network = self._network
-        ways = [way for area in stage for way in network.connections_over.get(area.lane, ())]
-        leaving = [movement for way in ways for movement in network.connections_from.get(way.from_lane, ())]
-        joining = [movement for way in ways for movement in network.connections_to.get(way.to_lane, ())]
-        lanes = dict.fromkeys(lane for movement in (*leaving, *joining) for lane in movement.via)
-        return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
 
     def _way_to_site(self) -> tuple[LaneInterval, ...]:
         """The EMV's lanes up to the stop line, which must be free of standing vehicles if the template asks for it."""
@@ -492,12 +483,21 @@ def way_of(network: RoadNetwork, vehicle: PlannedVehicle) -> Polyline:
     lanes = route_path(network, [network.edge_by_id[edge].index for edge in vehicle.route], vehicle.spot.lane)
     first_edge = network.lanes[lanes[0]].edge
     beside = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
-    begun = _to_lane(beside[0], beside[-1], max(vehicle.spot.front_m - vehicle.length_m, 0.0))
+    begun = way_to_lane(beside[0], beside[-1], max(vehicle.spot.front_m - vehicle.length_m, 0.0))
     onward = lanes[len(beside) :]
     return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
 
 
-def _to_lane(origin: Lane, target: Lane, from_m: float) -> Polyline:
+def sharing_junction_paths(network: RoadNetwork, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
+    """Junction paths that share an end with the stage: vehicles that turn off there are ahead of the EMV, too."""
+    ways = [way for area in stage for way in network.connections_over.get(area.lane, ())]
+    leaving = [movement for way in ways for movement in network.connections_from.get(way.from_lane, ())]
+    joining = [movement for way in ways for movement in network.connections_to.get(way.to_lane, ())]
+    lanes = dict.fromkeys(lane for movement in (*leaving, *joining) for lane in movement.via)
+    return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
+
+
+def way_to_lane(origin: Lane, target: Lane, from_m: float) -> Polyline:
     """The way from a place on a lane to the end of another lane of the edge, the change along a half cosine."""
     rest = origin.centre.cut(from_m, origin.length_m).resampled(_SPACING_M)
     share = 0.5 - 0.5 * np.cos(np.pi * rest.arc_m / rest.length_m)

@@ -78,7 +78,7 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
     for edge in reversed(site.route[: site.site_position]):
         if reach_m >= -wanted_m:
             break
-        lane, via = _lane_before(network, lane, edge)
+        lane, via = lane_before(network, lane, edge)
         reach_m += lane.length_m + network.length_m(via)
     return max(wanted_m, ENTRY_M - reach_m)
 
@@ -121,7 +121,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
     to_site: tuple[int, ...] = (lane.index,)
     while start_m < 0.0 and position > 0:
         position -= 1
-        lane, via = _lane_before(network, lane, site.route[position])
+        lane, via = lane_before(network, lane, site.route[position])
         to_site = (lane.index, *via, *to_site)
         run_up_m = min(_RUN_UP_M, max(lane.length_m - ENTRY_M, 0.0))
         start_m = min(start_m + network.length_m(via), -run_up_m) + lane.length_m
@@ -135,7 +135,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
     return EmvStart(lane.index, start_m, site.route[position:], to_site)
 
 
-def _lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tuple[int, ...]]:
+def lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tuple[int, ...]]:
     """The leftmost lane of an edge that leads to a lane of the same kind, and the junction path between them."""
     leading = [
         (network.lanes[connection.from_lane], connection.via)

@@ -101,7 +101,7 @@ def group_rows(
     if group.optional:
         # On a road with one lane the EMV could not pass.
         lanes = [lane for lane in lanes if lane.index != approach.index]
-    rows = [_approach_row(network, site, start, lane) for lane in lanes]
+    rows = [approach_row(network, site, start, lane) for lane in lanes]
     if group.standing and group.placement is not Placement.EMV_LANE:
         # A lane that branches off from the EMV's lane may be the one that the EMV takes.
         rows = [row for row in rows if not set(row.chain.lanes) & set(start.lanes_to_site)]
@@ -163,12 +163,12 @@ def _chosen(
     return others
 
 
-def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane) -> GroupRow:
+def approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane) -> GroupRow:
     """The row that leads to a lane of the site's edge, from the stop line back to the edge of the EMV's start."""
     lanes: tuple[int, ...] = (lane.index,)
     first = position = start.route.index(site.site_edge)
     while first > 0:
-        before = _connection_from(network, lanes[0], start.route[first - 1])
+        before = connection_from(network, lanes[0], start.route[first - 1])
         if before is None:
             break
         first -= 1
@@ -216,7 +216,7 @@ def _leads_on(network: RoadNetwork, lane: int) -> bool:
     return any(network.is_civilian(way) for item in on_edge for way in network.connections_from.get(item, ()))
 
 
-def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection | None:
+def connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection | None:
     """The movement from a driving lane of an edge to a lane; of several, from the leftmost."""
     connections = [
         connection

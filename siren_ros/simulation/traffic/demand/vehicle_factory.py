@@ -179,10 +179,11 @@ class RouteChooser:
     def _way(self, edge: int, following: int) -> _Way:
         movements = civilian_movements(self._network, edge, following)
         lanes = tuple(dict.fromkeys(movement.from_lane for movement in movements))
-        radius_m = max(self._radius_m(movement) for movement in movements)
+        radius_m = max(self.radius_m(movement) for movement in movements)
         return _Way(following, lanes, movements[0].direction in _TURNS, movements[0].direction == "l", radius_m)
 
-    def _radius_m(self, movement: Connection) -> float:
+    def radius_m(self, movement: Connection) -> float:
+        """Radius of a movement's tightest bend, on the junction and 6 m before and behind it; infinite if straight."""
         before, after = (self._network.lanes[lane].centre for lane in (movement.from_lane, movement.to_lane))
         across = [self._network.lanes[lane].centre for lane in movement.via]
         parts = [before.cut(max(before.length_m - _BEND_M, 0.0), before.length_m), *across]

@@ -9,30 +9,33 @@ from pathlib import Path
 
 import numba
 import pytest
+from numba.core import event
 
 from siren_ros.running.ros.participants import working_clock
-from siren_ros.running.ros.participants.working_clock import _Compilations, announcing, working_s
+from siren_ros.running.ros.participants.working_clock import announcing, working_s
 
 
 def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, now = _Compilations(), [100.0]
+    now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    began_s = clock.working_s()
+    began_s = working_s()
     now[0] += 2.5
-    assert clock.working_s() - began_s == 2.5
+    assert working_s() - began_s == pytest.approx(2.5)
 
 
 def test_it_stands_from_the_first_compilation_that_begins_to_the_last_that_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    clock, now = _Compilations(), [100.0]
+    now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    for seconds, what in ((1.0, clock.on_start), (2.0, clock.on_start), (4.0, clock.on_end), (8.0, clock.on_end)):
+    began_s = working_s()
+    starts, ends = event.start_event, event.end_event
+    for seconds, tells in ((1.0, starts), (2.0, starts), (4.0, ends), (8.0, ends)):
         now[0] += seconds
-        what(None)
-        assert clock.working_s() == 101.0
+        tells("numba:compile")
+        assert working_s() - began_s == pytest.approx(1.0)
     now[0] += 16.0
-    assert clock.working_s() == 117.0
+    assert working_s() - began_s == pytest.approx(17.0)
 
 
 def test_numba_tells_it() -> None:
@@ -44,19 +47,26 @@ def test_numba_tells_it() -> None:
 
 def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path: Path) -> None:
     program = """
+        from numba.core import event
         from siren_ros.base.numerics.compiled import compiled
-        from siren_ros.running.ros.participants import working_clock as module
+        from siren_ros.running.ros.participants.working_clock import is_compiling
+
+        class Later(event.Listener):
+            def on_start(self, _):
+                seen.append(is_compiling())
+
+            def on_end(self, _):
+                pass
 
         seen = []
-        start = module._Compilations.on_start
-        module._Compilations.on_start = lambda self, event: (start(self, event), seen.append(module.is_compiling()))
+        event.register("numba:compile", Later())
 
         @compiled
         def doubled(x: float) -> float:
             return 2.0 * x
 
         doubled(1.0)
-        print(seen, module.is_compiling())
+        print(seen, is_compiling())
     """
     (tmp_path / "program.py").write_text(textwrap.dedent(program))
     for expected in ("[True] False", "[] False"):

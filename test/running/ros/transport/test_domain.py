@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract socket
 HOLD = """
 import sys
 from siren_ros.running.ros.transport import domain
-domain._CLAIM = sys.argv[1]
+domain.CLAIM = sys.argv[1]
 with domain.claimed_domain():
     print("held", flush=True)
     input()
@@ -32,8 +32,8 @@ with domain.claimed_domain():
 @pytest.fixture(autouse=True, name="claims")
 def _claims(monkeypatch: pytest.MonkeyPatch) -> str:
     """Claims of this process alone: what episodes and other tests of this machine hold makes no difference."""
-    monkeypatch.setattr(domain, "_CLAIM", f"siren_ros/test {os.getpid()}")
-    return domain._CLAIM
+    monkeypatch.setattr(domain, "CLAIM", f"siren_ros/test {os.getpid()}")
+    return domain.CLAIM
 
 
 def test_a_domain_is_claimed_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,6 +24,7 @@ from siren_ros.running.studies.risk_set.video_file import (
     remove_others,
     try_candidate,
 )
+from siren_ros.running.studies.study_folder import sha256_of_file
 from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel, RiskThresholds
 from siren_ros.scoring.evaluation.risk.vlm.question import video_frames
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -85,7 +86,7 @@ def test_it_is_made_again_where_a_file_is_not_whole_or_the_candidate_is_another(
     for path in (place.video, place.masks, place.note):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"some bytes")
-    digests = video_file._sha256(place)
+    digests = {"video": sha256_of_file(place.video), "masks": sha256_of_file(place.masks)}
     assert digests["video"] == digests["masks"]
     place.note.write_text(json.dumps({"frames": 190, "most_pixels": 77, "sha256": digests, "candidate": note}))
     assert made_before(place, NEAR_MISS) == Rendered(190, 77)
@@ -121,7 +122,7 @@ def test_who_decides_the_label_has_to_be_seen(candidate, pixels, seen, tmp_path,
     assert is_seen(candidate, Rendered(FRAMES, pixels)) is seen
     monkeypatch.setattr(video_file, "assessed", lambda *_: candidate)
     monkeypatch.setattr(video_file, "render_candidate", lambda *_: Rendered(FRAMES, pixels))
-    monkeypatch.setattr(video_file, "_sha256", lambda _: {})
+    monkeypatch.setattr(video_file, "sha256_of_file", lambda _: "")
     outcome = try_candidate(
         candidate.request, THRESHOLDS, VideoPlace(tmp_path, "S2_001"), frozenset({candidate.label.risk})
     )

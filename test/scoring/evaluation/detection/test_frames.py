@@ -26,8 +26,8 @@ from siren_ros.scoring.evaluation.detection.boxes import (
 from siren_ros.scoring.evaluation.detection.frames import (
     RANGE_M,
     EpisodeFrames,
-    _modes,
     frames_of,
+    modes_at,
     read_frames,
     velocities_of_annotations,
 )
@@ -175,8 +175,8 @@ def test_modes_are_those_of_each_actors_state(straight_road: RoadNetwork, monkey
     message: Any = SimpleNamespace(read=lambda: None)
     asked = np.array([9, 1, 5, 4, 12, 3], dtype=np.uint32)
     nothing = Mode.NOMINAL
-    assert _modes(asked, message).tolist() == [Mode.STOPPED, nothing, Mode.REJOIN, nothing, nothing, Mode.YIELD_HOLD]
-    assert _modes(asked, None).tolist() == [nothing] * 6
+    assert modes_at(asked, message).tolist() == [Mode.STOPPED, nothing, Mode.REJOIN, nothing, nothing, Mode.YIELD_HOLD]
+    assert modes_at(asked, None).tolist() == [nothing] * 6
 
 
 @pytest.fixture(scope="module")

@@ -197,7 +197,7 @@ def drawn(
         if len(some):
             groups[name] = int(some.frame[0]), np.round(away, 6).tolist()
 
-    monkeypatch.setattr(birdseye, "_draw", kept)
+    monkeypatch.setattr(birdseye, "draw_boxes", kept)
     monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: np.zeros((1, 2)))
     birdseye.draw_worst_frame(scores, two_templates(), template, path)
     assert path.stat().st_size > 1000
@@ -245,7 +245,7 @@ def test_a_line_leads_from_the_centre_to_the_front(yaw_rad: float) -> None:
     frame, place = np.zeros(1, dtype=np.intp), np.array([100.0, 50.0])
     box = found_boxes(frame, np.array([[110.0, 55.0, 1.0]]), np.zeros((1, 2)), np.array([yaw_rad]), np.array([0.456]))
     axes = Figure().add_subplot()
-    birdseye._draw(axes, box, place, "false alarm")
+    birdseye.draw_boxes(axes, box, place, "false alarm")
     (outline,) = (one for one in axes.collections if isinstance(one, PolyCollection))
     (line,) = (one for one in axes.collections if isinstance(one, LineCollection))
     ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])

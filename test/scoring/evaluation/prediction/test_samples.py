@@ -1,6 +1,5 @@
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,13 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_records import moving, record_with, samples_in
 
-from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import BagError
 from siren_ros.scoring.evaluation.prediction.samples import (
     ARGOVERSE_WINDOW,
     HistoryWindow,
     Population,
-    _signals,
     future_offsets,
     future_times_s,
     samples_of,
@@ -145,11 +142,16 @@ def test_states_of_an_unknown_actor_are_refused(straight_road) -> None:
         samples_of(replace(record, actors={1: record.actors[1]}), WINDOW, Population.ALL)
 
 
-def test_signals_are_those_of_the_frames() -> None:
-    shown = {1: "rr", 2: "rG", 4: "yG", 6: "Gr"}
-    states = {step: SignalState("crossing", letters) for step, letters in shown.items()}
-    traffic = tuple(SimpleNamespace(step=step, signals=(state,)) for step, state in states.items())
-    signals = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
+def test_signals_are_those_of_the_frames(straight_road) -> None:
+    """A frame is every second step; between them, before the first and behind the last one nothing is asked."""
+    record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 83 - 1)}, straight_road)
+    first, second, last = samples_of(record, HistoryWindow(), Population.ALL).batch.step.tolist()
+    shown = {first - 1: "rr", first: "rG", second: "yG", second + 1: "gg", last + 2: "Gr"}
+    traffic = tuple(
+        replace(sumo_lane_of(1, NO_LANE, step), signals=(SignalState("crossing", letters),))
+        for step, letters in shown.items()
+    )
+    signals = samples_of(replace(record, traffic=traffic), HistoryWindow(), Population.ALL).batch.signals
     assert [bytes(row) for row in signals["crossing"]] == [b"rG", b"yG", b"\0\0"]
 
 

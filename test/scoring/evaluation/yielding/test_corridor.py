@@ -10,10 +10,10 @@ from siren_ros.base.numerics.geometry import footprint_corners
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.yielding.corridor import (
     CorridorSeries,
-    _footprint,
     corridor_continuity,
     corridor_series,
     corridor_width_m,
+    covered_cells,
     road_cells,
     widest_way_m,
 )
@@ -179,7 +179,7 @@ def test_a_body_covers_the_cells_of_its_turned_rectangle(turn_deg: float, arc_m:
     numbers = (np.array([value]) for value in (arc_m, left_m, turn, 2.0, 1.0))
     other = OnLine(track, *numbers)
     stations = np.arange(0.0, 25.0, 1.0)
-    found = _footprint(other, 0, (4.6, 1.8), stations)
+    found = covered_cells(other, 0, (4.6, 1.8), stations)
     corners = footprint_corners(*(np.array([value]) for value in (arc_m, left_m, turn, 5.6, 1.8)))[0]
     body = Polygon(corners)
     for row, column in np.argwhere(np.ones_like(found)).tolist():

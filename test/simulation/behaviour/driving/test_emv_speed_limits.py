@@ -17,8 +17,8 @@ from siren_ros.simulation.behaviour.driving.speed_mechanisms import (
     UNLIMITED,
     Drive,
     Mechanism,
-    _approach_limits,
     anticipated_limit,
+    approach_limits,
     approach_speed_mps,
     entry_limit,
     free_way,
@@ -211,7 +211,7 @@ HALF = 0.5 * (6.5 + 4.75)
 
 
 def approach(gap, lead, overlap=2.0, leaving=0.0):
-    return approach_speed_mps(gap, lead, overlap, leaving, _approach_limits(CONFIG))
+    return approach_speed_mps(gap, lead, overlap, leaving, approach_limits(CONFIG))
 
 
 def anticipated(lab, network, cars, poses):

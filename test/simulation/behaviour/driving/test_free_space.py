@@ -9,8 +9,8 @@ from siren_ros.base.numerics.geometry import footprint_corners, separation_m
 from siren_ros.simulation.behaviour.driving.free_space import (
     FreeWay,
     Obstacles,
-    _poses_ahead,
     clearances_m,
+    poses_ahead,
     separations_m,
 )
 from siren_ros.simulation.behaviour.driving.step_view import Body
@@ -111,7 +111,7 @@ def test_behind_a_bend_the_body_turns_as_a_trailer_of_its_centre():
     way, centre_m = np.arange(0.0, 30.0, 0.25), 1.6
     poses = np.empty((4, len(way)))
     line = curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m
-    _poses_ahead(*line, 0.0, 0.0, 0.0, centre_m, way, poses)
+    poses_ahead(*line, 0.0, 0.0, 0.0, centre_m, way, poses)
     fine = np.arange(0.0, 30.0, 0.01)
     yaw, yaws = 0.0, []
     for place_m, heading in zip(fine, curve.heading_at(fine), strict=True):

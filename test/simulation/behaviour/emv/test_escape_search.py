@@ -18,8 +18,8 @@ from siren_ros.simulation.behaviour.emv.escape_search import (
     STATION_M,
     RoadSpace,
     Start,
-    _moved,
     lattice_of,
+    moved_costs,
     search_lattice,
 )
 from siren_ros.simulation.behaviour.paths.curve import Curve
@@ -301,9 +301,9 @@ def test_costs_move_by_the_mean_of_both_slopes_where_it_is_free_half_way(turn):
     rng = np.random.default_rng(turn + 10)
     cost = rng.random((13, 7))
     blocked = rng.random(cost.shape) < 0.2
-    np.testing.assert_array_equal(_moved(cost, turn, blocked), moved_one_by_one(cost, turn, blocked))
+    np.testing.assert_array_equal(moved_costs(cost, turn, blocked), moved_one_by_one(cost, turn, blocked))
     np.testing.assert_array_equal(
-        _moved(cost, turn, np.zeros_like(blocked)), moved_one_by_one(cost, turn, np.zeros_like(blocked))
+        moved_costs(cost, turn, np.zeros_like(blocked)), moved_one_by_one(cost, turn, np.zeros_like(blocked))
     )
 
 

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +12,13 @@ from siren_ros.simulation.behaviour.emv import rescue_corridor as corridor
 from siren_ros.simulation.behaviour.emv.controller import follow_route
 from siren_ros.simulation.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.simulation.behaviour.emv.rescue_corridor import (
-    _along,
-    _smooth,
+    along_corridor,
     braking_ahead,
     corridor_lane,
     corridor_mode,
     corridor_offsets,
     corridor_path,
+    smoothed,
 )
 from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.simulation.roads.road_network import LaneKind
@@ -229,7 +230,8 @@ def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(
     world = lab.world_of(network, lab.L3)
     before = lab.view_of(world, lab.traffic_of(network, cars))
     unit = replace(
-        _along(EmvUnit(1, corridor=True), before.ego(0), 1, straight_on=straight_on), corridor_planned_step=NEVER
+        along_corridor(EmvUnit(1, corridor=True), before.ego(0), 1, straight_on=straight_on),
+        corridor_planned_step=NEVER,
     )
     if where is not None:
         cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
@@ -238,13 +240,22 @@ def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(
     assert unit_after.corridor_planned_step == before.step
 
 
+def a_way(open_m, touches_m=np.inf):
+    """A way on which the EMV has room for so far, and on which it touches somebody so far ahead."""
+    return SimpleNamespace(limit=lambda *_: SimpleNamespace(free_m=open_m), free_m=touches_m)
+
+
 @pytest.mark.parametrize("speed", [6.0, 3.0])
 def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_the_new_one(lab, monkeypatch, speed):
     """With 2.5 m/s² it stops from 6 m/s in 7.2 m, from 3 m/s in 1.8 m; the present path gains a metre."""
     view = lab.view(lab.straight_road(), lab.L3, [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE)])
-    unit = replace(_along(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER)
+    unit = replace(
+        along_corridor(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER
+    )
     monkeypatch.setattr(
-        corridor, "_open_m", lambda candidate, *_: 6.0 if candidate.navigator.path is unit.navigator.path else 5.0
+        corridor,
+        "free_way",
+        lambda candidate, _: a_way(6.0 if candidate.navigator.path is unit.navigator.path else 5.0),
     )
     assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is (speed == 6.0)
 
@@ -253,11 +264,14 @@ def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_t
 def test_where_the_emv_cannot_stop_the_path_that_gets_farther_without_a_touch_is_kept(lab, monkeypatch, open_m, kept):
     """Both paths are too tight from the same place on, and the present one touches nobody."""
     view = lab.view(lab.straight_road(), lab.L3, [lab.Car(1, 0, 100, 5.0, (0,), ActorClass.AMBULANCE)])
-    unit = replace(_along(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER)
-    monkeypatch.setattr(corridor, "_open_m", lambda *_: open_m)
-    monkeypatch.setattr(
-        corridor, "_touches_m", lambda candidate, *_: np.inf if candidate.navigator.path is unit.navigator.path else 0.6
+    unit = replace(
+        along_corridor(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER
     )
+
+    def ahead(candidate, _):
+        return a_way(open_m, np.inf if candidate.navigator.path is unit.navigator.path else 0.6)
+
+    monkeypatch.setattr(corridor, "free_way", ahead)
     assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is kept
 
 
@@ -345,16 +359,16 @@ def test_smoothing_is_a_weighted_mean_of_so_many_neighbours_and_leaves_short_lin
     values = np.zeros(30)
     values[15] = 1.0
     weights = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(1, 2 * radius + 2) / (2 * radius + 2))
-    smooth = _smooth(values, radius)
+    smooth = smoothed(values, radius)
     assert smooth[15 - radius : 16 + radius] == pytest.approx(weights / weights.sum())
     assert np.count_nonzero(np.abs(smooth) > 1e-12) == 2 * radius + 1
-    assert _smooth(np.full(9, 2.5), radius) == pytest.approx(np.full(9, 2.5))
+    assert smoothed(np.full(9, 2.5), radius) == pytest.approx(np.full(9, 2.5))
     step = np.concatenate((np.zeros(radius), np.ones(radius)))
-    assert _smooth(step, radius) is step
-    assert _smooth(np.append(step, 1.0), radius) is not step
-    assert len(_smooth(np.append(step, 1.0), radius)) == 2 * radius + 1
-    assert 0.0 < _smooth(np.append(step, 1.0), radius)[radius] < 1.0
-    assert _smooth(values, 0) is values
+    assert smoothed(step, radius) is step
+    assert smoothed(np.append(step, 1.0), radius) is not step
+    assert len(smoothed(np.append(step, 1.0), radius)) == 2 * radius + 1
+    assert 0.0 < smoothed(np.append(step, 1.0), radius)[radius] < 1.0
+    assert smoothed(values, 0) is values
 
 
 @pytest.mark.parametrize(("left_m", "turned_rad"), [(1.2, 0.0), (1.9, 0.1), (0.6, -0.1)])

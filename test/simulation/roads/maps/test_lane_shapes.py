@@ -16,7 +16,7 @@ from siren_ros.simulation.roads.maps.lane_shapes import (
     without_steps_back,
 )
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.maps.openstreetmap import _only_joins, taper_patches
+from siren_ros.simulation.roads.maps.openstreetmap import only_joins, taper_patches
 from siren_ros.simulation.roads.movements import movement_turn_rad
 from siren_ros.simulation.roads.net_parser import parse_road_network
 
@@ -294,17 +294,17 @@ def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net):
 
 
 @pytest.mark.parametrize(
-    ("joined", "only_joins"),
+    ("joined", "is_joint"),
     [
         *[(((A_RIGHT, B_RIGHT), (A_LEFT, B_LEFT)), True), (((A_RIGHT, B_RIGHT), (B_LEFT, A_LEFT)), True)],
         *[(((A_RIGHT, B_RIGHT), (A_LEFT, C_LEFT)), False), (((A_RIGHT, C_RIGHT), (B_LEFT, C_LEFT)), False)],
     ],
     ids=["one road", "both directions", "a fork", "a merge"],
 )
-def test_a_joint_neither_forks_nor_merges_nor_is_controlled(joined, only_joins):
+def test_a_joint_neither_forks_nor_merges_nor_nor_is_controlled(joined, is_joint):
     roads = streets()
     plain = replace(roads.connections[0], direction="s", signal_id=None, must_stop=False)
     movements = [replace(plain, from_lane=source, to_lane=target) for source, target in joined]
-    assert _only_joins(roads, movements) is only_joins
+    assert only_joins(roads, movements) is is_joint
     for change in ({"direction": "r"}, {"signal_id": "J"}, {"must_stop": True}):
-        assert not _only_joins(roads, [movements[0], replace(movements[1], **change)])
+        assert not only_joins(roads, [movements[0], replace(movements[1], **change)])

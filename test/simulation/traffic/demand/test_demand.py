@@ -2,7 +2,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,11 +34,11 @@ from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand import demand
 from siren_ros.simulation.traffic.demand.demand import (
     EMV_ROUTE_SLACK_S,
-    _Planner,
-    _to_lane,
     av_way,
     choose_av,
     plan_traffic,
+    sharing_junction_paths,
+    way_to_lane,
 )
 from siren_ros.simulation.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.simulation.traffic.demand.group_demand import ROUTE_SLACK_S, ROUTE_SPEED_MPS, STAGE_BEHIND_M
@@ -306,15 +305,14 @@ def test_the_stage_begins_behind_the_rearmost_emv(network: RoadNetwork) -> None:
 def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_way_or_into_it(
     network: RoadNetwork,
 ) -> None:
-    planner: Any = SimpleNamespace(_network=network)
     way = max(network.connections, key=lambda way: len(network.connections_from[way.from_lane]))
-    paths = _Planner._sharing_junction_paths(planner, [LaneInterval(way.via[0], 2.0, 5.0)])
+    paths = sharing_junction_paths(network, [LaneInterval(way.via[0], 2.0, 5.0)])
     whole = {area.lane: (area.from_m, area.to_m) for area in paths}
     ends = {(over.from_lane, over.to_lane) for lane in whole for over in network.connections_over[lane]}
     assert len(whole) > len(way.via), "others turn off there"
     assert all(start == way.from_lane or end == way.to_lane for start, end in ends)
     assert whole == {lane: (0.0, network.lanes[lane].length_m) for lane in whole}
-    assert _Planner._sharing_junction_paths(planner, [LaneInterval(way.from_lane, 0.0, 5.0)]) == []
+    assert sharing_junction_paths(network, [LaneInterval(way.from_lane, 0.0, 5.0)]) == []
 
 
 def test_routes_lead_through_the_episode_or_to_the_end_of_the_map(network: RoadNetwork) -> None:
@@ -393,7 +391,7 @@ def test_a_lane_change_on_the_way_is_half_a_cosine(turn: float) -> None:
     centres = [Polyline.through([i * 3.5 * left, 100.0 * along + i * 3.5 * left]) for i in (0, 1)]
     lanes = [Lane(i, f"l{i}", 0, i, LaneKind.DRIVING, centres[i], 3.5, 14.0, True, True) for i in (0, 1)]
     for origin, target, start in ((0, 1, 0.0), (1, 0, 3.5)):
-        way = _to_lane(lanes[origin], lanes[target], 20.0)
+        way = way_to_lane(lanes[origin], lanes[target], 20.0)
         s = (way.points - 20.0 * along) @ along
         aside = start + (3.5 - 2.0 * start) * (0.5 - 0.5 * np.cos(np.pi * s / 80.0))
         assert way.points @ left == pytest.approx(aside, abs=1e-6)

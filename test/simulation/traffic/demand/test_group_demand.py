@@ -41,13 +41,13 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
-from siren_ros.simulation.traffic.demand.emv_start import EmvStart, _lane_before
+from siren_ros.simulation.traffic.demand.emv_start import EmvStart, lane_before
 from siren_ros.simulation.traffic.demand.group_demand import (
     STAGE_BEHIND_M,
     GroupPlan,
     GroupRow,
-    _approach_row,
-    _connection_from,
+    approach_row,
+    connection_from,
     group_rows,
     plan_groups,
 )
@@ -279,15 +279,15 @@ def test_a_row_before_the_site_reaches_back_over_several_edges(lane: int, first:
     """200 m, 10 m, 100 m, 20 m and 200 m: all of them lead to the end of the last edge."""
     roads = streets()
     start = EmvStart(A_LEFT, 30.0, (A, B, C), (A_LEFT,))
-    row = _approach_row(roads, replace(signal_site(), site_edge=C), start, roads.lanes[lane])
+    row = approach_row(roads, replace(signal_site(), site_edge=C), start, roads.lanes[lane])
     assert (row.chain.lanes[0], row.chain.lanes[-1]) == (first, lane)
     assert (row.anchor_m, row.edges) == (pytest.approx(530.0), (A, B, C))
 
 
 def test_without_a_lane_that_leads_there_the_leftmost_one_is_before() -> None:
     roads = streets()
-    assert _lane_before(roads, roads.lanes[C_RIGHT], A) == (roads.lanes[A_LEFT], ())
-    lane, via = _lane_before(roads, roads.lanes[C_RIGHT], B)
+    assert lane_before(roads, roads.lanes[C_RIGHT], A) == (roads.lanes[A_LEFT], ())
+    lane, via = lane_before(roads, roads.lanes[C_RIGHT], B)
     assert lane.index == B_RIGHT
     assert len(via) == 1
 
@@ -298,10 +298,10 @@ def test_of_two_lanes_that_lead_into_one_the_leftmost_is_before() -> None:
     for connections in ((*roads.connections, merging), (merging, *roads.connections)):
         network = replace(roads, connections=connections)
         assert {connection.from_lane for connection in network.connections_to[B_LEFT]} == {A_LEFT, A_RIGHT}
-        before = _connection_from(network, B_LEFT, A)
+        before = connection_from(network, B_LEFT, A)
         assert before is not None
         assert before.from_lane == A_LEFT
-        assert _lane_before(network, network.lanes[B_LEFT], A)[0].index == A_LEFT
+        assert lane_before(network, network.lanes[B_LEFT], A)[0].index == A_LEFT
 
 
 STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, NEAR: 200.0}

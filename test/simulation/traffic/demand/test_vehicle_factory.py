@@ -267,7 +267,7 @@ def test_a_movements_bend_is_that_of_the_junction_and_6_m_on_both_sides(
     lanes[lane] = replace(lanes[lane], centre=Polyline.through(points))
     network = replace(roads, lanes=tuple(lanes))
     chooser = RouteChooser(network, EdgeGraph.of(network))
-    radius_m = chooser._radius_m(network.connections[STRAIGHT + 1])
+    radius_m = chooser.radius_m(network.connections[STRAIGHT + 1])
     assert (radius_m < 10.0) is tight
     assert np.isinf(radius_m) is not tight
 

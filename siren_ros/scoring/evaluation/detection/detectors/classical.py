@@ -124,7 +124,7 @@ def detect_classical(episode: EpisodeFrames) -> FoundBoxes:
             if step in frame_of_step:
                 frame = frame_of_step[step]
                 boxes = boxes_of_sweep(open3d, from_point_cloud(held[topic].read()))
-                rows.append(_in_map(frame, step, boxes, episode.map_from_lidar[frame], tracker))
+                rows.append(boxes_in_map(frame, step, boxes, episode.map_from_lidar[frame], tracker))
     table = np.vstack(rows)
     velocity = table[:, 8:10]
     return FoundBoxes(
@@ -192,10 +192,21 @@ def ground_heights(places: Floats) -> Floats:
     return places[:, :2] @ best[:2] + best[2]
 
 
-def _in_map(
+def boxes_in_map(
     frame: int, step: int, boxes: list[tuple[FittedBox, int]], map_from_lidar: Matrix, tracker: Tracker
 ) -> Floats:
-    """Table of frame, centre, size, yaw, velocity and score of each box, shape ``(N, 11)``."""
+    """Place the boxes of a sweep in the map, follow them from sweep to sweep and score them.
+
+    Args:
+        frame: Number of the frame, which the table repeats.
+        step: Step of the sweep; the tracker gets those of an episode in order.
+        boxes: Boxes in the LiDAR's frame, each with the number of its returns.
+        map_from_lidar: Transform of shape ``(4, 4)``.
+        tracker: Knows the boxes of the sweeps before; it gives velocities, and with them the boxes' fronts.
+
+    Returns:
+        Frame, centre, size, yaw, velocity (two columns) and score of each box, shape ``(N, 11)``; metres, radians, m/s.
+    """
     centre = np.array([box.centre_m for box, _ in boxes]).reshape(-1, 3) @ map_from_lidar[:3, :3].T
     centre += map_from_lidar[:3, 3]
     turn = np.arctan2(map_from_lidar[1, 0], map_from_lidar[0, 0])

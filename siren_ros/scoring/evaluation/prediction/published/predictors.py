@@ -122,7 +122,7 @@ def _flat(content: Mapping[str, Any], path: str, prefix: str = "") -> dict[str, 
     return weights
 
 
-_PART: Final = 1024
+MOST_SAMPLES: Final = 1024
 """Number of samples that a network processes at once."""
 Answer = tuple[Floats, Floats]
 """Answer of a network: feet to the right and ahead by sample, mode and point, ``(B, k, 25, 2)``, and probabilities of
@@ -138,7 +138,7 @@ class PublishedPredictor:
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
         """Give one hypothesis per mode."""
-        answers = [self._part(part) for part in ngsim_view(batch).parts(_PART)]
+        answers = [self._part(part) for part in ngsim_view(batch).parts(MOST_SAMPLES)]
         if not answers:
             return Hypotheses.certain(np.zeros((0, FUTURE_POINTS, 2)))
         return Hypotheses.ranked(*(np.concatenate(arrays) for arrays in zip(*answers, strict=True)))

@@ -11,7 +11,7 @@ from siren_ros.scoring.evaluation.risk.labels import RiskClass, most_severe, ris
 DEEPEST: Final = 20
 """Largest nesting of objects and lists; deeper texts are not read. The requested answer is one object."""
 _BEGIN: Final = re.compile(r'\{(?=[ \t\n\r]*+["}])')
-_TOKEN: Final = re.compile(
+TOKEN: Final = re.compile(
     r"""[ \t\n\r]*+(?:(?P<sign>[{}\[\],:])
     |(?P<text>"[^"\\\x00-\x1f]*+(?:\\(?:["\\/bfnrt]|u[0-9a-fA-F]{4})[^"\\\x00-\x1f]*+)*+")
     |(?P<value>-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?|true|false|null|NaN|-?Infinity))""",
@@ -85,7 +85,7 @@ def _end_of_object(text: str, begin: int, known: dict[int, int | None]) -> int |
     """
     inside: list[tuple[str, int]] = []
     state, place = "value", begin
-    while token := _TOKEN.match(text, place):
+    while token := TOKEN.match(text, place):
         kind, place = token.group("sign") or str(token.lastgroup), token.end()
         state = _STATES.get((state, kind), "")
         if not state:

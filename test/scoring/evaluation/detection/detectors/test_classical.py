@@ -13,7 +13,7 @@ from evaluation.made_frames import LIDAR_YAW_RAD, map_from_lidar, to_map
 from siren_ros.scoring.evaluation.detection.detectors import classical
 from siren_ros.scoring.evaluation.detection.detectors.classical import (
     FittedBox,
-    _in_map,
+    boxes_in_map,
     boxes_of_sweep,
     detect_classical,
     directed_yaw,
@@ -188,7 +188,7 @@ def fitted(x_m: float, y_m: float, seen: tuple[float, float] = (4.0, 1.5)) -> Fi
 
 
 def test_boxes_are_placed_in_the_map() -> None:
-    (row,) = _in_map(5, 10, [(fitted(12.0, 3.0), 30)], map_from_lidar(5), Tracker())
+    (row,) = boxes_in_map(5, 10, [(fitted(12.0, 3.0), 30)], map_from_lidar(5), Tracker())
     assert row[0] == 5
     assert row[1:4] == pytest.approx(to_map(5, 12.0, 3.0, -1.0))
     assert row[4:7].tolist() == [4.5, 1.9, 1.6]
@@ -196,14 +196,14 @@ def test_boxes_are_placed_in_the_map() -> None:
     assert row[8:10].tolist() == [0.0, 0.0]
     # Stands; seen once of five times; as large as a vehicle; 30 of 60 returns.
     assert row[10] == pytest.approx((0.0 + 0.2 + 1.0 + 0.5) / 4.0)
-    assert _in_map(5, 10, [], map_from_lidar(5), Tracker()).shape == (0, 11)
+    assert boxes_in_map(5, 10, [], map_from_lidar(5), Tracker()).shape == (0, 11)
 
 
 def test_confidence_grows_with_motion_time_size_and_returns() -> None:
     """In the map the vehicle moves along x by 1 m in 0.1 s: the LiDAR moves with it, a metre per frame."""
     tracker = Tracker()
     for frame in range(5):
-        rows = _in_map(frame, 2 * frame, [(fitted(12.0, 3.0, (2.0, 1.5)), 90)], map_from_lidar(frame), tracker)
+        rows = boxes_in_map(frame, 2 * frame, [(fitted(12.0, 3.0, (2.0, 1.5)), 90)], map_from_lidar(frame), tracker)
     (row,) = rows
     speed = float(np.hypot(row[8], row[9]))
     assert row[8] > 3.0
@@ -218,7 +218,7 @@ def test_the_front_is_where_the_vehicle_moves() -> None:
     for frame in range(8):
         place = turned.copy()
         place[0, 3] -= frame
-        (row,) = _in_map(frame, 2 * frame, [(fitted(12.0, 3.0), 90)], place, tracker)
+        (row,) = boxes_in_map(frame, 2 * frame, [(fitted(12.0, 3.0), 90)], place, tracker)
     # It moves against x; the box points to 0.3 rad + 60°, so that its other end is the front.
     assert np.cos(row[7]) < 0.0
     assert row[7] == pytest.approx(0.3 + LIDAR_YAW_RAD + np.pi)

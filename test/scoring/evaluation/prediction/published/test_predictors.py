@@ -94,7 +94,7 @@ def test_a_turned_world_is_predicted_turned(angle_rad, predictor, straight_road)
 def test_frames_are_predicted_one_by_one(predictor, straight_road, monkeypatch) -> None:
     batch = batch_of(off_the_lanes(), straight_road)
     whole = predictor.predict(batch)
-    monkeypatch.setattr(predictors, "_PART", 1)
+    monkeypatch.setattr(predictors, "MOST_SAMPLES", 1)
     single = predictor.predict(batch)
     assert np.abs(whole.xy_m - single.xy_m).max() < 1e-3
     assert np.abs(whole.probability - single.probability).max() < 1e-5

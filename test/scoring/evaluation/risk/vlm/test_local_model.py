@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="the extra vlm-local is not installed")
-pytest.importorskip("transformers", reason="the extra vlm-local is not installed")
+transformers = pytest.importorskip("transformers", reason="the extra vlm-local is not installed")
 
 from evaluation.made_video_sets import small_video_set
 from evaluation.risk.vlm.tiny_model import save_tiny_model
@@ -52,10 +52,10 @@ def test_words_and_pictures_reach_the_model(model: LocalModel) -> None:
 
 
 def test_what_the_library_refuses_is_no_answer(model: LocalModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(**_: object) -> None:
+    def fails(*_: object, **__: object) -> None:
         raise RuntimeError("out of memory\nand a long dump")
 
-    monkeypatch.setattr(model._model, "generate", fails)
+    monkeypatch.setattr(transformers.GenerationMixin, "generate", fails)
     with pytest.raises(ModelUnavailableError, match=r"out of memory$"):
         model.answer(QUESTION)
 

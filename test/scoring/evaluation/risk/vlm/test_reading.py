@@ -129,8 +129,8 @@ def test_each_place_of_a_text_is_looked_at_a_few_times(text: str, monkeypatch: p
             looked_at += 1 if found is None else found.end() - place
             return found
 
-    token = reading._TOKEN
-    monkeypatch.setattr(reading, "_TOKEN", Counting())
+    token = reading.TOKEN
+    monkeypatch.setattr(reading, "TOKEN", Counting())
     assert class_in(text) is None
     assert looked_at <= 3 * len(text)
 

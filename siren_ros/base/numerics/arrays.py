@@ -61,7 +61,10 @@ def dtypes_of(kind: Any) -> dict[str, type[np.generic]]:
 
 
 class Columns(Brief):
-    """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all fields belongs to one item."""
+    """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all fields belongs to one item.
+
+    A field that is no array holds for all items, such as the step of ``ActorStates``.
+    """
 
     def __len__(self) -> int:
         return len(getattr(self, _names(type(self))[0]))
@@ -87,8 +90,9 @@ class Columns(Brief):
         return data_frame({name: getattr(self, name) for name in _names(type(self))})
 
     def select(self, rows: Flags | Rows) -> Self:
-        """Select the items of some rows."""
-        return type(self)(*(getattr(self, name)[rows] for name in _names(type(self))))
+        """Select the items of some rows (a mask or indices)."""
+        fields_now = (getattr(self, name) for name in _names(type(self)))
+        return type(self)(*(one[rows] if isinstance(one, np.ndarray) else one for one in fields_now))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Columns, Floats, Ids, Rows
+from siren_ros.base.numerics.arrays import Floats, Ids, Rows
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.tables.brief import Brief
 from siren_ros.errors import InputError
@@ -47,40 +47,15 @@ class TopicRecord(Brief):
 
 
 @dataclass(frozen=True)
-class StateRows(Columns):
-    """States of one or many actors over time: the columns of ``ActorStates`` with a step for each row.
+class StateRows(ActorStates):
+    """States of one or many actors over time: the columns of ``ActorStates`` with a step for each row."""
 
-    All arrays have shape ``(M,)``, in the frame and units of ``ActorStates``.
-    """
-
-    step: Steps
-    actor_id: Ids
-    x_m: Floats
-    y_m: Floats
-    z_m: Floats
-    yaw_rad: Floats
-    vx_mps: Floats
-    vy_mps: Floats
-    yaw_rate_radps: Floats
-    accel_mps2: Floats
-    lateral_accel_mps2: Floats
-    steer_rad: Floats
-    throttle: Floats
-    brake: Floats
-    owner: Codes
-    mode: Codes
-    lights: Codes
-    residual_m: Floats
+    step: Steps  # type: ignore[assignment] # one for each row in place of one for all
 
     @property
     def time_s(self) -> Floats:
         """Simulated time of each row."""
         return self.step * STEP_S
-
-    @property
-    def speed_mps(self) -> Floats:
-        """Speed over ground, for each row."""
-        return np.hypot(self.vx_mps, self.vy_mps)
 
     @property
     def xy_m(self) -> Floats:
@@ -185,15 +160,13 @@ class EpisodeRecord(Brief):
     @cached_property
     def rows(self) -> StateRows:
         """All states, sorted by actor and then by step."""
-        columns = {
-            name: np.concatenate([getattr(state, name) for state in self.states]) if self.states else np.empty(0, dtype)
-            for name, dtype in ACTOR_STATE_DTYPES.items()
+        states = ActorStates.empty(), *self.states
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(state, name) for state in states]) for name in ACTOR_STATE_DTYPES
         }
-        numbers = np.array([state.step for state in self.states], dtype=np.int64)
-        step = np.repeat(numbers, [len(state) for state in self.states])
-        order = np.lexsort((step, columns["actor_id"]))
-        arrays: dict[str, Any] = {name: values[order] for name, values in columns.items()}
-        return StateRows(step=step[order], **arrays)
+        steps = np.array([state.step for state in states], dtype=np.int64)
+        rows = StateRows(np.repeat(steps, [len(state) for state in states]), **columns)
+        return rows.select(np.lexsort((rows.step, rows.actor_id)))
 
     def rows_of(self, actor_id: int) -> Rows:
         """Indices into ``rows`` of one actor's states, in the order of time; none for an unknown actor."""

@@ -1,8 +1,8 @@
 """All vehicles of an episode: from SUMO's state and the controllers' commands to simulated states and events."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
 
 import numpy as np
 
@@ -53,7 +53,15 @@ from siren_ros.simulation.dynamics.vehicle_model import (
     substeps,
 )
 from siren_ros.simulation.dynamics.walkers import walk
-from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Owner, rows_of_ids
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    Lights,
+    Owner,
+    rows_of_ids,
+)
 from siren_ros.simulation.world.commands import VehicleCommands
 from siren_ros.simulation.world.mirror_image import mirror_image
 from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficState
@@ -168,6 +176,8 @@ _SUBSTEPS: Final = substeps(STEP_S)
 _ROS: Final = np.uint8(Owner.ROS)
 _BRAKE_LIGHT: Final = np.uint8(Lights.BRAKE)
 _SIREN: Final = np.uint8(Lights.SIREN)
+_OF_BODIES: Final = tuple(field.name for field in fields(BodyState) if field.name in ACTOR_STATE_DTYPES)
+"""Columns of the actors' states that are columns of the bodies."""
 
 
 def step_fleet(
@@ -326,25 +336,18 @@ def _states(
     sumo, columns = (traffic.sumo_x_m, traffic.sumo_y_m), bodies.columns
     lights, vx_mps, vy_mps, residual_m = _shown(columns, sumo, orders.lights, owners, fleet.table.records, _BRAKE_LIGHT)
     lights[fleet.walks] = 0
+    of_bodies: dict[str, Any] = {name: getattr(bodies, name) for name in _OF_BODIES}
     return ActorStates(
         step=traffic.step,
         actor_id=fleet.actor_id,
-        x_m=bodies.x_m,
-        y_m=bodies.y_m,
         z_m=np.zeros(len(bodies)),
-        yaw_rad=bodies.yaw_rad,
         vx_mps=vx_mps,
         vy_mps=vy_mps,
-        yaw_rate_radps=bodies.yaw_rate_radps,
-        accel_mps2=bodies.accel_mps2,
-        lateral_accel_mps2=bodies.lateral_accel_mps2,
-        steer_rad=bodies.steer_rad,
-        throttle=bodies.throttle,
-        brake=bodies.brake,
         owner=orders.owner,
         mode=orders.mode,
         lights=lights,
         residual_m=residual_m,
+        **of_bodies,
     )
 
 

@@ -1,13 +1,13 @@
 """Actors: what they are, and their states at one step as a structure of arrays."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Floats, Ids, dtypes_of
+from siren_ros.base.numerics.arrays import Codes, Columns, Floats, Ids, dtypes_of
 from siren_ros.base.tables.brief import Brief
 
 NO_ACTOR: Final = 0
@@ -120,53 +120,62 @@ class ActorDescription(Brief):
     is_emv: bool = False
 
 
+MIRROR: Final = "mirror"
+"""Key of a field's metadata: how ``mirror_image`` changes the field. A field without it is the same on both sides."""
+LEFTWARD: Final = {MIRROR: "sign"}
+"""Metadata of a field that is positive to the left or counter-clockwise."""
+HEADING: Final = {MIRROR: "yaw"}
+"""Metadata of a yaw in (−π, π]."""
+SIDED: Final = {MIRROR: "sides"}
+"""Metadata of a code of lights or flags, in which left and right have bits of their own."""
+PARTS: Final = {MIRROR: "parts"}
+"""Metadata of structures within a structure."""
+
+
 @dataclass(frozen=True)
-class ActorStates(Brief):
+class ActorStates(Columns):
     """Simulated state of all actors at one step, in the ``map`` frame.
 
-    Every array has shape ``(N,)``; rows are sorted by ``actor_id``. Positions are footprint centres.
+    Every array has shape ``(N,)``; rows are sorted by ``actor_id``. Positions are footprint centres. This is the only
+    declaration of the columns in the library: records, conversions, hashes and mirror images take them from here. The
+    message ``siren_msgs/ActorStates`` has the same names in the same order.
     """
 
     step: int
     actor_id: Ids
     x_m: Floats
-    y_m: Floats
+    y_m: Floats = field(metadata=LEFTWARD)
     z_m: Floats
-    yaw_rad: Floats
+    yaw_rad: Floats = field(metadata=HEADING)
     vx_mps: Floats
-    vy_mps: Floats
-    yaw_rate_radps: Floats
+    vy_mps: Floats = field(metadata=LEFTWARD)
+    yaw_rate_radps: Floats = field(metadata=LEFTWARD)
     accel_mps2: Floats
     """Acceleration along the vehicle."""
-    lateral_accel_mps2: Floats
-    steer_rad: Floats
+    lateral_accel_mps2: Floats = field(metadata=LEFTWARD)
+    steer_rad: Floats = field(metadata=LEFTWARD)
     """Angle of the road wheels, left positive."""
     throttle: Floats
     brake: Floats
     owner: Codes
     mode: Codes
-    lights: Codes
+    lights: Codes = field(metadata=SIDED)
     residual_m: Floats
     """Distance between the simulated pose and SUMO's pose of the same actor."""
 
     @property
     def speed_mps(self) -> Floats:
-        """Speed over ground, shape ``(N,)``."""
+        """Speed over ground of each row."""
         return np.hypot(self.vx_mps, self.vy_mps)
 
     def __len__(self) -> int:
         return len(self.actor_id)
 
-    @classmethod
-    def empty(cls, step: int = 0) -> "ActorStates":
+    @staticmethod
+    def empty(step: int = 0) -> "ActorStates":
         """A step without actors."""
         arrays: dict[str, Any] = {name: np.empty(0, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-        return cls(step=step, **arrays)
-
-    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "ActorStates":
-        """The same step with only the given rows (a mask or increasing indices)."""
-        arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
-        return type(self)(step=self.step, **arrays)
+        return ActorStates(step=step, **arrays)
 
     def row_of(self, actor_id: int) -> int | None:
         """Row of an actor; None if it is not on the map."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Codes, Floats, Ids, dtypes_of
 from siren_ros.base.tables.brief import Brief
 from siren_ros.errors import EpisodeError
-from siren_ros.simulation.world.actors import Lights, Mode, Owner
+from siren_ros.simulation.world.actors import LEFTWARD, PARTS, SIDED, Lights, Mode, Owner
 from siren_ros.simulation.world.traffic_state import Event
 
 CommandRow = tuple[int, int, float, float, float, bool, int, int]
@@ -35,13 +35,13 @@ class VehicleCommands(Brief):
     """Throttle pedal, 0–1."""
     brake: Floats
     """Brake pedal, 0–1."""
-    steer_rad: Floats
+    steer_rad: Floats = field(metadata=LEFTWARD)
     """Wanted road-wheel angle, left positive."""
     hand_brake: Codes
     mode: Codes
-    lights: Codes
+    lights: Codes = field(metadata=SIDED)
     """Lights to show. The vehicle itself adds the brake light."""
-    events: tuple[Event, ...] = ()
+    events: tuple[Event, ...] = field(default=(), metadata=PARTS)
 
     def __len__(self) -> int:
         return len(self.actor_id)
@@ -84,9 +84,9 @@ class AvControl:
     """Throttle pedal, 0–1."""
     brake: float = 0.0
     """Brake pedal, 0–1."""
-    steer_rad: float = 0.0
+    steer_rad: float = field(default=0.0, metadata=LEFTWARD)
     """Wanted road-wheel angle, left positive; the vehicle's steering limits it."""
-    lights: int = int(Lights.NONE)
+    lights: int = field(default=int(Lights.NONE), metadata=SIDED)
     """Indicators to show. The vehicle itself adds the brake light."""
 
     def check(self) -> None:

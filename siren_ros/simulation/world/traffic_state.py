@@ -14,7 +14,17 @@ import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Codes, Floats, Ids, dtypes_of
 from siren_ros.base.tables.brief import Brief
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, ActorDescription, ActorStates
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
+    HEADING,
+    LEFTWARD,
+    MIRROR,
+    NO_ACTOR,
+    PARTS,
+    SIDED,
+    ActorDescription,
+    ActorStates,
+)
 
 
 class EventKind(StrEnum):
@@ -62,8 +72,8 @@ class Event:
     other_id: int = NO_ACTOR
     """The second actor, where there is one: the EMV that is yielded to, or the partner of a collision."""
     x_m: float = 0.0
-    y_m: float = 0.0
-    detail: Mapping[str, float | int | str] = field(default_factory=dict)
+    y_m: float = field(default=0.0, metadata=LEFTWARD)
+    detail: Mapping[str, float | int | str] = field(default_factory=dict, metadata={MIRROR: "details"})
     """Further facts of this kind of event: ``impact_speed_mps``, ``signal_state``, ``junction``, ``reason``, …"""
 
 
@@ -94,7 +104,7 @@ class EmvAdvice:
     """What SUMO advises for one emergency vehicle, whether SUMO or ROS drives it."""
 
     actor_id: int
-    lane_change_intent: int
+    lane_change_intent: int = field(metadata=LEFTWARD)
     """Lane change that SUMO would make: +1 left, −1 right, 0 none."""
     leader_id: int
     """Nearest vehicle ahead on the route within the query range, or NO_ACTOR."""
@@ -120,30 +130,30 @@ class TrafficState(Brief):
     actor_id: Ids
     owner: Codes
     sumo_x_m: Floats
-    sumo_y_m: Floats
-    sumo_yaw_rad: Floats
+    sumo_y_m: Floats = field(metadata=LEFTWARD)
+    sumo_yaw_rad: Floats = field(metadata=HEADING)
     sumo_speed_mps: Floats
     sumo_accel_mps2: Floats
     x_m: Floats
-    y_m: Floats
-    yaw_rad: Floats
+    y_m: Floats = field(metadata=LEFTWARD)
+    yaw_rad: Floats = field(metadata=HEADING)
     speed_mps: Floats
     lane: Indices
     """Index into ``RoadNetwork.lanes`` of the lane that the front bumper is on; −1 off the road."""
     lane_position_m: Floats
     """Distance of the front bumper from the beginning of its lane."""
-    lateral_offset_m: Floats
+    lateral_offset_m: Floats = field(metadata=LEFTWARD)
     """Lateral distance of the vehicle from its lane's centre line, left positive."""
-    lights: Codes
-    flags: Codes
+    lights: Codes = field(metadata=SIDED)
+    flags: Codes = field(metadata=SIDED)
     route_offset: Indices
     """Where each row's part of ``route_edges`` begins, shape ``(N + 1,)``: row i has
     ``route_edges[route_offset[i]:route_offset[i + 1]]``."""
     route_edges: Indices
     """Indices into ``RoadNetwork.edges``: the present edge (or the one before the junction) and those ahead."""
-    emvs: tuple[EmvAdvice, ...]
+    emvs: tuple[EmvAdvice, ...] = field(metadata=PARTS)
     signals: tuple[SignalState, ...]
-    events: tuple[Event, ...] = ()
+    events: tuple[Event, ...] = field(default=(), metadata=PARTS)
 
     def __len__(self) -> int:
         return len(self.actor_id)

@@ -72,3 +72,18 @@ def test_rows_are_selected_from_every_column():
     }
     assert chosen.speed_mps.tolist() == [3.0, np.hypot(-3.0, 2.0)]
     assert len(ActorStates.empty(3)) == 0
+
+
+def test_selected_rows_and_frames_keep_the_step():
+    columns = {name: np.arange(4).astype(dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+    states = ActorStates(step=7, **columns)
+    chosen = states.select(np.array([1, 3]))
+    assert (chosen.step, len(chosen), chosen.actor_id.tolist(), chosen.residual_m.tolist()) == (
+        7,
+        2,
+        [1, 3],
+        [1.0, 3.0],
+    )
+    frame = chosen.to_pandas()
+    assert list(frame.columns) == ["step", *ACTOR_STATE_DTYPES]
+    assert frame.step.tolist() == [7, 7]

@@ -1,6 +1,5 @@
 """Commands in the documents: every verb, option, node and parameter that they name exists."""
 
-import argparse
 import ast
 import re
 import shlex
@@ -62,18 +61,14 @@ def _faults_of_siren(words: list[str]) -> Iterator[str]:
     if prog == "siren":
         yield f"siren has no command {words[1]}"
         return
-    if _takes_another_command(LINES[prog]) and rest and not rest[0].startswith("-"):
+    if set(LINES[prog].below()) - set(LINES[prog].variants.values()) and rest and not rest[0].startswith("-"):
         if re.fullmatch(r"[a-z][a-z0-9-]*", rest[0]):
             yield f"{prog} has no {rest[0]}"
         return  # FORMAT or TASK stands for any of them
-    known = LINES[prog]._option_string_actions
+    known = {option for action in LINES[prog].arguments() for option in action.option_strings}
     for option in (word.partition("=")[0] for word in rest if word.startswith("--")):
         if option not in known:
             yield f"{prog} has no option {option}"
-
-
-def _takes_another_command(line: argparse.ArgumentParser) -> bool:
-    return any(isinstance(action, argparse._SubParsersAction) for action in line._actions)
 
 
 def _faults_of_node(node: str, words: list[str]) -> Iterator[str]:

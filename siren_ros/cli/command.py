@@ -81,3 +81,8 @@ class Command(argparse.ArgumentParser):
             if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - argparse has no other way to ask
                 yield from action.choices.values()
         yield from self.variants.values()
+
+    def arguments(self) -> Iterator[argparse.Action]:
+        """Its options and arguments, also those that its help does not show; commands below it are none."""
+        commands = argparse._SubParsersAction  # noqa: SLF001 - as above
+        return (action for action in self.loaded()._actions if not isinstance(action, commands))  # noqa: SLF001 - its own

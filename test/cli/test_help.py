@@ -7,6 +7,7 @@ from dataclasses import fields
 import pytest
 from test_documents import PRIVATE_WORDS
 
+from siren_ros.cli.command import Command
 from siren_ros.cli.main import command_lines, main
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -19,9 +20,8 @@ def test_every_command_and_option_says_what_it_does(prog: str) -> None:
     line = LINES[prog]
     unclear = [
         action.option_strings[0] if action.option_strings else action.dest
-        for action in line._actions
-        if not isinstance(action, argparse._SubParsersAction)
-        and action.help != argparse.SUPPRESS
+        for action in line.arguments()
+        if action.help != argparse.SUPPRESS
         and not re.match(r"[^\W\d_(]", re.sub(r"^\(.*?\)\s*", "", action.help or ""))
     ]
     assert not unclear
@@ -39,9 +39,13 @@ FORMER = {"--jobs": "--workers", "--time": "--time-s", "--start": "--start-s", "
 """Spellings that still work, and the one that the help shows in every command."""
 
 
-def shown(line: argparse.ArgumentParser) -> dict[str, argparse.Action]:
-    actions = [action for action in line._actions if action.help != argparse.SUPPRESS]
-    return {option: action for action in actions for option in action.option_strings}
+def known(line: Command) -> dict[str, argparse.Action]:
+    """Its options, also those that the help does not show."""
+    return {option: action for action in line.arguments() for option in action.option_strings}
+
+
+def shown(line: Command) -> dict[str, argparse.Action]:
+    return {option: action for option, action in known(line).items() if action.help != argparse.SUPPRESS}
 
 
 @pytest.mark.parametrize("prog", LINES)
@@ -59,10 +63,10 @@ def test_what_is_the_same_has_one_name_in_every_command(prog: str) -> None:
 
 @pytest.mark.parametrize("prog", LINES)
 def test_former_names_lead_to_the_same_option(prog: str) -> None:
-    known = LINES[prog]._option_string_actions
-    for former in set(FORMER) & set(known):
-        assert known[former].dest == known[FORMER[former]].dest
-    assert ("--jobs" in known) == ("--workers" in known)
+    options = known(LINES[prog])
+    for former in set(FORMER) & set(options):
+        assert options[former].dest == options[FORMER[former]].dest
+    assert ("--jobs" in options) == ("--workers" in options)
 
 
 def test_former_names_work(siren, tmp_path) -> None:

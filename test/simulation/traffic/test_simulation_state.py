@@ -1,13 +1,14 @@
 """What the simulation makes of SUMO's answers at one step, with a stand-in for SUMO: ids, routes, events, removals."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import libsumo
 import numpy as np
 import pytest
-from made_streets import A_LEFT, A_RIGHT, B_LEFT, C_LEFT, CAR_M, STRAIGHT_LEFT, A, B, C, D, streets
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, C_LEFT, CAR_M, STRAIGHT_LEFT, A, B, C, streets
 from traffic_helpers import states_of
 
 from siren_ros.simulation.scenario.paper import EmergencyLevel
@@ -17,8 +18,7 @@ from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import rules
 from siren_ros.simulation.traffic.sumo.mirror import LaneMatch, Place
 from siren_ros.simulation.traffic.sumo.population import route_id
-from siren_ros.simulation.traffic.sumo.readings import SumoColumns, joined_rows
-from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Setting, acts_of
+from siren_ros.simulation.traffic.sumo.rules import RULES, Moment
 from siren_ros.simulation.world.actors import ActorClass, ActorStates, Lights, Owner
 from siren_ros.simulation.world.traffic_state import Event, EventKind
 
@@ -44,6 +44,12 @@ def place(lane: int, position_m: float = 50.0, lateral_m: float = 0.4) -> Place:
     return Place(0.0, 0.0, 0.0, LaneMatch(lane, position_m, lateral_m))
 
 
+class Corrected(SumoSimulation):
+    """It has the rules alone that correct what SUMO has done: those need no more than the stand-in answers."""
+
+    _rules = tuple(rule for rule in RULES if rule.moment is Moment.CORRECTION)
+
+
 class Stage:
     """A simulation around a stand-in for SUMO in which everybody drives east, on the lane that ``lanes`` says."""
 
@@ -67,7 +73,9 @@ class Stage:
         sumo = SimpleNamespace(
             vehicle=vehicles,
             simulation=SimpleNamespace(getStartingTeleportIDList=lambda: ()),
-            trafficlight=SimpleNamespace(getRedYellowGreenState=lambda _signal: "rrrrr"),
+            trafficlight=SimpleNamespace(getIDList=lambda: ("J",), getRedYellowGreenState=lambda _signal: "rrrrr"),
+            start=lambda _words: None,
+            close=lambda: None,
             simulationStep=lambda: None,
             TraCIException=libsumo.TraCIException,
         )
@@ -75,55 +83,45 @@ class Stage:
         monkeypatch.setattr(simulation_module, "emv_advice", lambda *arguments: arguments)
         continuity = SimpleNamespace(correct=lambda _columns, moved: self.corrected.append(set(moved)))
         monkeypatch.setattr(rules, "LaneContinuity", lambda _: continuity)
-        self.simulation = self._simulation()
-
-    def _simulation(self) -> SumoSimulation:
-        simulation = object.__new__(SumoSimulation)
-        parts: dict[str, Any] = {
-            "network": NETWORK,
-            "left_hand": False,
-            "plan": SimpleNamespace(emvs=(planned(EMV),), av=AV, civilians=2, jam=None, riders=()),
-            "level": EmergencyLevel.L2,
-            "population": SimpleNamespace(
-                vehicles={name: planned(name) for name in (EMV, AV, CAR)},
-                length_scale=defaultdict(lambda: 1.0),
-                scale_of=lambda _: 1.0,
-                civilians=1,
-                emv_starts=[],
-                drop_departed=lambda: self.departed,
-                refill=lambda points, civilians: self.refills.append((points, civilians)),
-            ),
-            "mirror": SimpleNamespace(
-                places={},
-                deferred=lambda: self.deferred,
-                realigned={},
-                forget=self.forgotten.append,
-                apply=lambda *_: None,
-                check_placed=lambda _columns: None,
-            ),
-            "walkers": None,
-            "crossings": CrossingWatch(NETWORK),
-            "reactions": SimpleNamespace(
-                rescued=lambda names, *_: {EMV: [name for name in names if name == CAR]},
-                flags=lambda names, *_: np.zeros(len(names), np.uint8),
-            ),
-            "signal_ids": ("J",),
-            "ids": {EMV: 1, AV: 2},
-            "next_id": 3,
-            "table": simulation_module._Table.of({}),
-            "route_rows": ([], joined_rows([])),
-            "columns": SumoColumns(NETWORK, defaultdict(lambda: 1.0)),
-            "siren": True,
-            "keeping": {EMV, AV},
-            "signals": (),
-            **{name: {} for name in ("reported", "routes", "reached", "ahead")},
+        self.population = SimpleNamespace(
+            vehicles={name: planned(name) for name in (EMV, AV, CAR)},
+            length_scale=defaultdict(lambda: 1.0),
+            scale_of=lambda _: 1.0,
+            civilians=1,
+            emv_starts=[],
+            enter_background=lambda: None,
+            enter_stage=lambda: None,
+            drop_departed=lambda: self.departed,
+            refill=lambda points, civilians: self.refills.append((points, civilians)),
+        )
+        self.mirror = SimpleNamespace(
+            places={},
+            deferred=lambda: self.deferred,
+            realigned={},
+            forget=self.forgotten.append,
+            apply=lambda *_: None,
+            check_placed=lambda _columns: None,
+        )
+        self.crossings = CrossingWatch(NETWORK)
+        reactions = SimpleNamespace(
+            rescued=lambda names, *_: {EMV: [name for name in names if name == CAR]},
+            flags=lambda names, *_: np.zeros(len(names), np.uint8),
+        )
+        made = {
+            "SumoPopulation": self.population,
+            "Mirror": self.mirror,
+            "CrossingWatch": self.crossings,
+            "Reactions": reactions,
+            "vehicle_types_xml": b"",
         }
-        road = Road(*(parts[name] for name in ("columns", "population", "mirror", "walkers", "reported")))
-        corrections = [rule for rule in RULES if rule.moment is Moment.CORRECTION]
-        acts = acts_of(Setting(NETWORK, parts["plan"], parts["level"]), corrections)
-        for name, value in {**parts, "road": road, "acts": acts}.items():
-            setattr(simulation, f"_{name}", value)
-        return simulation
+        for name, part in made.items():
+            monkeypatch.setattr(simulation_module, name, lambda *_, part=part: part)
+        nobody = dict.fromkeys(("groups", "background", "reserve", "riders", "walkers"), ())
+        plan: Any = SimpleNamespace(
+            emvs=(planned(EMV),), av=AV, civilians=2, jam=None, signal=None, warm_up_steps=0, traffic=None, **nobody
+        )
+        compiled_map: Any = SimpleNamespace(net_path="streets.net.xml")
+        self.simulation = Corrected(compiled_map, NETWORK, plan, EmergencyLevel.L2)
 
     def results(self) -> dict[str, dict[int, Any]]:
         results = {}
@@ -145,14 +143,12 @@ class Stage:
     def step(self, step: int, states: ActorStates | None = None) -> Any:
         return self.simulation.step(step, states)
 
-    @property
-    def private(self) -> Any:
-        return self.simulation
 
-
-@pytest.fixture(name="stage")
-def _stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
-    return Stage(monkeypatch)
+@pytest.fixture
+def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
+    stage = Stage(monkeypatch)
+    with stage.simulation:
+        yield stage
 
 
 def driven(step: int, name: str = EMV, owner: Owner = Owner.ROS, **fields: float) -> ActorStates:
@@ -166,7 +162,7 @@ def test_the_first_step_describes_everybody_and_numbers_them_in_order_of_entry(s
     assert state.owner.tolist() == [Owner.SUMO] * 3
     assert state.x_m == pytest.approx([-310.0 + 100.0 - CAR_M / 2] * 3)
     stage.lanes[OTHER], stage.front_m[OTHER] = A_RIGHT, 20.0
-    stage.private._population.vehicles[OTHER] = planned(OTHER)
+    stage.population.vehicles[OTHER] = planned(OTHER)
     again = stage.step(1, ActorStates.empty(0))
     assert [actor.actor_id for actor in again.spawned] == [4]
 
@@ -179,7 +175,7 @@ def test_siren_and_beacon_are_the_emvs_alone(stage: Stage) -> None:
 def test_poses_are_the_simulated_ones_where_there_are_some(stage: Stage) -> None:
     stage.step(0)
     states = driven(0, x_m=-205.5, y_m=-1.2, yaw_rad=0.3, vx_mps=3.0, vy_mps=4.0)
-    stage.private._mirror.places = {EMV: place(A_RIGHT, 104.0, 0.4)}
+    stage.mirror.places = {EMV: place(A_RIGHT, 104.0, 0.4)}
     state = stage.step(1, states)
     assert state.owner.tolist() == [Owner.ROS, Owner.SUMO, Owner.SUMO]
     assert (state.x_m[0], state.y_m[0], state.yaw_rad[0], state.speed_mps[0]) == (-205.5, -1.2, 0.3, 5.0)
@@ -208,7 +204,7 @@ STRAIGHT_INSIDE = NETWORK.connections[STRAIGHT_LEFT].via[0]
 def test_who_is_put_off_the_road_and_comes_back_has_crossed_nothing(stage: Stage) -> None:
     stage.step(0)
     for step, lane in ((1, -1), (2, A_LEFT), (3, -1)):
-        stage.private._mirror.places = {EMV: place(lane)}
+        stage.mirror.places = {EMV: place(lane)}
         state = stage.step(step, driven(step - 1))
         assert state.lane[0] == lane
         assert state.events == ()
@@ -219,15 +215,15 @@ def test_a_stop_line_that_is_passed_off_the_road_is_crossed(stage: Stage) -> Non
     stage.step(0)
     events = []
     for step, lane in enumerate((B_LEFT, -1, -1, STRAIGHT_INSIDE), start=1):
-        stage.private._mirror.places = {EMV: place(lane)}
+        stage.mirror.places = {EMV: place(lane)}
         events += [(step, event.kind) for event in stage.step(step, driven(step - 1)).events]
     assert events == [(4, EventKind.STOP_LINE_CROSSED)]
 
 
 def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) -> None:
     stage.step(0)
-    stage.private._mirror.realigned = {3: 2.5}
-    stage.private._mirror.places = {EMV: place(A_LEFT)}
+    stage.mirror.realigned = {3: 2.5}
+    stage.mirror.places = {EMV: place(A_LEFT)}
     state = stage.step(1, driven(0))
     assert stage.corrected[-1] == {EMV, CAR}
     (event,) = state.events
@@ -235,7 +231,7 @@ def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) 
 
 
 def is_elsewhere(stage: Stage, actor_id: int, lane: int) -> bool:
-    return stage.private._crossings.elsewhere(np.array([actor_id], np.uint32), np.array([lane], np.int32)) == [0]
+    return stage.crossings.elsewhere(np.array([actor_id], np.uint32), np.array([lane], np.int32)) == [0]
 
 
 def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
@@ -244,13 +240,16 @@ def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
     assert not is_elsewhere(stage, 3, B_LEFT)
     stage.departed = (CAR, AV, "never seen")
     for name in (CAR, AV):
-        del stage.lanes[name], stage.private._population.vehicles[name]
+        del stage.lanes[name], stage.population.vehicles[name]
     state = stage.step(1, ActorStates.empty(0))
     assert state.removed.tolist() == [2, 3]
     assert state.actor_id.tolist() == [1]
     assert set(stage.forgotten) == set(stage.departed)
-    assert set(stage.private._reached) == set(stage.private._ahead) == {EMV}
     assert is_elsewhere(stage, 3, B_LEFT)
+    stage.departed, stage.lanes[CAR], stage.population.vehicles[CAR] = (), B_LEFT, planned(CAR)
+    back = stage.step(2, ActorStates.empty(1))
+    assert back.actor_id.tolist() == [1, 3]
+    assert back.route_of_row(1).tolist() == [A, B, C]
 
 
 def test_replacements_keep_away_from_the_emvs_alone(stage: Stage) -> None:
@@ -264,7 +263,7 @@ def test_replacements_keep_away_from_the_emvs_alone(stage: Stage) -> None:
 def test_who_makes_way_is_a_civilian_that_ros_drives(stage: Stage) -> None:
     """Neither the EMV nor the AV under test counts, which ROS drives for other reasons."""
     stage.step(0)
-    stage.private._mirror.places = {name: place(A_LEFT) for name in (EMV, AV, CAR)}
+    stage.mirror.places = {name: place(A_LEFT) for name in (EMV, AV, CAR)}
     ((name, ids, yielding, *_, min_gap_m, rescued),) = stage.step(1, driven(0)).emvs
     assert (name, ids[name], min_gap_m, rescued) == (EMV, 1, 2.0, 1)
     assert yielding == {CAR}
@@ -277,32 +276,35 @@ def test_who_waits_for_a_gap_makes_way_too(stage: Stage) -> None:
     assert yielding == {CAR}
 
 
-def edges_ahead(stage: Stage, name: str) -> tuple[int, ...]:
-    return stage.private._route_of(name, stage.index)
+def edges_ahead(stage: Stage, step: int, name: str) -> tuple[int, ...]:
+    state = stage.step(step, None)
+    return tuple(state.route_of_row(state.actor_id.tolist().index(IDS[name])).tolist())
 
 
 def test_the_route_ahead_of_a_mirrored_vehicle_follows_the_lane_that_it_was_put_on(stage: Stage) -> None:
     """Not SUMO's place on the route: there SUMO counts what it found."""
-    stage.step(0)
-    assert edges_ahead(stage, EMV) == (A, B, C)
-    for lane, ahead in ((B_LEFT, (B, C)), (STRAIGHT_INSIDE, (B, C)), (-1, (B, C)), (C_LEFT, (C,)), (A_LEFT, (C,))):
-        stage.index = 7
-        stage.private._mirror.places = {EMV: place(lane)}
-        assert edges_ahead(stage, EMV) == ahead
-    assert D not in edges_ahead(stage, EMV)
+    assert edges_ahead(stage, 0, EMV) == (A, B, C)
+    stage.index = 7
+    put = (B_LEFT, (B, C)), (STRAIGHT_INSIDE, (B, C)), (-1, (B, C)), (C_LEFT, (C,)), (A_LEFT, (C,))
+    for step, (lane, ahead) in enumerate(put, start=1):
+        stage.mirror.places = {EMV: place(lane)}
+        assert edges_ahead(stage, step, EMV) == ahead
 
 
 def test_a_vehicle_of_sumos_has_sumos_place_on_its_planned_route(stage: Stage) -> None:
-    stage.step(0)
+    assert edges_ahead(stage, 0, CAR) == (A, B, C)
     stage.index = 1
-    assert edges_ahead(stage, CAR) == (B, C)
+    assert edges_ahead(stage, 1, CAR) == (B, C)
     stage.index, stage.routes_in_sumo = 2, {CAR: "another"}
-    assert edges_ahead(stage, CAR) == (B, C), "the number counts along another route"
+    assert edges_ahead(stage, 2, CAR) == (B, C), "the number counts along another route"
     stage.routes_in_sumo = {}
-    assert edges_ahead(stage, CAR) == (C,)
+    assert edges_ahead(stage, 3, CAR) == (C,)
+
+
+def test_a_vehicle_that_waits_to_enter_has_its_whole_route_ahead(stage: Stage) -> None:
+    """SUMO counts from -1 then."""
     stage.index = -1
-    stage.private._reached.clear()
-    assert edges_ahead(stage, CAR) == (A, B, C), "before its first step"
+    assert edges_ahead(stage, 0, CAR) == (A, B, C)
 
 
 def test_a_teleport_that_sumo_tells_is_an_event(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:

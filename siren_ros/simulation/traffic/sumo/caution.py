@@ -145,7 +145,7 @@ def _flags(ids: Ids, members: Collection[int]) -> Flags:
 
 
 @compiled
-def _near_pairs(
+def near_pairs(
     poses: tuple[Floats, Floats, Floats, Floats],
     order: Rows,
     speed_mps: Floats,
@@ -304,7 +304,7 @@ def _strictest_waits(
         if not inside[row]:
             bodies[row, HALF_WIDTH] += margin_m
     poses = x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)
-    pairs = _near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
+    pairs = near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
     widened = Ways(ways.points, ways.first, ways.last, bodies)
     zones = search_among(widened, pairs)
     _agree_on_entries(pairs, zones, inside)

@@ -109,7 +109,7 @@ class _Profiles:
 
     def _profile(self, lane: Lane, lanes: Sequence[int]) -> _Profile:
         path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
-        reach = path.cut(0.0, min(path.length_m, lane.length_m + _ahead_m(lane)))
+        reach = path.cut(0.0, min(path.length_m, lane.length_m + look_ahead_m(lane)))
         bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
         speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
         first, self._used = self._used, self._used + speeds.shape[1]
@@ -126,7 +126,7 @@ class _Profiles:
             lanes.append(current.index)
             ahead_m += current.length_m
         left = list(edges[edges.index(current.edge) + 1 :]) if current.edge in edges else []
-        while left and ahead_m < _ahead_m(lane):
+        while left and ahead_m < look_ahead_m(lane):
             step = connection_onward(self._network, current, left.pop(0))
             if step is None:
                 break
@@ -136,7 +136,7 @@ class _Profiles:
         return lanes
 
 
-def _ahead_m(lane: Lane) -> float:
+def look_ahead_m(lane: Lane) -> float:
     """How far beyond a lane's end bends count: at least the stopping distance from the lane's limit."""
     return max(_AHEAD_M, braking_distance_m(lane.speed_limit_mps * lane.speed_limit_mps, BRAKING_MPS2))
 

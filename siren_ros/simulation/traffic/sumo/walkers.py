@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import itemgetter
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import libsumo
 import numpy as np
@@ -98,8 +98,8 @@ def _type_id(walker: PlannedWalker) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
-    """The people of a state as arrays, in order of their ids."""
+class PeopleTable:
+    """The people of a state as arrays, in order of their ids, and what SUMO was told of them."""
 
     names: tuple[str, ...]
     actor_id: Ids
@@ -115,7 +115,7 @@ class _Table:
     """SUMO's yaw at the last step; NaN at first."""
 
     @classmethod
-    def of(cls, ids: Mapping[str, int], walkers: Mapping[str, PlannedWalker], last: "_Table | None") -> "_Table":
+    def of(cls, ids: Mapping[str, int], walkers: Mapping[str, PlannedWalker], last: "PeopleTable | None") -> Self:
         """The table of those with ids; speeds as they were told last."""
         names = tuple(name for name in walkers if name in ids)
         before = {name: row for row, name in enumerate(last.names)} if last else {}
@@ -164,7 +164,7 @@ class Walkers:
         self._outlines = outlines_of(network)
         self.people = NOBODY
         """Those of the last state, as ``people_at`` gives them: SUMO's drivers wait for them."""
-        self._table = _Table.of({}, {}, None)
+        self._table = PeopleTable.of({}, {}, None)
         self._crossing = np.empty(0, np.bool_)
         """Who of the table is on a crossing."""
         self.waiting: tuple[str, ...] = ()
@@ -214,7 +214,7 @@ class Walkers:
             sizes = [(body.length_m, body.width_m) if body else (0.0, 0.0) for body in bodies]
             self._sized, self._sizes = states.actor_id, (*np.array(sizes).reshape(-1, 2).T.copy(),)
         poses, speed_mps = (states.x_m, states.y_m, states.yaw_rad), np.hypot(states.vx_mps, states.vy_mps)
-        stand, comes = _step_into(rows, (poses, self._sizes), speed_mps)
+        stand, comes = steps_into(rows, (poses, self._sizes), speed_mps)
         warned = _warned(rows, table.notice_m, rows_of_ids(states.actor_id, sirens), poses, speed_mps)
         wait = np.flatnonzero((warned | comes) & ~self._crossing)
         if len(wait):
@@ -245,12 +245,14 @@ class Walkers:
         entered = [name for name in self._present if name not in self._ids and name in results]
         self._ids.update((name, next_id()) for name in entered)
         if entered or removed:
-            self._table = _Table.of(self._ids, self._present, self._table)
+            self._table = PeopleTable.of(self._ids, self._present, self._table)
         found = [_IN_ORDER(results[name]) for name in self._table.names]
         values = np.array([(*place, angle, speed) for place, angle, speed, _ in found]).reshape(-1, 4)
         poses = mirrored.x_m, mirrored.y_m, mirrored.yaw_rad, mirrored.speed_mps
         ids = self._table.actor_id
-        sumo, simulated = _poses(values, self._offset_m, rows_of_ids(mirrored.actor_id, ids), poses, self._table.facing)
+        sumo, simulated = poses_of(
+            values, self._offset_m, rows_of_ids(mirrored.actor_id, ids), poses, self._table.facing
+        )
         self._crossing = np.array([_is_crossing(road) for *_, road in found], np.bool_)
         self._kerbs.keep_off(sumo, self._crossing)
         self._table.hold(sumo)
@@ -258,7 +260,7 @@ class Walkers:
         spawned = *state.spawned, *(self._described(name) for name in entered)
         removed_ids = np.sort(np.append(state.removed, np.array(removed, np.uint32)))
         state = replace(state, spawned=spawned, removed=removed_ids) if entered or removed else state
-        return _merged(state, ids, sumo, simulated)
+        return with_people(state, ids, sumo, simulated)
 
     def _described(self, name: str) -> ActorDescription:
         walker = self._present[name]
@@ -289,7 +291,7 @@ def _warned(
 
 
 @compiled
-def _step_into(
+def steps_into(
     walkers: Rows, bodies: tuple[tuple[Floats, Floats, Floats], tuple[Floats, ...]], speed_mps: Floats
 ) -> tuple[Flags, Flags]:
     """Whether a vehicle's body is right before each of some people, with room on both sides of the shoulders.
@@ -331,7 +333,7 @@ def _step_into(
 
 
 @compiled
-def _poses(
+def poses_of(
     values: Floats, offset_m: Offset, rows: Rows, simulated: tuple[Floats, Floats, Floats, Floats], facing: Floats
 ) -> tuple[Floats, Floats]:
     """Poses in the ``map`` frame of some people: SUMO's, and the simulated ones; shape ``(4, N)`` each.
@@ -361,7 +363,7 @@ _OF_POSES: Final = ("sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "sumo_speed_mps", "x
 _NOT_BY_ROW: Final = frozenset({"removed", "route_offset", "route_edges"})
 
 
-def _merged(state: TrafficState, ids: Ids, sumo: Floats, simulated: Floats) -> TrafficState:
+def with_people(state: TrafficState, ids: Ids, sumo: Floats, simulated: Floats) -> TrafficState:
     """The state with further rows for some actors, sorted by id; x, y, yaw and speed in SUMO and simulated."""
     rows = np.empty(len(state) + len(ids), np.intp)
     rows[np.argsort(np.concatenate((state.actor_id, ids)), kind="stable")] = np.arange(len(rows))

@@ -28,6 +28,7 @@ from siren_ros.simulation.traffic.sumo.caution import (
     Caution,
     CautiousDrivers,
     cautions,
+    near_pairs,
 )
 from siren_ros.simulation.world.actors import ActorClass, Owner
 from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
@@ -204,20 +205,40 @@ def test_nobody_creeps_into_a_body_ahead(speed: float) -> None:
     assert cautious([Car(0, touching - 2.5, speed), Car(0, 80.0, 0.0)]) == ()
 
 
+class SumoVehicles:
+    """libsumo's domain of vehicles, as far as cautious drivers use it."""
+
+    def __init__(self) -> None:
+        self.speeds: dict[str, float] = {}
+        self.modes: dict[str, int] = {}
+
+    def setSpeed(self, name: str, speed_mps: float) -> None:  # noqa: N802 - libsumo's name
+        self.speeds[name] = speed_mps
+
+    def setSpeedMode(self, name: str, mode: int) -> None:  # noqa: N802 - libsumo's name
+        self.modes[name] = mode
+
+
+@pytest.fixture
+def sumo(monkeypatch: pytest.MonkeyPatch) -> SumoVehicles:
+    vehicles = SumoVehicles()
+    monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    return vehicles
+
+
 @pytest.mark.parametrize(
     ("front_m", "decel_mps2", "brake_mps2"), [(70.0, 3.0, None), (70.0, 50.0, 50.0), (73.4, 3.0, "most")]
 )
 def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_as_needed(
-    front_m: float, decel_mps2: float, brake_mps2: float | str | None
+    sumo: SumoVehicles, front_m: float, decel_mps2: float, brake_mps2: float | str | None
 ) -> None:
     """The leader at 2 m/s is 10 m or less ahead; the speed falls in one step by the deceleration."""
     cars = [Car(0, front_m, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
     (caution,) = cautious(cars)
-    drivers = CautiousDrivers(network(0.0))
-    speeds = drivers._speeds(traffic_of(cars, network(0.0)), two_vehicles(decel_mps2))
+    CautiousDrivers(network(0.0)).apply(traffic_of(cars, network(0.0)), two_vehicles(decel_mps2))
     needed = caution.wait.brake_mps2
     expected = {None: max(needed, 0.0), "most": MOST_BRAKE_MPS2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
-    assert speeds == {"v1": (1, pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0)))}
+    assert sumo.speeds == {"v1": pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0))}
     assert (needed > decel_mps2) is (brake_mps2 != 50.0)
 
 
@@ -283,14 +304,16 @@ def test_riders_and_others_give_way_where_they_merge(riders: tuple[int, ...]) ->
 
 
 @pytest.mark.parametrize(("kind", "apart_m"), [(ActorClass.SEDAN, 1.8), (ActorClass.BICYCLE, 2.2)])
-def test_riders_are_passed_and_pass_with_a_space(kind: ActorClass, apart_m: float) -> None:
+def test_riders_are_passed_and_pass_with_a_space(sumo: SumoVehicles, kind: ActorClass, apart_m: float) -> None:
     """Half widths of 0.9 m each, and 0.2 m on both of two riders."""
     roads, vehicles = network(0.0), two_vehicles()
     for vehicle in vehicles.values():
         vehicle.actor_class = kind
     for more_m, waits in ((-0.05, True), (0.05, False)):
         traffic = traffic_of([Car(0, 72.0, 8.0), Car(0, 80.0, 0.0, left=apart_m + more_m)], roads)
-        assert bool(CautiousDrivers(roads)._speeds(traffic, vehicles)) is waits
+        sumo.speeds.clear()
+        CautiousDrivers(roads).apply(traffic, vehicles)
+        assert bool(sumo.speeds) is waits
 
 
 @pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])
@@ -301,20 +324,6 @@ def test_a_body_of_sumo_far_ahead_is_sumos_own_business(apart_m: float, owner: O
     assert bool(cautious(cars)) is waits
     near = [Car(0, 50.0, 12.5), Car(0, 50.0 + 24.0, 0.0, Owner.SUMO)]
     assert cautious(near)
-
-
-class SumoVehicles:
-    """libsumo's domain of vehicles, as far as cautious drivers use it."""
-
-    def __init__(self) -> None:
-        self.speeds: dict[str, float] = {}
-        self.modes: dict[str, int] = {}
-
-    def setSpeed(self, name: str, speed_mps: float) -> None:  # noqa: N802 - libsumo's name
-        self.speeds[name] = speed_mps
-
-    def setSpeedMode(self, name: str, mode: int) -> None:  # noqa: N802 - libsumo's name
-        self.modes[name] = mode
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -338,39 +347,40 @@ def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
         assert (caution.other_id, caution.wait.speed_mps) == (2 + others.index(ahead), 0.0)
 
 
-def test_imposed_speeds_are_along_sumos_length_of_the_lane() -> None:
+def test_imposed_speeds_are_along_sumos_length_of_the_lane(sumo: SumoVehicles) -> None:
     """A lane that SUMO takes for shorter than it is: its speeds are lower."""
-    drivers, roads = CautiousDrivers(network(0.0)), network(0.0)
+    roads = network(0.0)
     traffic = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], roads)
-    ((_, speed_mps),) = drivers._speeds(traffic, two_vehicles(3.0)).values()
-    assert drivers._speeds(traffic, two_vehicles(3.0), scale_of=lambda lane: {0: 0.9}[lane]) == {
-        "v1": (1, 0.9 * speed_mps)
-    }
+    CautiousDrivers(roads).apply(traffic, two_vehicles(3.0))
+    (speed_mps,) = sumo.speeds.values()
+    CautiousDrivers(roads).apply(traffic, two_vehicles(3.0), scale_of=lambda lane: {0: 0.9}[lane])
+    assert sumo.speeds == {"v1": 0.9 * speed_mps}
 
 
 @pytest.mark.parametrize(("owner", "at_m", "slowed"), [(0, 95.0, True), (0, 115.0, False), (1, 95.0, False)])
-def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(owner: int, at_m: float, *, slowed: bool) -> None:
+def test_sumos_drivers_come_to_people_on_a_crossing_at_walking_pace(
+    sumo: SumoVehicles, owner: int, at_m: float, *, slowed: bool
+) -> None:
     """The crossing begins 12 m ahead of the front; on it somebody stands 1.5 m beside the way."""
     corners = np.array([(92.0, -5.0), (98.0, -5.0), (98.0, 5.0), (92.0, 5.0)])
     roads = replace(network(0.0), crossings=(corners,))
     pose = (np.array([at_m]), np.array([HALF_WIDTH + 1.5]), np.zeros(1), np.zeros(1))
     people = people_at([9], pose, outlines_of(roads))
-    drivers = CautiousDrivers(roads)
     cars = [Car(0, 80.0, 8.0, Owner(owner)), Car(1, 10.0, 0.0)]
-    speeds = drivers._speeds(traffic_of(cars, roads), two_vehicles(3.0), people)
-    assert speeds == ({"v1": (1, pytest.approx(8.0 - 3.0 * STEP_S, abs=0.05))} if slowed else {})
+    CautiousDrivers(roads).apply(traffic_of(cars, roads), two_vehicles(3.0), people)
+    assert sumo.speeds == ({"v1": pytest.approx(8.0 - 3.0 * STEP_S, abs=0.05)} if slowed else {})
 
 
 @pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])
-def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: bool, slowed: set[str]) -> None:
-    drivers = CautiousDrivers(network(0.0))
+def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(
+    sumo: SumoVehicles, attentive: bool, slowed: set[str]
+) -> None:
     traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], network(0.0))
-    assert set(drivers._speeds(traffic, two_vehicles(attentive=attentive))) == slowed
+    CautiousDrivers(network(0.0)).apply(traffic, two_vehicles(attentive=attentive))
+    assert set(sumo.speeds) == slowed
 
 
-def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    sumo = SumoVehicles()
-    monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=sumo))
+def test_who_need_not_wait_any_more_gets_its_own_speed_back(sumo: SumoVehicles) -> None:
     vehicles, drivers = two_vehicles(), CautiousDrivers(network(0.0))
     near = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], network(0.0))
     free = traffic_of([Car(0, 20.0, 10.0), Car(0, 180.0, 2.0, Owner.ROS)], network(0.0))
@@ -408,7 +418,7 @@ def test_near_pairs_are_those_of_looking_at_all_pairs(seed: int) -> None:
     inside, counts = rng.random(n) < 0.8, rng.random(n) < 0.3
     limits = WAYS_AHEAD_S, WAYS_MORE_M, WAYS_FAR_M, ROLLING_MPS, BESIDE_M
     order = np.argsort(poses[0], kind="stable")
-    found = caution_module._near_pairs(poses, order, speed, half_length, inside, counts, limits)
+    found = near_pairs(poses, order, speed, half_length, inside, counts, limits)
     pairs = [(a, b) for a in range(n) for b in range(n) if a != b and inside[a]]
     expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts)]
     assert [tuple(pair) for pair in found.tolist()] == expected

@@ -29,7 +29,7 @@ from siren_ros.simulation.traffic.sumo.driving_corrections import (
     BendLimits,
     LaneContinuity,
     SidewaysLimits,
-    _ahead_m,
+    look_ahead_m,
 )
 from siren_ros.simulation.traffic.sumo.readings import ALONG, X, Y
 from siren_ros.simulation.world.actors import ActorClass, Owner
@@ -166,8 +166,8 @@ def test_a_bend_counts_from_90_m_behind_a_lanes_end_on(drive: Callable[..., Driv
 
 def test_where_the_limit_is_high_a_bend_counts_from_as_far_as_it_takes_to_stop() -> None:
     lane = bend_ahead().lanes[0]
-    assert _ahead_m(lane) == 90.0
-    assert _ahead_m(replace(lane, speed_limit_mps=30.0)) == pytest.approx(30.0**2 / (2.0 * BRAKING_MPS2))
+    assert look_ahead_m(lane) == 90.0
+    assert look_ahead_m(replace(lane, speed_limit_mps=30.0)) == pytest.approx(30.0**2 / (2.0 * BRAKING_MPS2))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

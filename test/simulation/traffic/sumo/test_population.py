@@ -18,7 +18,12 @@ from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import Spot, load_drivers, with_responses
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import population as population_module
-from siren_ros.simulation.traffic.sumo.population import SumoPopulation, type_id, vehicle_types_xml
+from siren_ros.simulation.traffic.sumo.population import (
+    REPLACEMENT_DISTANCE_M,
+    SumoPopulation,
+    type_id,
+    vehicle_types_xml,
+)
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
 
 PLAN = plan_s2(load_map(None)[1])[0]
@@ -123,44 +128,93 @@ def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
     assert separation_m(corners[first], corners[second]).min() > 0.0
 
 
-def standing(name: str, front_m: float = 0.0) -> Any:
-    return SimpleNamespace(name=name, length_m=4.0, width_m=1.8, spot=Spot(0, front_m, 0.0))
+def standing(name: str, front_m: float = 0.0, **more: Any) -> Any:
+    body = {"length_m": 4.0, "width_m": 1.8, "actor_class": ActorClass.SEDAN, "is_emv": False, "attentive": True}
+    return SimpleNamespace(name=name, route=("edge",), spot=Spot(0, front_m, 0.0), **{**body, **more})
 
 
-def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_begins(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+class OneLane:
+    """A network of one straight lane."""
+
+    def __init__(self, *ends_m: tuple[float, float]) -> None:
+        centre = Polyline.through(np.array(ends_m))
+        fields = {"lane_id": "lane", "position": 0, "speed_limit_mps": 14.0, "width_m": 1.5}
+        self.lanes = [SimpleNamespace(centre=centre, length_m=centre.length_m, **fields)]
+        self.lane_by_id: dict[str, Any] = {}
+        self.sumo_offset_m = (0.0, 0.0)
+
+
+class SumoTraffic:
+    """A stand-in for SUMO: where the fronts of vehicles are, all of which look east, and how fast they drive."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.front_m: dict[str, tuple[float, float]] = {}
+        self.speed_mps: dict[str, float] = {}
+        self.entered: list[str] = []
+        self.left: list[str] = []
+        vehicle = SimpleNamespace(
+            getLaneID=lambda name: "elsewhere" if name in self.front_m else "",
+            getPosition=lambda name: self.front_m.get(name, (libsumo.INVALID_DOUBLE_VALUE,) * 2),
+            getAngle=lambda _: 90.0,
+            getSpeed=lambda name: self.speed_mps.get(name, 0.0),
+            add=lambda name, *_, **__: self.entered.append(name),
+            remove=self.left.append,
+            subscribe=lambda *_: None,
+            unsubscribe=lambda *_: None,
+        )
+        others = {
+            "route": SimpleNamespace(add=lambda *_: None),
+            "vehicletype": SimpleNamespace(getSpeedFactor=lambda _: 1.0),
+            "lane": SimpleNamespace(getLength=lambda _: 100.0),
+            "INVALID_DOUBLE_VALUE": libsumo.INVALID_DOUBLE_VALUE,
+        }
+        monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicle, **others))
+
+
+@pytest.fixture
+def sumo(monkeypatch: pytest.MonkeyPatch) -> SumoTraffic:
+    return SumoTraffic(monkeypatch)
+
+
+def population_of(network: Any, *present: str, **plan: Any) -> SumoPopulation:
+    planned: Any = {
+        "emvs": (),
+        "groups": (),
+        "stage": (),
+        "reserve": (),
+        "civilians": 0,
+        "riders": (),
+        "riders_kept": {},
+    }
+    population = SumoPopulation(network, SimpleNamespace(**{**planned, **plan}))  # type: ignore[arg-type] # a stand-in
+    population.vehicles = {name: standing(name) for name in present}
+    return population
+
+
+def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_begins(sumo: SumoTraffic) -> None:
     """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO.
 
     The third one is 15.5 m behind the fourth: from 12 m/s it needs 12 m to stop, from 14 m/s 16.3 m. A vehicle that is
     planned where the fourth one is stays, and the third one leaves.
     """
-    fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "f": (49.5, 0.0)} | dict.fromkeys(
-        "de", (-1e9, -1e9)
-    )
-    speeds = dict.fromkeys(fronts, 0.0)
-    vehicles = SimpleNamespace(
-        getLaneID=lambda name: "" if name in "de" else "lane",
-        getPosition=fronts.__getitem__,
-        getAngle=lambda _: 90.0,
-        getSpeed=speeds.__getitem__,
-    )
-    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
-    road = SimpleNamespace(centre=Polyline.through([[0.0, 0.0], [100.0, 0.0]]))
-    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[road])
-    plan: Any = SimpleNamespace(reserve=(), riders=())
-    population = SumoPopulation(network, plan)
-    population.vehicles = {name: standing(name) for name in fronts}
-    assert population._overlapping(population.vehicles) == ["b"]
+    sumo.front_m = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "f": (49.5, 0.0)}
+
+    def who_leaves(*present: str, planned: tuple[Any, ...] = ()) -> list[str]:
+        sumo.left.clear()
+        sumo.entered.clear()
+        population = population_of(OneLane((0.0, 0.0), (100.0, 0.0)), *present, groups=planned)
+        population.enter_stage()
+        assert sumo.entered == [vehicle.name for vehicle in planned]
+        assert set(population.vehicles) == {*present, *sumo.entered} - set(sumo.left)
+        return sumo.left.copy()
+
+    assert who_leaves(*"abcfde") == ["b"]
     for speed_mps, leaves in ((12.0, []), (14.0, ["f"])):
-        speeds["c"] = speed_mps
-        assert population._overlapping(population.vehicles) == ["b", *leaves]
-        del population.vehicles["f"]
-        found = population._overlapping(population.vehicles, earlier=(standing("f", 49.5),))
+        sumo.speed_mps["c"] = speed_mps
+        assert who_leaves(*"abcfde") == ["b", *leaves]
+        found = who_leaves(*"abcde", planned=(standing("f", 49.5),))
         assert found == (["c", "b"] if leaves else ["b"])
-        population.vehicles["f"] = standing("f")
-    population.vehicles = {name: standing(name) for name in "de"}
-    assert population._overlapping(population.vehicles) == []
+    assert who_leaves(*"de") == []
 
 
 @pytest.mark.parametrize(
@@ -168,24 +222,17 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
     [(8.0, 5.0, 0.0, True), (8.0, 0.0, 0.0, False), (6.0, 5.0, 0.0, False), (8.0, 5.0, 100.0, False)],
 )
 def test_no_rider_enters_where_one_of_two_could_not_stop(
-    monkeypatch: pytest.MonkeyPatch, speed_mps: float, others_mps: float, away_m: float, refused: bool
+    sumo: SumoTraffic, speed_mps: float, others_mps: float, away_m: float, refused: bool
 ) -> None:
     """The rider goes north at x = 12 m from y = -5 m, the car east from x = 10 m: 8 m/s take 5.3 m, 5 m/s 2.1 m."""
-    vehicles = SimpleNamespace(
-        getLaneID=lambda _: "lane",
-        getPosition=lambda _: (10.0 - away_m, 0.0),
-        getAngle=lambda _: 90.0,
-        getSpeed=lambda _: others_mps,
-    )
-    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles, INVALID_DOUBLE_VALUE=-1e9))
-    lane = SimpleNamespace(centre=Polyline.through([[12.0, -50.0], [12.0, 50.0]]))
-    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0), lanes=[lane])
-    plan: Any = SimpleNamespace(reserve=(), riders=())
-    population = SumoPopulation(network, plan)
-    population.vehicles = {"car": standing("car")}
-    rider: Any = SimpleNamespace(name="rider", length_m=2.0, width_m=0.8, spot=Spot(0, 45.0, speed_mps))
-    near = population._near(rider, population._places())
-    assert population._overlapping(near, later=(rider,)) == (["rider"] if refused else [])
+    sumo.front_m, sumo.speed_mps = {"car": (10.0 - away_m, 0.0)}, {"car": others_mps}
+    bicycle, body = ActorClass.BICYCLE, {"length_m": 2.0, "width_m": 0.8}
+    rider = standing("rider", actor_class=bicycle, **body)
+    rider.spot = Spot(0, 45.0, speed_mps)
+    street = OneLane((12.0, -50.0), (12.0, 50.0))
+    population = population_of(street, "car", riders=(rider,), riders_kept={bicycle: 1})
+    assert population.exchange_riders([(12.0 + REPLACEMENT_DISTANCE_M + 1.0, -5.0)]) == []
+    assert sumo.entered == ([] if refused else ["rider"])
 
 
 @pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])

@@ -120,7 +120,9 @@ def test_a_replacement_looks_a_lanes_width_to_both_sides(sumo: Sumo, left_m: flo
     assert (sumo.added == ["a"]) is free
 
 
-def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(sumo: Sumo) -> None:
+def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(
+    sumo: Sumo, monkeypatch: pytest.MonkeyPatch
+) -> None:
     crowded = vehicle("crowded", A_LEFT, 100.0)
     reserve = [crowded, *(vehicle(f"r{k}", NEAR, 20.0 + 36.0 * k) for k in range(3))]
     sumo.put("other", A_LEFT, 100.0)
@@ -131,7 +133,8 @@ def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(sumo:
     traffic.refill((), 2)
     assert sumo.added == ["r0"]
     del sumo.at["other"]
-    traffic._forget("other")
+    monkeypatch.setattr(libsumo.simulation, "getArrivedIDList", lambda: ("other",))
+    traffic.drop_departed()
     sumo.put("r0", B_LEFT, 50.0)
     sumo.put("emv", B_LEFT, 90.0)
     traffic.refill((), 3)

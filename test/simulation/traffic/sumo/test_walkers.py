@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,10 +18,11 @@ from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.traffic import simulation as simulation_module
 from siren_ros.simulation.traffic.demand.plan import PlannedWalker
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import walkers as walkers_module
-from siren_ros.simulation.traffic.sumo.walkers import Walkers, _merged, _poses, _step_into, _Table
+from siren_ros.simulation.traffic.sumo.walkers import PeopleTable, Walkers, poses_of, steps_into, with_people
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
 from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
@@ -107,7 +108,7 @@ def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], blocked: 
     """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east."""
     poses = np.array([0.0, place[0]]), np.array([0.0, 2.0 * place[1]]), np.array([0.0, np.pi / 2.0])
     sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
-    found, comes = _step_into(np.array([0, -1]), (poses, sizes), np.zeros(2))
+    found, comes = steps_into(np.array([0, -1]), (poses, sizes), np.zeros(2))
     assert found.tolist() == [blocked, False]
     assert not comes.any()
 
@@ -117,7 +118,7 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
     poses = np.array([0.0, 2.3]), np.array([0.0, 0.0]), np.array([0.0, np.pi / 2.0])
     sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
     for speed_mps, stops in ((1.8, True), (0.0, False)):
-        found, _ = _step_into(np.array([0]), (poses, sizes), np.array([speed_mps, 0.0]))
+        found, _ = steps_into(np.array([0]), (poses, sizes), np.array([speed_mps, 0.0]))
         assert found.tolist() == [stops]
 
 
@@ -162,7 +163,7 @@ def test_people_keep_away_from_a_vehicle_that_cannot_stop(
     """A vehicle of 4 m by 2 m goes east: 9 m/s take 13.5 m, and 9 m until it brakes; somebody is right of its way."""
     poses = np.array([0.0, ahead_m]), np.array([0.0, -1.0 - beside_m]), np.array([0.0, yaw_rad])
     sizes = np.array([4.0, 0.0]), np.array([2.0, 0.0])
-    _, found = _step_into(np.array([1]), (poses, sizes), np.array([speed_mps, walks_mps]))
+    _, found = steps_into(np.array([1]), (poses, sizes), np.array([speed_mps, walks_mps]))
     assert found.tolist() == [comes]
 
 
@@ -189,13 +190,15 @@ def test_nobody_leaves_a_street_at_the_end_where_they_came_in() -> None:
 
 def test_those_who_stand_stay_where_they_stood_first() -> None:
     walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, ())
-    table = _Table.of({"a": 1, "b": 2}, {"a": walker, "b": walker}, None)
+    table = PeopleTable.of({"a": 1, "b": 2}, {"a": walker, "b": walker}, None)
     table.stands[1] = True
     for at_m in (5.0, 6.0):
         poses = np.array([[at_m, at_m], [1.0, 2.0 * at_m]])
         table.hold(poses)
         assert poses.tolist() == [[at_m, 5.0], [1.0, 10.0]]
-        table = _Table.of({"b": 2, "c": 3, "a": 1}, {"a": walker, "b": walker}, table)  # others have entered or left
+        table = PeopleTable.of(
+            {"b": 2, "c": 3, "a": 1}, {"a": walker, "b": walker}, table
+        )  # others have entered or left
 
 
 def test_rows_are_merged_by_id() -> None:
@@ -205,7 +208,7 @@ def test_rows_are_merged_by_id() -> None:
     columns |= {"route_offset": np.array([0, 2, 3], np.int32), "route_edges": np.array([7, 8, 9], np.int32)}
     state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
     one = np.full((4, 1), 4.0)
-    merged = _merged(state, np.array([3], np.uint32), one, 2.0 * one)
+    merged = with_people(state, np.array([3], np.uint32), one, 2.0 * one)
     assert merged.actor_id.tolist() == [1, 3, 5]
     assert merged.lane.tolist() == [3, NO_LANE, 4]
     assert merged.sumo_x_m.tolist() == [0.0, 4.0, 0.0]
@@ -233,19 +236,21 @@ def test_those_who_stand_do_not_swing_round_their_toes(
     """SUMO's place is that of the toes; 90 degrees is east, to which they looked before."""
     walks, ids = np.array([[5.0, 2.0, angle_deg, speed_mps]]), np.array([-1])
     facing, nobody = np.zeros(1), tuple(np.empty(0) for _ in range(4))
-    sumo, _ = _poses(walks, (0.0, 0.0), ids, nobody, facing)
+    sumo, _ = poses_of(walks, (0.0, 0.0), ids, nobody, facing)
     assert sumo[:, 0] == pytest.approx([*pose, speed_mps])
     assert facing == pytest.approx([pose[2]])
 
 
-def test_people_of_the_last_state_are_known_with_their_crossings() -> None:
+def test_people_of_the_last_state_are_known_with_their_crossings(monkeypatch: pytest.MonkeyPatch) -> None:
     setup = set_up_episode(EpisodeRequest("S2", map="city", sensors="none", values="demand.people.pedestrians=60"))
     outlines, crossed = [shapely.Polygon(outline) for outline in CITY.crossings], 0
+    made: list[Walkers] = []
+    monkeypatch.setattr(simulation_module, "Walkers", lambda *given: made.append(Walkers(*given)) or made[0])
     with SumoSimulation(setup.compiled_map, setup.network, setup.plan, setup.level, seed=0) as simulation:
         simulation.step(0, None)
-        assert simulation._walkers is not None
+        (walkers,) = made
         for step in range(1, 400):
-            state, people = simulation.step(step, ActorStates.empty(step - 1)), simulation._walkers.people
+            state, people = simulation.step(step, ActorStates.empty(step - 1)), walkers.people
             rows = np.searchsorted(state.actor_id, people[6])
             np.testing.assert_array_equal(people[:2], (state.x_m[rows], state.y_m[rows]))
             across = people[:, people[5] > 0.0]
@@ -255,8 +260,35 @@ def test_people_of_the_last_state_are_known_with_their_crossings() -> None:
     assert 0 < crossed < 60
 
 
-def at_a_crossing(distance_m: float, notice_m: float, speed_mps: float, *, behind: bool = False) -> Any:
-    """SUMO's speeds of somebody at a kerb who looks at the road, and of somebody on a crossing, with an EMV near."""
+class SumoPeople:
+    """A stand-in for SUMO: where the people are that it got, and the speeds that it was told."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.results: dict[str, dict[int, Any]] = {}
+        self.told_mps: dict[str, float] = {}
+        person = SimpleNamespace(
+            add=lambda *_, **__: None,
+            appendWalkingStage=lambda *_: None,
+            subscribe=lambda *_: None,
+            getAllSubscriptionResults=lambda: self.results,
+            setSpeed=self.told_mps.__setitem__,
+        )
+        names = ("VAR_POSITION", "VAR_ANGLE", "VAR_SPEED", "VAR_ROAD_ID")
+        lane = SimpleNamespace(getLength=lambda _: 100.0)
+        codes = {name: getattr(libsumo, name) for name in names}
+        monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person, lane=lane, **codes))
+        monkeypatch.setattr(walkers_module, "Corners", lambda _: SimpleNamespace(walks=lambda *_: []))
+
+
+@pytest.fixture
+def sumo(monkeypatch: pytest.MonkeyPatch) -> SumoPeople:
+    return SumoPeople(monkeypatch)
+
+
+def at_a_crossing(
+    sumo: SumoPeople, distance_m: float, notice_m: float, speed_mps: float, *, behind: bool = False
+) -> Any:
+    """Somebody at a kerb who looks at the road, and somebody on a crossing, with an EMV near."""
     lane = next(
         lane for lane in CITY.lanes if lane.kind is LaneKind.DRIVING and CITY.edges[lane.edge].edge_id == "oak_e_0"
     )
@@ -264,12 +296,28 @@ def at_a_crossing(distance_m: float, notice_m: float, speed_mps: float, *, behin
     ahead, right = np.array([np.cos(heading), np.sin(heading)]), np.array([np.sin(heading), -np.cos(heading)])
     kerb = middle + (lane.width_m / 2.0 + 0.6) * right
     places = np.array([middle + (distance_m if behind else -distance_m) * ahead, kerb, middle])
-    walker = PlannedWalker("w", 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, (), notice_m)
-    plan: Any = SimpleNamespace(walkers_kept=2, walkers=())
+    people = [
+        PlannedWalker(name, 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, (), notice_m)
+        for name in ("kerb", "crosses")
+    ]
+    plan: Any = SimpleNamespace(walkers_kept=2, walkers=tuple(people))
     walkers = Walkers(CITY, plan)
-    walkers._present = {"kerb": walker, "crosses": walker}
-    walkers._ids, walkers._crossing = {"kerb": 2, "crosses": 3}, np.array([False, True])
-    walkers._table = _Table.of(walkers._ids, walkers._present, None)
+    walkers.exchange([tuple(kerb.tolist())], 0.0)
+    looks_deg = 90.0 - float(np.degrees(heading + np.pi / 2.0))
+    for name, place, road in (("kerb", kerb, "oak_e_0"), ("crosses", middle, ":oak_c0")):
+        x_m, y_m = (place + CITY.sumo_offset_m).tolist()
+        sumo.results[name] = {
+            libsumo.VAR_POSITION: (x_m, y_m),
+            libsumo.VAR_ANGLE: looks_deg,
+            libsumo.VAR_SPEED: 0.0,
+            libsumo.VAR_ROAD_ID: road,
+        }
+    numbers = count(2)
+    nobody: dict[str, Any] = {name: np.zeros(0, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
+    nobody |= {"route_offset": np.zeros(1, np.int32)}
+    before = TrafficState(step=0, spawned=(), emvs=(), signals=(), **nobody)
+    there = walkers.joined(before, ActorStates.empty(0), lambda: next(numbers))
+    assert there.actor_id.tolist() == [2, 3]
     columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
     columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}
     columns |= {"yaw_rad": np.array([heading, heading + np.pi / 2.0, heading + np.pi / 2.0])}
@@ -289,41 +337,33 @@ def at_a_crossing(distance_m: float, notice_m: float, speed_mps: float, *, behin
     ],
 )
 def test_people_wait_or_hurry_where_a_siren_comes(
-    monkeypatch: pytest.MonkeyPatch,
+    sumo: SumoPeople,
     distance_m: float,
     notice_m: float,
     speed_mps: float,
     behind: bool,
     paces: dict[str, float],
 ) -> None:
-    said: dict[str, float] = {}
-    person = SimpleNamespace(setSpeed=said.__setitem__)
-    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
-    walkers, states = at_a_crossing(distance_m, notice_m, speed_mps, behind=behind)
+    walkers, states = at_a_crossing(sumo, distance_m, notice_m, speed_mps, behind=behind)
     walkers.heed(states, {}, np.array([1], np.uint32))
-    assert said == pytest.approx(paces)
-    said.clear()
+    assert sumo.told_mps == pytest.approx(paces)
+    sumo.told_mps.clear()
     walkers.heed(states, {}, np.empty(0, np.uint32))  # the siren is off
-    assert said == dict.fromkeys(paces, 1.3)
+    assert sumo.told_mps == dict.fromkeys(paces, 1.3)
 
 
 @pytest.mark.parametrize(("behind_m", "paces"), [(0.25, {}), (0.35, {"kerb": 0.3 * 1.3, "crosses": 0.3 * 1.3})])
 def test_sumo_waits_for_those_whom_it_has_left_behind(
-    monkeypatch: pytest.MonkeyPatch, behind_m: float, paces: dict[str, float]
+    sumo: SumoPeople, behind_m: float, paces: dict[str, float]
 ) -> None:
-    said: dict[str, float] = {}
-    person = SimpleNamespace(setSpeed=said.__setitem__)
-    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
-    walkers, states = at_a_crossing(90.0, 0.0, 2.0, behind=False)
+    walkers, states = at_a_crossing(sumo, 90.0, 0.0, 2.0, behind=False)
     walkers.heed(replace(states, residual_m=np.full(3, behind_m)), {}, np.empty(0, np.uint32))
-    assert said == pytest.approx(paces)
+    assert sumo.told_mps == pytest.approx(paces)
 
 
-def test_those_who_wait_for_an_emv_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_those_who_wait_for_an_emv_are_named(sumo: SumoPeople) -> None:
     """SUMO's drivers do not wait for them: else both would wait, with the EMV behind them."""
-    person = SimpleNamespace(setSpeed=lambda *_: None)
-    monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person))
-    walkers, states = at_a_crossing(30.0, 40.0, 10.0)
+    walkers, states = at_a_crossing(sumo, 30.0, 40.0, 10.0)
     siren = np.array([1], np.uint32)
     walkers.heed(states, {}, siren)
     assert walkers.waiting == ("kerb",)

@@ -121,7 +121,8 @@ def git(root, *arguments):
 @pytest.mark.parametrize(
     ("file", "package", "tests", "mirror"),
     [
-        ("lib/a/b/c.py", "lib/a", "test/a", "test/a/b/test_c.py"),
+        ("lib/a/b/x/c.py", "lib/a/b", "test/a/b", "test/a/b/x/test_c.py"),
+        ("lib/a/b/c.py", "lib/a/b", "test/a/b", "test/a/b/test_c.py"),
         ("lib/a/c.py", "lib/a", "test/a", "test/a/test_c.py"),
         ("lib/c.py", "lib/c.py", "test/test_c.py", "test/test_c.py"),
     ],

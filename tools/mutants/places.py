@@ -22,11 +22,12 @@ class Folder:
 
 
 def folder_of(file: str) -> Folder:
-    """The folder of a file: the first level below its package."""
+    """The folder of a file, at most the second level below its package: a whole wing has too many tests."""
     parts = Path(file).parts
     if len(parts) < 3:
         return Folder(file, f"test/test_{Path(file).name}")
-    return Folder("/".join(parts[:2]), f"test/{parts[1]}")
+    package, *folders = parts[:-1][:3]
+    return Folder("/".join((package, *folders)), "/".join(("test", *folders)))
 
 
 def mirror_of(file: str) -> str:

@@ -1,4 +1,8 @@
-"""Makes the parts of a reproduction: prints the plan, runs commands, stores each part's figures when it is done."""
+"""Makes the parts of a reproduction: prints the plan, runs commands, stores each part's figures when it is done.
+
+The library doit would replace only the loop over the parts, and its reporter and tasks take more lines (250 in place of
+217): it has no plan of what will be due, and it keeps its state apart from ``docs/results.json``, which a clone has.
+"""
 
 import json
 import shlex

@@ -2,7 +2,8 @@
 
 Source: J. Luiten et al., "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking", IJCV 129 (2021) 548. The
 similarity of two places is that of TrackEval for points: 1 at the same place, 0 from 2 m on, which is also nuScenes'
-limit for tracks. ``test_tracking.py`` compares with TrackEval's own code.
+limit for tracks. ``test_tracking.py`` compares with TrackEval's own code, which cannot be a dependency: on Python
+3.12 it needs numpy 2, and nuscenes-devkit needs numpy 1.
 """
 
 from dataclasses import dataclass

@@ -282,6 +282,7 @@ def test_a_fork_server_that_is_killed_while_it_starts_a_process_costs_a_call_at_
             except CrashError as error:
                 reasons.append(str(error))
     assert reasons in ([], ["the server of new processes is gone (EOFError)"])
+    assert not runs(server)
 
 
 def added(first: int, second: int) -> int:

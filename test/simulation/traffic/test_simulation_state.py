@@ -59,6 +59,8 @@ class Stage:
         self.speed_mps = 8.0
         self.index = 0
         self.forgotten: list[str] = []
+        self.routes_of_mirror: list[set[str]] = []
+        """Of which vehicles the mirror knew the route, step by step."""
         self.refills: list[Any] = []
         self.corrected: list[set[str]] = []
         self.departed: tuple[str, ...] = ()
@@ -99,7 +101,7 @@ class Stage:
             deferred=lambda: self.deferred,
             realigned={},
             forget=self.forgotten.append,
-            apply=lambda *_: None,
+            apply=lambda *given: self.routes_of_mirror.append(set(given[-1])),
             check_placed=lambda _columns: None,
         )
         self.crossings = CrossingWatch(NETWORK)
@@ -248,6 +250,7 @@ def test_everything_of_a_vehicle_that_leaves_is_forgotten(stage: Stage) -> None:
     assert is_elsewhere(stage, 3, B_LEFT)
     stage.departed, stage.lanes[CAR], stage.population.vehicles[CAR] = (), B_LEFT, planned(CAR)
     back = stage.step(2, ActorStates.empty(1))
+    assert stage.routes_of_mirror == [set(), {EMV, AV, CAR}, {EMV}]
     assert back.actor_id.tolist() == [1, 3]
     assert back.route_of_row(1).tolist() == [A, B, C]
 

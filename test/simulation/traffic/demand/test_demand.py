@@ -311,6 +311,7 @@ def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_wa
     ends = {(over.from_lane, over.to_lane) for lane in whole for over in network.connections_over[lane]}
     assert len(whole) > len(way.via), "others turn off there"
     assert all(start == way.from_lane or end == way.to_lane for start, end in ends)
+    assert any(start != way.from_lane for start, _ in ends), "others join there"
     assert whole == {lane: (0.0, network.lanes[lane].length_m) for lane in whole}
     assert sharing_junction_paths(network, [LaneInterval(way.from_lane, 0.0, 5.0)]) == []
 

@@ -304,8 +304,8 @@ def at_a_crossing(
     walkers = Walkers(CITY, plan)
     walkers.exchange([tuple(kerb.tolist())], 0.0)
     looks_deg = 90.0 - float(np.degrees(heading + np.pi / 2.0))
-    for name, place, road in (("kerb", kerb, "oak_e_0"), ("crosses", middle, ":oak_c0")):
-        x_m, y_m = (place + CITY.sumo_offset_m).tolist()
+    x_m, y_m = (kerb + CITY.sumo_offset_m).tolist()
+    for name, road in (("kerb", "oak_e_0"), ("crosses", ":oak_c0")):  # for SUMO the second one is about to set off
         sumo.results[name] = {
             libsumo.VAR_POSITION: (x_m, y_m),
             libsumo.VAR_ANGLE: looks_deg,

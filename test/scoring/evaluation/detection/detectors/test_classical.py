@@ -257,7 +257,7 @@ def test_boxes_of_labelled_sweeps_come_with_their_frames(monkeypatch: pytest.Mon
     messages = [(step, {"/lidar": SimpleNamespace(read=lambda step=step: step)}) for step in boxes]
     source = SimpleNamespace(messages_by_step=lambda wanted: messages if wanted == {"/lidar"} else [])
     replaced: dict[str, Any] = {
-        "_open3d": lambda: None,
+        "import_module": lambda _: None,
         "open_source": lambda _: nullcontext(source),
         "lidar_of": lambda _: SimpleNamespace(topic="/lidar"),
         "from_point_cloud": lambda step: step,

@@ -56,8 +56,9 @@ def compiled(function: Function) -> Function:
     """Compile a loop over arrays at its first call; IEEE arithmetic in the written order, without the GIL.
 
     The cached code contains the compiled functions that it calls and the values of constants, also those of other
-    files; numba looks for changes in the function's own file alone. The name of the cache therefore contains a hash of
-    everything taken from other files. Import such functions by name: a module's attribute is not seen.
+    files, and the order of the fields of named tuples; numba looks for changes in the function's own file alone. The
+    name of the cache therefore contains a hash of everything taken from other files. Import such functions by name: a
+    module's attribute is not seen.
     """
     if taken := _taken(function):
         function.__qualname__ += "_" + hashlib.blake2b("\n".join(taken).encode(), digest_size=6).hexdigest()
@@ -66,15 +67,17 @@ def compiled(function: Function) -> Function:
 
 
 def _taken(function: Callable[..., Any]) -> list[str]:
-    """What compiled code contains besides the function itself: functions that it calls, and constants."""
+    """What compiled code contains besides the function itself: functions, constants, and the fields of named tuples."""
     parts = []
     names = function.__globals__
-    for name in function.__code__.co_names:
-        value = names.get(name)
+    named: dict[str, Any] = {name: names.get(name) for name in function.__code__.co_names}
+    for name, value in (named | function.__annotations__).items():
         if isinstance(value, Dispatcher):
             parts += [name, _content(value.py_func.__code__.co_filename), *_taken(value.py_func)]
         elif isinstance(value, _FROZEN):
             parts.append(f"{name} {value!r}")
+        elif hasattr(value, "_fields"):
+            parts.append(f"{name} {value._fields}")
     return parts
 
 

@@ -110,9 +110,8 @@ class FleetState:
             left_hand=left_hand,
             walks=np.empty(0, np.bool_),
         )
-        before, flags = (fleet.bodies.columns, fleet.tracker.columns, np.empty((5, 0))), np.empty(0, np.bool_)
-        asked, owners = (none, none, none, flags), (fleet.owner, fleet.owner, flags)
-        _one_step(before, asked, owners, fleet.table.records, (DEFAULT_GAINS, _SUBSTEPS, fleet.walks))
+        orders = Orders(fleet.owner, none, none, none, fleet.walks, fleet.owner, fleet.owner)
+        _one_step(*_before(fleet), np.empty((5, 0)), orders, fleet.walks, DEFAULT_GAINS, _SUBSTEPS)
         return fleet
 
 
@@ -214,16 +213,16 @@ def _step(
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
     brought_back = np.isin(fleet.actor_id, realigned) if realigned else np.zeros(len(traffic), dtype=np.bool_)
-    owners = orders.owner, fleet.owner, brought_back & (orders.owner != _ROS)
-    bodies, tracker = _move(fleet, traffic, orders, owners)
+    brought_back &= orders.owner != _ROS
+    bodies, tracker = _move(fleet, traffic, orders, brought_back)
     if realigned:
         theirs = TrackerState.at(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad)
-        tracker = TrackerState.where(owners[2], theirs, tracker)
+        tracker = TrackerState.where(brought_back, theirs, tracker)
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
     bodies, contacts, touching = _after_contacts(fleet, bodies)
-    states = _states(fleet, traffic, orders, bodies, owners)
+    states = _states(fleet, traffic, orders, bodies, brought_back)
     sirens, sounding = _siren_changes(state, states)
     collisions = tuple(
         Event(traffic.step, EventKind.COLLISION, *contact[:4], {"impact_speed_mps": contact.impact_speed_mps})
@@ -253,35 +252,40 @@ def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[Ve
 
 
 def _move(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, owners: tuple[Codes, Codes, Flags]
+    fleet: FleetState, traffic: TrafficState, orders: Orders, brought_back: Flags
 ) -> tuple[BodyState, TrackerState]:
-    """Bodies and tracker at this step; ``owners`` are the present and previous ones, and who was realigned in SUMO."""
+    """Bodies and tracker at this step; those brought back are SUMO's whose vehicle in SUMO was moved to its pose."""
     sumo = np.array((
         *(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad, traffic.sumo_speed_mps, traffic.sumo_accel_mps2),
     ))  # fmt: skip
-    asked = orders.throttle, orders.brake, orders.steer_rad, orders.hand_brake
-    before = fleet.bodies.columns, fleet.tracker.columns, sumo
-    how = DEFAULT_GAINS, _SUBSTEPS, fleet.walks
-    bodies, tracker = _one_step(before, asked, owners, fleet.table.records, how)
+    bodies, tracker = _one_step(*_before(fleet), sumo, orders, brought_back, DEFAULT_GAINS, _SUBSTEPS)
     return BodyState.of_columns(bodies), TrackerState.of_columns(tracker)
+
+
+def _before(fleet: FleetState) -> tuple[Floats, Floats, Codes, Records, Flags]:
+    """What ``_one_step`` takes of a fleet."""
+    return fleet.bodies.columns, fleet.tracker.columns, fleet.owner, fleet.table.records, fleet.walks
 
 
 @compiled
 def _one_step(
-    before: tuple[Floats, Floats, Floats],
-    asked: tuple[Floats, Floats, Floats, Flags],
-    owners: tuple[Codes, Codes, Flags],
+    bodies: Floats,
+    tracker: Floats,
+    owner_before: Codes,
     records: Records,
-    how: tuple[TrackerGains, int, Flags],
+    walks: Flags,
+    reference: Floats,
+    orders: Orders,
+    brought_back: Flags,
+    gains: TrackerGains,
+    count: int,
 ) -> tuple[Floats, Floats]:
-    """Columns of bodies and tracker one step later; ``how`` has the tracker's gains, substeps, and who is a pedestrian.
+    """Columns of bodies and tracker one step later, by ``count`` substeps; ``reference`` is what SUMO reports.
 
     Those who are driven do what is asked of them. The others follow SUMO; those who have just been handed back roll on.
     """
-    gains, count, walks = how
-    (bodies, tracker, reference), (throttle, brake, steer_rad, hand_brake) = before, asked
-    (owner, owner_before, brought_back), n = owners, len(records)
-    after, controls, driven = np.empty_like(bodies), np.zeros((6, n)), owner == _ROS
+    n = len(records)
+    after, controls, driven = np.empty_like(bodies), np.zeros((6, n)), orders.owner == _ROS
     handed_back = ((owner_before == _ROS) & ~driven) | brought_back
     for k in range(n):
         if handed_back[k]:
@@ -297,8 +301,8 @@ def _one_step(
         controls[ASKED_HAND_BRAKE, k] = 0.0
         controls[QUICKNESS, k], controls[DRIVE_FACTOR, k] = gains.quickness, gains.drive_factor
         if driven[k]:
-            controls[ASKED_THROTTLE, k], controls[ASKED_BRAKE, k] = throttle[k], brake[k]
-            controls[ASKED_STEER, k], controls[ASKED_HAND_BRAKE, k] = steer_rad[k], hand_brake[k]
+            controls[ASKED_THROTTLE, k], controls[ASKED_BRAKE, k] = orders.throttle[k], orders.brake[k]
+            controls[ASKED_STEER, k], controls[ASKED_HAND_BRAKE, k] = orders.steer_rad[k], orders.hand_brake[k]
             controls[QUICKNESS, k], controls[DRIVE_FACTOR, k] = 1.0, 1.0
     advance(bodies, controls, records, walks, count, STEP_S / count, after)
     walk(bodies, reference, walks, STEP_S, after)
@@ -331,10 +335,12 @@ def _struck(fleet: FleetState, contacts: tuple[Contact, ...]) -> set[int]:
 
 
 def _states(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, owners: tuple[Codes, Codes, Flags]
+    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, brought_back: Flags
 ) -> ActorStates:
-    sumo, columns = (traffic.sumo_x_m, traffic.sumo_y_m), bodies.columns
-    lights, vx_mps, vy_mps, residual_m = _shown(columns, sumo, orders.lights, owners, fleet.table.records, _BRAKE_LIGHT)
+    sumo_m, records = (traffic.sumo_x_m, traffic.sumo_y_m), fleet.table.records
+    lights, vx_mps, vy_mps, residual_m = _shown(
+        bodies.columns, *sumo_m, orders, fleet.owner, brought_back, records, _BRAKE_LIGHT
+    )
     lights[fleet.walks] = 0
     of_bodies: dict[str, Any] = {name: getattr(bodies, name) for name in _OF_BODIES}
     return ActorStates(
@@ -354,9 +360,11 @@ def _states(
 @compiled
 def _shown(
     bodies: Floats,
-    sumo: tuple[Floats, Floats],
-    lights: Codes,
-    owners: tuple[Codes, Codes, Flags],
+    sumo_x_m: Floats,
+    sumo_y_m: Floats,
+    orders: Orders,
+    owner_before: Codes,
+    brought_back: Flags,
     records: Records,
     brake_light: np.uint8,
 ) -> tuple[Codes, Floats, Floats, Floats]:
@@ -364,7 +372,7 @@ def _shown(
 
     The distance is 0 for those whose pose SUMO mirrors.
     """
-    shown, n, (owner, owner_before, brought_back) = lights.copy(), len(lights), owners
+    shown, n = orders.lights.copy(), len(records)
     vx_mps, vy_mps, residual_m = np.empty(n), np.empty(n), np.zeros(n)
     for k in range(n):
         cos, sin = np.cos(bodies[YAW, k]), np.sin(bodies[YAW, k])
@@ -372,8 +380,8 @@ def _shown(
         vx_mps[k], vy_mps[k] = forward * cos - left * sin, forward * sin + left * cos
         if bodies[BRAKE, k] > BRAKE_LIGHT_PEDAL or bodies[ACCEL, k] < -BRAKE_LIGHT_DECEL_MPS2:
             shown[k] |= brake_light
-        if owner[k] != _ROS and (owner_before[k] != _ROS or brought_back[k]):
-            residual_m[k] = np.hypot(sumo[X][k] - bodies[X, k], sumo[Y][k] - bodies[Y, k])
+        if orders.owner[k] != _ROS and (owner_before[k] != _ROS or brought_back[k]):
+            residual_m[k] = np.hypot(sumo_x_m[k] - bodies[X, k], sumo_y_m[k] - bodies[Y, k])
     return shown, vx_mps, vy_mps, residual_m
 
 

@@ -1,8 +1,7 @@
 """Merges the controllers' commands into one row per actor; contradictions are errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +22,7 @@ _OWNER, _MODE, _LIGHTS = range(3)
 """Rows of codes."""
 
 
-@dataclass(frozen=True)
-class Orders:
+class Orders(NamedTuple):
     """Commands for all actors at one step; rows as in ``TrafficState``."""
 
     owner: Codes

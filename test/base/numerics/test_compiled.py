@@ -56,6 +56,29 @@ def test_changes_in_another_file_are_seen(tmp_path):
     assert {path.name for path in (tmp_path / "__pycache__").glob("caller.answer*.nbi")} == cached
 
 
+_NAMED = """
+    from parts import Range
+    from siren_ros.base.numerics.compiled import compiled
+
+    @compiled
+    def lowest(values: Range) -> float:
+        return values.low
+
+    print(lowest(Range(low=1.0, high=2.0)))
+"""
+
+
+def test_another_order_of_named_fields_is_seen(tmp_path):
+    (tmp_path / "named.py").write_text(textwrap.dedent(_NAMED))
+    for fields in ("low: float\n    high: float", "high: float\n    low: float"):
+        (tmp_path / "parts.py").write_text(
+            f"from typing import NamedTuple\n\n\nclass Range(NamedTuple):\n    {fields}\n"
+        )
+        command = [sys.executable, "-B", "named.py"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert float(done.stdout) == 1.0
+
+
 @compiled
 def _sum(values):
     total = 0.0

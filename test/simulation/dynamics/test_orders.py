@@ -63,7 +63,7 @@ def _empty(source):
 def test_who_was_in_contact_brakes_with_its_wheels_as_they_are_and_the_others_do_as_they_are_told():
     asked = {"throttle": 0.4, "brake": 0.1, "steer": 0.3, "mode": Mode.ROUTE_FOLLOW, "lights": Lights.SIREN}
     command = stacked(*(command_of(3, i, **asked) for i in ROWS))
-    orders = replace(merge_commands(traffic_of(3, ROWS), [command]), hand_brake=np.ones(3, bool))
+    orders = merge_commands(traffic_of(3, ROWS), [command])._replace(hand_brake=np.ones(3, bool))
     present = np.array([0.01, -0.02, 0.03])
     ids = np.array([2, 5, 9], np.uint32)
     stopped = stopped_orders(orders, ids, (5, 77), present)

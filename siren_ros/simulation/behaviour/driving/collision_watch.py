@@ -1,7 +1,7 @@
 """Collision handling: limits a driver's speed for vehicles ahead on its path and for those whose paths meet it."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from siren_ros.simulation.behaviour.driving.step_view import (
     SEEN_SQUARE,
     Surroundings,
 )
-from siren_ros.simulation.behaviour.paths.curve import LineArrays, nearest_point
+from siren_ros.simulation.behaviour.paths.curve import Curve, nearest_point
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
 from siren_ros.simulation.conflicts.yielding import Approach, Bends, Margins, least_wait
@@ -65,10 +65,20 @@ _OTHERS_MOST_M: Final = 60.0
 """Largest distance of that prediction."""
 ROLLING_MPS: Final = 0.3
 """Slower vehicles stop without further braking."""
-_Own = tuple[int, float, float, float]
-"""The driver as compiled code takes it: row, progress, target speed and reach of ``CollisionWatch``."""
-_Keeps = tuple[float, float, float, float]
-"""What the driver keeps: side margin, gap at a standstill, comfortable deceleration and headway of ``Navigation``."""
+
+
+class _Driver(NamedTuple):
+    """The driver as compiled code takes it: fields of ``CollisionWatch``, then of its ``Navigation``."""
+
+    row: int
+    progress_m: float
+    target_mps: float
+    reach_m: float
+    side_margin_m: float
+    standstill_gap_m: float
+    comfort_brake_mps2: float
+    headway_s: float
+    own_accel_mps2: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +109,9 @@ class CollisionWatch:
         Actors that stand or move along the path are leaders at constant speed along it, also those that drift into it;
         those that cross it belong to ``meetings``. The safe speed is Krauss's (``safe_following_mps``).
         """
-        seen, config = self.seen, self.config
-        keeps = config.side_margin_m, config.standstill_gap_m, config.comfort_brake_mps2, config.headway_s
-        own = self.row, self.progress_m, self.target_mps, self.reach_m
+        seen = self.seen
         ways = _UNKNOWN if seen.outlook is None else seen.outlook.ways
-        worst, speed, brake, gap_m = _strictest_leader(seen.bodies, self.path.curve.line, own, ways, keeps)
-        return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), gap_m)
+        return self._limit(_strictest_leader(seen.bodies, self.path.curve, self._driver, ways))
 
     def meetings(self, *, leaders: bool = True) -> SpeedLimit | None:
         """Limit for the most restrictive vehicle that the driver must let pass; None if there is none.
@@ -112,14 +119,24 @@ class CollisionWatch:
         With ``leaders``, vehicles that lead on the path count too: one whose rear is beside the driver's front already
         is no leader on the path, but may turn into it.
         """
-        seen, config, path = self.seen, self.config, self.path
+        seen, path = self.seen, self.path
         ways, rights = _straight_on(seen) if seen.outlook is None else (seen.outlook.ways, seen.outlook.rights)
-        limits = config.side_margin_m, config.own_accel_mps2, config.comfort_brake_mps2
-        own = self.row, self.progress_m, self.target_mps, self.reach_m
-        line = path.curve.points, path.curve.spacing_m, path.times_s
+        bends, margins = Bends(path.times_s, path.curve.spacing_m, self.progress_m), self.config.conflicts
         who = seen.bodies, seen.is_emv
-        worst, speed, brake, free_m = _strictest_wait(who, ways, rights, line, own, leaders, limits, config.conflicts)
-        return None if worst < 0 else SpeedLimit(speed, brake, int(seen.actor_id[worst]), free_m)
+        return self._limit(
+            _strictest_wait(*who, ways, rights, path.curve.points, bends, self._driver, leaders, margins)
+        )
+
+    @property
+    def _driver(self) -> _Driver:
+        own, keeps = (self.row, self.progress_m, self.target_mps, self.reach_m), self.config
+        gaps = keeps.side_margin_m, keeps.standstill_gap_m
+        return _Driver(*own, *gaps, keeps.comfort_brake_mps2, keeps.headway_s, keeps.own_accel_mps2)
+
+    def _limit(self, found: SpeedLimit) -> SpeedLimit | None:
+        """A limit with the actor's id in place of its row; None without one."""
+        row = found.blocker_id
+        return None if row < 0 else found._replace(blocker_id=int(self.seen.actor_id[row]))
 
 
 def _straight_on(seen: Surroundings) -> tuple[Ways, Rights]:
@@ -144,34 +161,34 @@ def _leads(
     bodies: Floats,
     other: int,
     from_middle_m: float,
-    line: LineArrays,
-    window: tuple[int, int],
-    own: tuple[float, float, float],
+    curve: Curve,
+    first: int,
+    end: int,
+    driver: _Driver,
     ways: Ways,
-    side_margin_m: float,
 ) -> tuple[bool, float, float, bool]:
-    """Whether a vehicle is ahead in the corridor that another sweeps; its gap and speed along the path.
+    """Whether a vehicle leads, its gap and speed along the path, and whether it meets what the driver sweeps.
 
-    Whether they meet.
+    A vehicle leads that is ahead in the corridor of the driver.
 
     ``from_middle_m`` says which part of the vehicle is looked at, as a vehicle of its own, by the part's middle: the
-    path turns along a long vehicle. It is looked at between two of its points, the ``window``.
+    path turns along a long vehicle. The path is looked at from its point ``first`` until ``end``.
     """
-    (_, heading_rad, curvature_1pm, _), (progress_m, own_length, own_width) = line, own
+    own_length, own_width = bodies[SEEN_HALF_LENGTH, driver.row], bodies[SEEN_HALF_WIDTH, driver.row]
     x_m = bodies[X, other] + from_middle_m * bodies[SEEN_COS, other]
     y_m = bodies[Y, other] + from_middle_m * bodies[SEEN_SIN, other]
-    s_m, left_m, nearest = nearest_point(line, x_m, y_m, window[0], window[1])
-    if s_m <= progress_m:
+    s_m, left_m, nearest = nearest_point(curve, x_m, y_m, first, end)
+    if s_m <= driver.progress_m:
         return False, 0.0, 0.0, False
     speed, half_width = bodies[SEEN_SPEED, other], bodies[SEEN_HALF_WIDTH, other]
     half_length = min(bodies[SEEN_HALF_LENGTH, other], _PART_HALF_LENGTH_M)
-    turned = bodies[YAW, other] - heading_rad[nearest]
+    turned = bodies[YAW, other] - curve.heading_rad[nearest]
     along, across = np.cos(turned), np.sin(turned)
     extent = abs(along) * half_length + abs(across) * half_width
     side = abs(across) * half_length + abs(along) * half_width
-    swept = own_width + 0.5 * abs(curvature_1pm[nearest]) * own_length**2
-    corridor = swept + side_margin_m
-    gap = s_m - extent - (progress_m + own_length)
+    swept = own_width + 0.5 * abs(curve.curvature_1pm[nearest]) * own_length**2
+    corridor = swept + driver.side_margin_m
+    gap = s_m - extent - (driver.progress_m + own_length)
     beside = abs(left_m) - side
     drifted = abs(left_m + _DRIFT_TIME_S * speed * across) - side
     inside = beside < corridor and (gap > -0.5 or beside < own_width)
@@ -188,25 +205,15 @@ def _leads(
 
 
 @compiled
-def _strictest_leader(
-    bodies: Floats,
-    line: LineArrays,
-    own: _Own,
-    ways: Ways,
-    keeps: _Keeps,
-) -> tuple[int, float, float, float]:
-    """The most restrictive leader on a path: its row (−1 without one), safe speed, braking and gap.
+def _strictest_leader(bodies: Floats, curve: Curve, driver: _Driver, ways: Ways) -> SpeedLimit:
+    """The limit for the most restrictive leader on a path; its row, −1 without one, stands for its id.
 
     ``ways`` are the vehicles' ways, row by row, where their courses are known.
     """
-    points, _, _, spacing_m = line
-    row, progress_m, target_mps, reach_m = own
-    own_speed = bodies[SEEN_SPEED, row]
-    own_body = progress_m, bodies[SEEN_HALF_LENGTH, row], bodies[SEEN_HALF_WIDTH, row]
-    side_margin_m, standstill_gap_m, brake_mps2, headway_s = keeps
-    first = min(max(int(progress_m / spacing_m) - 2, 0), len(points) - 2)
-    end = min(first + int(reach_m / spacing_m) + 12, len(points))
-    around_m = reach_m + 8.0
+    row, brake_mps2, own_speed = driver.row, driver.comfort_brake_mps2, bodies[SEEN_SPEED, driver.row]
+    first = min(max(int(driver.progress_m / curve.spacing_m) - 2, 0), len(curve.points) - 2)
+    end = min(first + int(driver.reach_m / curve.spacing_m) + 12, len(curve.points))
+    around_m = driver.reach_m + 8.0
     worst, least, least_gap, needed = -1, np.inf, np.inf, 0.0
     for other in range(bodies.shape[1]):
         dx, dy = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row]
@@ -217,9 +224,7 @@ def _strictest_leader(
         gap, approaching, meets = np.inf, 0.0, False
         for part in range(parts + 1):
             at_m = beyond * (2.0 * part / parts - 1.0) if parts else 0.0
-            leads, part_m, along_mps, touches = _leads(
-                bodies, other, at_m, line, (first, end), own_body, ways, side_margin_m
-            )
+            leads, part_m, along_mps, touches = _leads(bodies, other, at_m, curve, first, end, driver, ways)
             if leads:
                 meets = meets or touches
                 if part_m < gap:
@@ -227,25 +232,26 @@ def _strictest_leader(
         if gap == np.inf:
             continue
         gap, lead = max(gap + _DRIFT_TIME_S * min(approaching, 0.0), 0.0), max(approaching, 0.0)
-        safe = safe_following_mps(lead, max(gap - standstill_gap_m, 0.0), brake_mps2, headway_s)
+        safe = safe_following_mps(lead, max(gap - driver.standstill_gap_m, 0.0), brake_mps2, driver.headway_s)
         if safe < least:
             worst, least, least_gap = other, safe, gap
         if meets:
             closing = max(own_speed - lead, 0.0)
             needed = max(needed, closing * closing / (2.0 * max(gap - 1.0, 0.3)))
-    if least >= target_mps:
-        return -1, least, 0.0, least_gap
-    return worst, least, needed if needed > brake_mps2 and own_speed > 0.3 else 0.0, least_gap
+    if least >= driver.target_mps:
+        worst = -1
+    brake = needed if worst >= 0 and needed > brake_mps2 and own_speed > 0.3 else 0.0
+    return SpeedLimit(least, brake, worst, least_gap)
 
 
 @compiled
-def _approaching(bodies: Floats, own: _Own, reach_m: Floats) -> Rows:
+def _approaching(bodies: Floats, driver: _Driver, reach_m: Floats) -> Rows:
     """Pairs of the driver and moving vehicles that may reach the path, without those that only follow.
 
     Fills in ``reach_m``: how far ahead each one is looked at.
     """
-    row, _, _, own_reach_m = own
-    around_m, cos, sin = own_reach_m + _OTHERS_MOST_M, bodies[SEEN_COS, row], bodies[SEEN_SIN, row]
+    row = driver.row
+    around_m, cos, sin = driver.reach_m + _OTHERS_MOST_M, bodies[SEEN_COS, row], bodies[SEEN_SIN, row]
     pairs, count = np.zeros((bodies.shape[1], 2), np.intp), 0
     for other in range(bodies.shape[1]):
         dx, dy, speed = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row], bodies[SEEN_SPEED, other]
@@ -254,7 +260,7 @@ def _approaching(bodies: Floats, own: _Own, reach_m: Floats) -> Rows:
         reach_m[other] = min(_OTHERS_TIME_S * speed + _OTHERS_MORE_M, _OTHERS_MOST_M)
         along = cos * bodies[SEEN_COS, other] + sin * bodies[SEEN_SIN, other]
         behind = cos * dx + sin * dy < 0.0 and along > _CROSSING_COSINE
-        if np.hypot(dx, dy) <= own_reach_m + reach_m[other] and not behind:
+        if np.hypot(dx, dy) <= driver.reach_m + reach_m[other] and not behind:
             pairs[count, OTHER] = other
             count += 1
     return pairs[:count]
@@ -262,34 +268,31 @@ def _approaching(bodies: Floats, own: _Own, reach_m: Floats) -> Rows:
 
 @compiled
 def _strictest_wait(
-    who: tuple[Floats, Flags],
+    seen: Floats,
+    is_emv: Flags,
     ways: Ways,
     rights: Rights,
-    line: tuple[Points, float, Floats],
-    own: _Own,
+    points: Points,
+    bends: Bends,
+    driver: _Driver,
     leaders: bool,
-    limits: tuple[float, float, float],
-    config: Margins,
-) -> tuple[int, float, float, float]:
-    """The vehicle that makes a driver wait most.
+    margins: Margins,
+) -> SpeedLimit:
+    """The limit for the vehicle that makes a driver wait most; its row, −1 without one, stands for its id.
 
-    It gives the row (−1 without one), the speed, the hardest braking of all, and the free distance.
+    The hardest braking is that for any vehicle. ``points`` and ``bends`` are of the driver's path.
 
-    ``who`` are the bodies and which of them are EMVs, ``line`` is the driver's path. ``limits`` are the side margin,
-    the own acceleration and the comfortable deceleration. No red light makes an EMV wait: of two with the same right of
-    way the one in the first row goes first.
+    No red light makes an EMV wait: of two with the same right of way the one in the first row goes first.
     """
-    seen, is_emv = who
-    (row, progress_m, target_mps, reach_m), (points, spacing_m, times_s) = own, line
-    side_margin_m, accel_mps2, comfort_brake_mps2 = limits
-    worst, least, hardest, free_m = -1, np.inf, 0.0, np.inf
+    row, worst, least, hardest, free_m = driver.row, -1, np.inf, 0.0, np.inf
     bodies = ways.bodies.copy()
-    pairs = _approaching(seen, own, bodies[:, REACH])
+    pairs = _approaching(seen, driver, bodies[:, REACH])
     if len(pairs) == 0:
-        return worst, least, hardest, free_m
+        return SpeedLimit(least, hardest, worst, free_m)
     x_m, y_m, yaw_rad, own_mps = seen[X, row], seen[Y, row], seen[YAW, row], seen[SEEN_SPEED, row]
-    half_length_m, half_width_m = seen[SEEN_HALF_LENGTH, row], seen[SEEN_HALF_WIDTH, row] + side_margin_m
-    body = np.array([[x_m, y_m, yaw_rad, spacing_m, progress_m, 0.0, reach_m, half_length_m, half_width_m, 0.0]])
+    half_length_m, half_width_m = seen[SEEN_HALF_LENGTH, row], seen[SEEN_HALF_WIDTH, row] + driver.side_margin_m
+    spacing_m, place_m, reach_m = bends.spacing_m, bends.place_m, driver.reach_m
+    body = np.array([[x_m, y_m, yaw_rad, spacing_m, place_m, 0.0, reach_m, half_length_m, half_width_m, 0.0]])
     path = Ways(points, np.zeros(1, np.intp), np.full(1, len(points)), body)
     zones = zones_of(path, Ways(ways.points, ways.first, ways.last, bodies), pairs, leaders)
     for p in range(len(pairs)):
@@ -300,19 +303,19 @@ def _strictest_wait(
             continue
         zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
         top = max(limit_at_mps(ways, rights, other, other_in), ROLLING_MPS)
-        bends, no_bends = Bends(times_s, spacing_m, progress_m), Bends(np.empty(0), 1.0, 0.0)
+        no_bends = Bends(np.empty(0), 1.0, 0.0)
         own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
         if is_emv[row] and is_emv[other]:
             own_rank, rank = 2 * own_rank + (row < other), 2 * rank + (other < row)
-        driver = Approach(own_mps, target_mps, accel_mps2, own_rank, bends, 2.0 * half_length_m)
+        comes = Approach(own_mps, driver.target_mps, driver.own_accel_mps2, own_rank, bends, 2.0 * half_length_m)
         approach = Approach(
-            seen[SEEN_SPEED, other], top, config.early_mps2, rank, no_bends, 2.0 * seen[SEEN_HALF_LENGTH, other]
+            seen[SEEN_SPEED, other], top, margins.early_mps2, rank, no_bends, 2.0 * seen[SEEN_HALF_LENGTH, other]
         )
-        speed, brake, free = least_wait(zone, driver, approach, seen[SEEN_SQUARE, other], config)
+        speed, brake, free = least_wait(zone, comes, approach, seen[SEEN_SQUARE, other], margins)
         if speed == np.inf:
             continue
         if worst < 0 or speed < least:
             worst, least, free_m = other, speed, free
-        if brake > comfort_brake_mps2 and own_mps > ROLLING_MPS:
+        if brake > driver.comfort_brake_mps2 and own_mps > ROLLING_MPS:
             hardest = max(hardest, brake)
-    return worst, least, hardest, free_m
+    return SpeedLimit(least, hardest, worst, free_m)

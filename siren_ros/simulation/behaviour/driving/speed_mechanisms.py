@@ -44,7 +44,7 @@ from siren_ros.simulation.behaviour.driving.navigator import (
     steer_along,
 )
 from siren_ros.simulation.behaviour.driving.step_view import SEEN_HALF_LENGTH, SEEN_HALF_WIDTH, SEEN_SPEED, Ego
-from siren_ros.simulation.behaviour.paths.curve import LineArrays, nearest_point
+from siren_ros.simulation.behaviour.paths.curve import Curve, nearest_point
 from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
 from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
 from siren_ros.simulation.conflicts.people import ID, PACE_MPS, Line, Passer, least_wait_for_people
@@ -155,8 +155,8 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     path, config, seen = unit.navigator.path, ego.emv_driver.approach, ego.seen
     if path is None or unit.between:
         return UNLIMITED
-    own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m), SIDE_MARGIN_M
-    alone, allowed = _anticipated(seen.bodies, path.curve.line, own, ALONG_COSINE, approach_limits(config))
+    own = ego.row, unit.navigator.progress_m, ego.far_m(ego.world.constants.leader_query_m)
+    alone, allowed = _anticipated(seen.bodies, path.curve, *own, *approach_limits(config))
     if alone:
         return UNLIMITED
     least = min(allowed, _needed_lane_mps(unit, ego))
@@ -166,22 +166,23 @@ def anticipated_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 @compiled
 def _anticipated(
     bodies: Floats,
-    line: LineArrays,
-    own: tuple[int, float, float, float],
-    along_cosine: float,
-    limits: tuple[float, ...],
+    curve: Curve,
+    row: int,
+    progress_m: float,
+    around_m: float,
+    standstill_gap_m: float,
+    brake_mps2: float,
+    headway_s: float,
 ) -> tuple[bool, float]:
     """Whether no vehicle is near, and the smallest ``approach_speed_mps`` towards those ahead on a path."""
-    points, heading_rad, _, spacing_m = line
-    row, progress_m, around_m, side_margin_m = own
     alone, least = True, np.inf
     for other in range(bodies.shape[1]):
         dx, dy = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row]
         if other == row or dx * dx + dy * dy >= around_m * around_m:
             continue
         alone = False
-        s_m, left_m, nearest = nearest_point(line, bodies[X, other], bodies[Y, other], 0, len(points))
-        turned = bodies[YAW, other] - heading_rad[nearest]
+        s_m, left_m, nearest = nearest_point(curve, bodies[X, other], bodies[Y, other], 0, len(curve.points))
+        turned = bodies[YAW, other] - curve.heading_rad[nearest]
         cos, sin, speed = np.cos(turned), np.sin(turned), bodies[SEEN_SPEED, other]
         gap = (
             s_m
@@ -193,12 +194,14 @@ def _anticipated(
             abs(sin) * bodies[SEEN_HALF_LENGTH, other]
             + abs(cos) * bodies[SEEN_HALF_WIDTH, other]
             + bodies[SEEN_HALF_WIDTH, row]
-            + side_margin_m
+            + SIDE_MARGIN_M
         )
         overlap = inside - abs(left_m)
-        if cos > along_cosine and overlap > 0.0 and gap > 0.0 and s_m < spacing_m * (len(points) - 1):
+        on_line = gap > 0.0 and s_m < curve.spacing_m * (len(curve.points) - 1)
+        if cos > ALONG_COSINE and overlap > 0.0 and on_line:
             leaving = speed * sin * np.sign(left_m)
-            least = min(least, approach_speed_mps(gap, speed * cos, overlap, leaving, limits))
+            limits = standstill_gap_m, brake_mps2, headway_s
+            least = min(least, approach_speed_mps(gap, speed * cos, overlap, leaving, *limits))
     return alone, least
 
 
@@ -214,7 +217,7 @@ def _needed_lane_mps(unit: EmvUnit, ego: Ego) -> float:
     gaps = gaps_in_lane(ego, target) if target != NO_LANE else None
     if gaps is None or not 0.0 < gaps.front_m < math.inf:
         return math.inf
-    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, approach_limits(ego.emv_driver.approach))
+    return approach_speed_mps(gaps.front_m, gaps.front_mps, 1.0, 0.0, *approach_limits(ego.emv_driver.approach))
 
 
 _LEAVING_MIN_MPS: Final = 0.15
@@ -223,29 +226,33 @@ LEAVING_MPS: Final = 0.6
 """Mean lateral speed of a lane change; the present value varies and says little about the end."""
 
 
-def approach_limits(config: AnticipationConfig) -> tuple[float, ...]:
-    """The numbers of a driver as ``approach_speed_mps`` takes them: compiled code knows no config classes."""
-    gaps = config.standstill_gap_m, config.brake_mps2, config.headway_s
-    return *gaps, _LEAVING_MIN_MPS, LEAVING_MPS
+def approach_limits(config: AnticipationConfig) -> tuple[float, float, float]:
+    """The last arguments of ``approach_speed_mps``: compiled code knows no config classes."""
+    return config.standstill_gap_m, config.brake_mps2, config.headway_s
 
 
 @compiled
 def approach_speed_mps(
-    gap_m: float, lead_mps: float, overlap_m: float, leaving_mps: float, limits: tuple[float, ...]
+    gap_m: float,
+    lead_mps: float,
+    overlap_m: float,
+    leaving_mps: float,
+    standstill_gap_m: float,
+    brake_mps2: float,
+    headway_s: float,
 ) -> float:
-    """Speed towards a vehicle ahead; ``limits`` come from ``approach_limits``.
+    """Speed towards a vehicle ahead; the last three arguments come from ``approach_limits``.
 
     The speed is Krauss's safe speed with a gentle deceleration. A vehicle that leaves the path sideways, with
     ``leaving_mps``, may be approached faster: with the mean speed that brings the EMV to the standstill gap behind it
     at the moment at which it has left. ``overlap_m`` is by how much it still overlaps the way of the EMV, ``gap_m`` the
     way from bumper to bumper.
     """
-    standstill_gap_m, brake_mps2, headway_s, leaving_min_mps, mean_leaving_mps = limits
     free = max(gap_m - standstill_gap_m, 0.0)
     safe = safe_following_mps(lead_mps, free, brake_mps2, headway_s)
-    if leaving_mps <= leaving_min_mps:
+    if leaving_mps <= _LEAVING_MIN_MPS:
         return max(safe, 0.0)
-    return max(safe, lead_mps + free / max(overlap_m / mean_leaving_mps, headway_s))
+    return max(safe, lead_mps + free / max(overlap_m / LEAVING_MPS, headway_s))
 
 
 def entry_limit(ego: Ego) -> SpeedLimit:

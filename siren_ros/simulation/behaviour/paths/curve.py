@@ -1,7 +1,6 @@
 """A smooth curve through equally spaced points, with heading and curvature at every point."""
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +15,13 @@ SPACING_M: Final = 1.0
 SMOOTHING_M: Final = 1.5
 """Standard deviation of the Gaussian that smooths the corners of lane centre lines."""
 _NEAREST_ITERATIONS: Final = 3
-LineArrays = tuple[Points, Floats, Floats, float]
-"""``Curve.line``."""
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Points of shape ``(K, 2)`` at a uniform ``spacing_m``; arrays of shape ``(K,)`` have a value per point."""
+class Curve(NamedTuple):
+    """Points of shape ``(K, 2)`` at a uniform ``spacing_m``; arrays of shape ``(K,)`` have a value per point.
+
+    Compiled loops take a curve as it is.
+    """
 
     points: npt.NDArray[np.float64]
     spacing_m: float
@@ -47,11 +46,6 @@ class Curve:
     def length_m(self) -> float:
         """Length of the whole curve."""
         return self.spacing_m * (len(self.points) - 1)
-
-    @property
-    def line(self) -> LineArrays:
-        """Points, headings, curvatures and spacing as arguments of compiled loops."""
-        return self.points, self.heading_rad, self.curvature_1pm, self.spacing_m
 
     def place(self, s_m: float) -> tuple[float, float, float, float]:
         """``(x, y, heading, curvature)`` at an arc length; straight on before the start and after the end."""
@@ -82,7 +76,7 @@ class Curve:
         """
         s, left, nearest = np.empty(len(x_m)), np.empty(len(x_m)), np.empty(len(x_m), np.intp)
         end = len(self.points) if last is None else min(last, len(self.points))
-        _project(self.line, x_m, y_m, first, end, s, left, nearest)
+        _project(self, x_m, y_m, first, end, s, left, nearest)
         return s, left, nearest
 
     def project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -173,9 +167,9 @@ def _nearest(
 
 
 @compiled
-def nearest_point(line: LineArrays, x_m: float, y_m: float, first: int, end: int) -> tuple[float, float, int]:
-    """``Curve.project`` of one place for compiled loops; ``line`` is ``Curve.line``."""
-    points, heading_rad, curvature_1pm, spacing_m = line
+def nearest_point(curve: Curve, x_m: float, y_m: float, first: int, end: int) -> tuple[float, float, int]:
+    """``Curve.project`` of one place for compiled loops."""
+    points = curve.points
     best, best_square = first, np.inf
     for k in range(first, end):
         dx, dy = x_m - points[k, X], y_m - points[k, Y]
@@ -183,16 +177,16 @@ def nearest_point(line: LineArrays, x_m: float, y_m: float, first: int, end: int
         if square < best_square:
             best, best_square = k, square
     dx, dy = x_m - points[best, X], y_m - points[best, Y]
-    cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
+    cos, sin = np.cos(curve.heading_rad[best]), np.sin(curve.heading_rad[best])
     left = cos * dy - sin * dx
-    along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
-    return best * spacing_m + along, left, best
+    along = (cos * dx + sin * dy) / max(1.0 - curve.curvature_1pm[best] * left, 0.2)
+    return best * curve.spacing_m + along, left, best
 
 
 @compiled
 def _project(
-    line: LineArrays, xs_m: Floats, ys_m: Floats, first: int, end: int, s_m: Floats, left_m: Floats, nearest: Rows
+    curve: Curve, xs_m: Floats, ys_m: Floats, first: int, end: int, s_m: Floats, left_m: Floats, nearest: Rows
 ) -> None:
     """Compute arc length, offset and nearest curve point of each place."""
     for n in range(nearest.shape[0]):
-        s_m[n], left_m[n], nearest[n] = nearest_point(line, xs_m[n], ys_m[n], first, end)
+        s_m[n], left_m[n], nearest[n] = nearest_point(curve, xs_m[n], ys_m[n], first, end)

@@ -9,7 +9,7 @@ its drivers are slowed here by the same rule by which the outside ones are drive
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import libsumo
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import YAW, compiled
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.simulation.conflicts.course import CourseBook, Outlook, Places, Rights, limit_at_mps, rank_at
+from siren_ros.simulation.conflicts.course import CourseBook, Outlook, Rights, limit_at_mps, rank_at
 from siren_ros.simulation.conflicts.people import ID, NOBODY, Line, Outlines, Passer, least_wait_for_people, outlines_of
 from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Margins, Wait, least_wait
 from siren_ros.simulation.conflicts.zones import (
@@ -59,8 +59,6 @@ _LOOK_M: Final = 1.0
 _BY_SUMO: Final = int(Owner.SUMO)
 _SPEED, _BRAKE, _FREE = range(3)
 """Columns of waits, as the fields of ``Wait``."""
-Limits = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], tuple[Margins, Margins]]
-"""Limits of ``cautions``: what is near, what is late, how others cross, and the margins at conflicts."""
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
 
 
@@ -102,6 +100,28 @@ _SLOWING_MPS2: Final = -0.3
 """A driver who brakes harder is taken to go on braking."""
 
 
+class Drivers(NamedTuple):
+    """All vehicles of a step as compiled code takes them, row by row those of ``TrafficState``."""
+
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    speed_mps: Floats
+    """Of SUMO's own vehicles the speed that SUMO has for them."""
+    accel_mps2: Floats
+    half_length_m: Floats
+    inside: Flags
+    """Whether SUMO drives a vehicle."""
+    counts: Flags
+    """Whether it counts wherever it is near: it is driven from outside, or on a junction."""
+    held: Flags
+    """Whether its driver waited at the step before."""
+    blind: Flags
+    """Whether its driver does not see vehicles from outside that come across."""
+    rides: Flags
+    """Whether its driver is a rider."""
+
+
 def cautions(
     traffic: TrafficState,
     outlook: Outlook,
@@ -122,15 +142,14 @@ def cautions(
         The strictest wait of each, sorted by actor.
     """
     ids = traffic.actor_id
-    drivers = outlook.half_length_m, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
-    speeds = traffic.speed_mps, traffic.sumo_speed_mps, traffic.sumo_accel_mps2
-    state = traffic.owner, traffic.flags, (traffic.x_m, traffic.y_m, traffic.yaw_rad), speeds
-    near = WAYS_AHEAD_S, WAYS_MORE_M, WAYS_FAR_M, ROLLING_MPS, BESIDE_M
-    late = _BEHIND_M, _FIRM_MPS2, _GENTLE_MPS2
-    across = _MARGIN_M, _SUMO_ACCEL_MPS2, _SLOWING_MPS2
-    limits = near, late, across, (_TOWARDS_OUTSIDERS, AMONG_THEMSELVES)
-    order = np.argsort(traffic.x_m, kind="stable")
-    pairs, waits = _strictest_waits(state, order, drivers, outlook.ways, outlook.rights, limits, 2.0)
+    inside = traffic.owner == _BY_SUMO
+    counts = ~inside | ((traffic.flags & _ON_JUNCTION) != 0)
+    poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
+    speed_mps = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
+    flags = inside, counts, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
+    drivers = Drivers(*poses, speed_mps, traffic.sumo_accel_mps2, outlook.half_length_m, *flags)
+    order, margins = np.argsort(traffic.x_m, kind="stable"), (_TOWARDS_OUTSIDERS, AMONG_THEMSELVES)
+    pairs, waits = _strictest_waits(drivers, order, outlook.ways, outlook.rights, *margins, 2.0)
     found = zip(ids[pairs].tolist(), waits.tolist(), strict=True) if len(pairs) else ()
     return tuple(Caution(actor_id, other_id, Wait(*wait)) for (actor_id, other_id), wait in found)
 
@@ -145,33 +164,23 @@ def _flags(ids: Ids, members: Collection[int]) -> Flags:
 
 
 @compiled
-def near_pairs(
-    poses: tuple[Floats, Floats, Floats, Floats],
-    order: Rows,
-    speed_mps: Floats,
-    half_length_m: Floats,
-    inside: Flags,
-    counts: Flags,
-    limits: tuple[float, ...],
-) -> Rows:
+def near_pairs(drivers: Drivers, order: Rows) -> Rows:
     """Pairs of a vehicle of SUMO and another one, shape ``(P, 2)``, that counts or crosses in reach, or is close ahead.
 
-    ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` those of the drivers.
     Vehicles are looked at in the ``order`` of x, so that the work grows with the neighbours and not with all.
     """
-    x_m, y_m, cos, sin = poses
-    _, more_m, far_m, _, beside_m = limits
-    n = len(x_m)
+    x_m, y_m, speed_mps, n = drivers.x_m, drivers.y_m, drivers.speed_mps, len(order)
+    cos, sin = np.cos(drivers.yaw_rad), np.sin(drivers.yaw_rad)
     place = np.empty(n, np.intp)
     for k in range(n):
         place[order[k]] = k
-    widest = beside_m + (half_length_m.max() if n else 0.0)
+    widest = BESIDE_M + (drivers.half_length_m.max() if n else 0.0)
     pairs, begin = np.empty((8 * n + 8, 2), np.intp), 0
     count = 0
     for row in range(n):
-        if not inside[row]:
+        if not drivers.inside[row]:
             continue
-        farthest = max(far_m, speed_mps[row] + more_m + widest) + 1.0
+        farthest = max(WAYS_FAR_M, speed_mps[row] + WAYS_MORE_M + widest) + 1.0
         first, last = place[row], place[row] + 1
         while first > 0 and x_m[row] - x_m[order[first - 1]] < farthest:
             first -= 1
@@ -183,8 +192,8 @@ def near_pairs(
             dx, dy = x_m[other] - x_m[row], y_m[other] - y_m[row]
             if other == row or abs(dy) > farthest:
                 continue
-            pose = dx, dy, cos[row], sin[row], cos[other], sin[other]
-            if _is_near(pose, speed_mps[row], speed_mps[other], half_length_m[other], counts[other], limits):
+            own, their = (cos[row], sin[row], speed_mps[row]), (cos[other], sin[other], speed_mps[other])
+            if _is_near(dx, dy, *own, *their, drivers.half_length_m[other], drivers.counts[other]):
                 if count == len(pairs):
                     pairs = np.concatenate((pairs, np.empty_like(pairs)))
                 _insert(pairs, begin, count, row, other)
@@ -204,30 +213,32 @@ def _insert(pairs: Rows, begin: int, end: int, row: int, other: int) -> None:
 
 @compiled
 def _is_near(
-    pose: tuple[float, ...],
+    dx_m: float,
+    dy_m: float,
+    cos: float,
+    sin: float,
     own_mps: float,
+    other_cos: float,
+    other_sin: float,
     other_mps: float,
     half_length_m: float,
     counts: bool,
-    limits: tuple[float, ...],
 ) -> bool:
-    """Whether a pair is near; ``pose`` holds the way to the other one, and the directions of both.
+    """Whether a pair is near, by the way to the other one, the directions and speeds of both, and the other's length.
 
     Long vehicles at an angle reach far aside: the tail of a bus that changes lanes. Maps have roads that cross before
     their junction begins; so crossing does not ask where it happens.
     """
-    dx, dy, cos, sin, other_cos, other_sin = pose
-    ahead_s, more_m, far_m, rolling_mps, beside_m = limits
-    apart = np.hypot(dx, dy)
-    reach = min(ahead_s * (own_mps + other_mps) + 2.0 * more_m, far_m)
-    ahead = cos * dx + sin * dy
+    apart = np.hypot(dx_m, dy_m)
+    reach = min(WAYS_AHEAD_S * (own_mps + other_mps) + 2.0 * WAYS_MORE_M, WAYS_FAR_M)
+    ahead = cos * dx_m + sin * dy_m
     if apart < reach:
         along = abs(cos * other_cos + sin * other_sin)
-        cross = own_mps > rolling_mps and other_mps > rolling_mps and along < SAME_DIRECTION and ahead > -more_m
-        if counts or cross:
+        moving = own_mps > ROLLING_MPS and other_mps > ROLLING_MPS
+        if counts or (moving and along < SAME_DIRECTION and ahead > -WAYS_MORE_M):
             return True
-    if 0.0 < ahead < own_mps + more_m:
-        return abs(cos * dy - sin * dx) < beside_m + half_length_m * abs(cos * other_sin - sin * other_cos)
+    if 0.0 < ahead < own_mps + WAYS_MORE_M:
+        return abs(cos * dy_m - sin * dx_m) < BESIDE_M + half_length_m * abs(cos * other_sin - sin * other_cos)
     return False
 
 
@@ -272,13 +283,24 @@ def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[floa
 
 
 @compiled
+def _widened(ways: Ways, drivers: Drivers) -> Ways:
+    """The ways as far as they are looked at, with wider bodies of those who are driven from outside."""
+    bodies = ways.bodies.copy()
+    for row in range(len(bodies)):
+        bodies[row, REACH] = WAYS_AHEAD_S * drivers.speed_mps[row] + WAYS_MORE_M
+        if not drivers.inside[row]:
+            bodies[row, HALF_WIDTH] += _MARGIN_M
+    return Ways(ways.points, ways.first, ways.last, bodies)
+
+
+@compiled
 def _strictest_waits(
-    state: tuple[Codes, Codes, Places, Places],
+    drivers: Drivers,
     order: Rows,
-    drivers: tuple[Floats, Flags, Flags, Flags],
     ways: Ways,
     rights: Rights,
-    limits: Limits,
+    outsiders: Margins,
+    themselves: Margins,
     square: float,
 ) -> tuple[Rows, Floats]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
@@ -287,28 +309,15 @@ def _strictest_waits(
     SUMO handles, and those from outside that come across the way of a driver who does not look.
     A rider and another one who are beside each other do not go on together where their ways lead to the same place.
 
-    ``state`` and ``drivers`` hold arrays over all vehicles, ``order`` their rows by x, ``limits`` fields of
-    ``cautions``. ``square`` is 2: by a constant, speeds would be squared with another last bit than Python's.
+    ``order`` are the rows by x. The margins are those towards vehicles from outside, and among SUMO's own. ``square``
+    is 2: by a constant, speeds would be squared with another last bit than Python's.
     """
-    owner, flags, (x_m, y_m, yaw_rad), (simulated_mps, sumo_mps, accel_mps2) = state
-    half_length_m, held, blind, rides = drivers
-    near, (behind_m, firm_mps2, gentle_mps2), (margin_m, accelerating_mps2, slowing_mps2), margins = limits
-    n, bodies = len(owner), ways.bodies.copy()
-    inside, counts, speed_mps, accel = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n), np.empty(n)
-    for row in range(n):
-        inside[row] = owner[row] == _BY_SUMO
-        counts[row] = not inside[row] or (flags[row] & _ON_JUNCTION) != 0
-        speed_mps[row] = sumo_mps[row] if inside[row] else simulated_mps[row]
-        accel[row] = max(accel_mps2[row], 0.0) if held[row] else accel_mps2[row]
-        bodies[row, REACH] = near[0] * speed_mps[row] + near[1]
-        if not inside[row]:
-            bodies[row, HALF_WIDTH] += margin_m
-    poses = x_m, y_m, np.cos(yaw_rad), np.sin(yaw_rad)
-    pairs = near_pairs(poses, order, speed_mps, half_length_m, inside, counts, near)
-    widened = Ways(ways.points, ways.first, ways.last, bodies)
+    held, rides, n = drivers.held, drivers.rides, len(order)
+    inside, speed_mps = drivers.inside, drivers.speed_mps
+    widened, pairs = _widened(ways, drivers), near_pairs(drivers, order)
     zones = search_among(widened, pairs)
     _agree_on_entries(pairs, zones, inside)
-    _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * firm_mps2) + behind_m + _LOOK_M)
+    _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * _FIRM_MPS2) + _BEHIND_M + _LOOK_M)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
     for p in range(len(pairs)):
         row, other = pairs[p, OWN], pairs[p, OTHER]
@@ -316,23 +325,18 @@ def _strictest_waits(
         leads, merges, ridden = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION, rides[row] or rides[other]
         leads = leads or (merges and blocked < np.inf and ridden)
         sumos = merges and inside[other] and not ridden
-        if met == 0.0 or (not leads and ((blind[row] and not inside[other]) or sumos)):
+        if met == 0.0 or (not leads and ((drivers.blind[row] and not inside[other]) or sumos)):
             continue
         if leads:
             lead_mps = 0.0 if ridden and blocked <= 0.0 else speed_mps[other]
-            wait = _wait_behind(speed_mps[row], lead_mps, blocked - behind_m)
-            if wait[_FREE] > 0.0 and wait[_BRAKE] <= (gentle_mps2 if held[row] else firm_mps2):
+            wait = _wait_behind(speed_mps[row], lead_mps, blocked - _BEHIND_M)
+            if wait[_FREE] > 0.0 and wait[_BRAKE] <= (_GENTLE_MPS2 if held[row] else _FIRM_MPS2):
                 continue
         else:
             zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
-            own_mps, other_mps, straight = speed_mps[row], speed_mps[other], Bends(np.empty(0), 1.0, 0.0)
-            top = max(limit_at_mps(ways, rights, row, own_in), own_mps)
-            gains = accel[row] if accel[row] < slowing_mps2 else accelerating_mps2
-            own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
-            own = Approach(own_mps, top, gains, own_rank, straight, 2.0 * half_length_m[row])
-            gains = min(accel[other], 0.0)
-            comes = Approach(other_mps, other_mps, gains, rank, straight, 2.0 * half_length_m[other])
-            wait = least_wait(zone, own, comes, other_mps**square, margins[1] if inside[other] else margins[0])
+            own, comes = _approaches(zone, row, other, drivers, ways, rights)
+            margins = themselves if inside[other] else outsiders
+            wait = least_wait(zone, own, comes, speed_mps[other] ** square, margins)
             if wait[_SPEED] == np.inf:
                 continue
         if count == 0 or found[count - 1, OWN] != row:
@@ -342,6 +346,25 @@ def _strictest_waits(
         found[count - 1, OWN], found[count - 1, OTHER] = row, other
         waits[count - 1, _SPEED], waits[count - 1, _BRAKE], waits[count - 1, _FREE] = wait
     return found[:count], waits[:count]
+
+
+@compiled
+def _approaches(
+    zone: Zone, row: int, other: int, drivers: Drivers, ways: Ways, rights: Rights
+) -> tuple[Approach, Approach]:
+    """How a driver and the other vehicle come to the zone where their ways meet.
+
+    A driver who waited at the step before is not expected to slow down.
+    """
+    own_mps, other_mps, straight = drivers.speed_mps[row], drivers.speed_mps[other], Bends(np.empty(0), 1.0, 0.0)
+    top = max(limit_at_mps(ways, rights, row, zone.own_in_m), own_mps)
+    own_rank = rank_at(ways, rights, row, zone.own_in_m)
+    rank = rank_at(ways, rights, other, zone.other_in_m)
+    gains, slows = drivers.accel_mps2[row], min(drivers.accel_mps2[other], 0.0)
+    gains = _SUMO_ACCEL_MPS2 if drivers.held[row] or gains >= _SLOWING_MPS2 else gains
+    slows = 0.0 if drivers.held[other] else slows
+    own = Approach(own_mps, top, gains, own_rank, straight, 2.0 * drivers.half_length_m[row])
+    return own, Approach(other_mps, other_mps, slows, rank, straight, 2.0 * drivers.half_length_m[other])
 
 
 MOST_BRAKE_MPS2: Final = 8.0
@@ -354,7 +377,11 @@ class CautiousDrivers:
     def __init__(self, network: RoadNetwork) -> None:
         self._book, self._crossings = CourseBook(network), outlines_of(network)
         self._slowed: dict[str, int] = {}
-        self._drivers: tuple[Ids, Floats, Floats, list[int], list[int]] | None = None
+        self._actor_id: Ids | None = None
+        """The vehicles that the following holds for: half lengths and widths, and actors who do not look, or ride."""
+        self._half_length_m = self._half_width_m = np.empty(0)
+        self._inattentive: list[int] = []
+        self._riders: list[int] = []
 
     def apply(
         self,
@@ -379,18 +406,16 @@ class CautiousDrivers:
             libsumo.vehicle.setSpeed(name, speed_mps)
         self._slowed = {name: actor_id for name, (actor_id, _) in slowed.items()}
 
-    def _drivers_of(
-        self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]
-    ) -> tuple[Ids, Floats, Floats, list[int], list[int]]:
-        """For the vehicles of a step: actors, half lengths, half widths, inattentive drivers, and riders."""
-        if self._drivers is None or self._drivers[0] is not actor_id:
+    def _know(self, actor_id: Ids, vehicles: Mapping[int, PlannedVehicle]) -> None:
+        """Looks up the vehicles of a step, unless they are those of the step before."""
+        if self._actor_id is not actor_id:
             known = [vehicles[actor] for actor in actor_id.tolist()]
-            half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
+            self._half_length_m = np.array([0.5 * vehicle.length_m for vehicle in known])
             ridden = np.array([vehicle.actor_class in TWO_WHEELED for vehicle in known], np.bool_)
-            half_width_m = np.array([0.5 * vehicle.width_m for vehicle in known]) + np.where(ridden, _SPACE_M, 0.0)
-            inattentive = [actor for actor in actor_id.tolist() if not vehicles[actor].attentive]
-            self._drivers = actor_id, half_length_m, half_width_m, inattentive, actor_id[ridden].tolist()
-        return self._drivers
+            widths_m = np.array([0.5 * vehicle.width_m for vehicle in known])
+            self._half_width_m = widths_m + np.where(ridden, _SPACE_M, 0.0)
+            self._inattentive = [actor for actor in actor_id.tolist() if not vehicles[actor].attentive]
+            self._riders, self._actor_id = actor_id[ridden].tolist(), actor_id
 
     def _speeds(
         self,
@@ -400,10 +425,10 @@ class CautiousDrivers:
         scale_of: Callable[[int], float] = lambda _: 1.0,
     ) -> dict[str, tuple[int, float]]:
         """Actor and ordered speed of each driver who waits, by the vehicle's name."""
-        _, half_length_m, half_width_m, inattentive, riders = self._drivers_of(traffic.actor_id, vehicles)
-        outlook = Outlook(traffic, self._book, half_length_m, half_width_m)
+        self._know(traffic.actor_id, vehicles)
+        outlook = Outlook(traffic, self._book, self._half_length_m, self._half_width_m)
         speeds: dict[str, tuple[int, float]] = {}
-        found = cautions(traffic, outlook, self._slowed.values(), inattentive, riders)
+        found = cautions(traffic, outlook, self._slowed.values(), self._inattentive, self._riders)
         if people.shape[1]:
             found = *found, *self._for_people(traffic, outlook, people)
         for caution in found:

@@ -9,7 +9,7 @@
 from collections.abc import Container, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 import libsumo
 import numpy as np
@@ -64,15 +64,7 @@ class _Rows:
         return rows
 
 
-class _Profile(NamedTuple):
-    """The speeds that bends allow, at each metre of a lane."""
-
-    first: int
-    """Position of its first speed among those of all profiles."""
-    samples: int
-
-
-_NO_PROFILE: Final = _Profile(0, 0)
+_NO_PROFILE: Final = range(0)
 _MOST_PASSED: Final = 64
 """Most places that are remembered along a vehicle; they are at least a metre apart, or on shorter lanes."""
 
@@ -85,8 +77,8 @@ class _Profiles:
         lanes_of = ((*connection.via, connection.to_lane) for connection in network.connections)
         self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
         """The lane that follows each internal lane."""
-        self._of_route: dict[tuple[int, tuple[int, ...]], _Profile] = {}
-        self._of_lanes: dict[tuple[int, ...], _Profile] = {}
+        self._of_route: dict[tuple[int, tuple[int, ...]], range] = {}
+        self._of_lanes: dict[tuple[int, ...], range] = {}
         self._used = 0
         self.speeds_mps = np.empty((2, 0))
         """Of all profiles: that of the bend at a place, and that from which one still slows down for what follows."""
@@ -97,8 +89,8 @@ class _Profiles:
         """The profiles of a map, including those that other episodes on it have computed."""
         return _Profiles(network)
 
-    def of(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
-        """The speeds of a lane, with regard to what follows it on the route."""
+    def of(self, lane: Lane, edges: tuple[int, ...]) -> range:
+        """Which of ``speeds_mps`` are those of a lane, metre by metre, with regard to what follows it on the route."""
         key = (lane.index, edges)
         if key not in self._of_route:
             lanes = tuple(self._lanes_ahead(lane, edges))
@@ -107,7 +99,7 @@ class _Profiles:
             self._of_route[key] = self._of_lanes[lanes]
         return self._of_route[key]
 
-    def _profile(self, lane: Lane, lanes: Sequence[int]) -> _Profile:
+    def _profile(self, lane: Lane, lanes: Sequence[int]) -> range:
         path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
         reach = path.cut(0.0, min(path.length_m, lane.length_m + look_ahead_m(lane)))
         bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
@@ -116,7 +108,7 @@ class _Profiles:
         if self._used > self.speeds_mps.shape[1]:
             self.speeds_mps = np.concatenate((self.speeds_mps, np.empty((2, self._used))), axis=1)
         self.speeds_mps[:, first : self._used] = speeds
-        return _Profile(first, speeds.shape[1])
+        return range(first, self._used)
 
     def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
         """The lane and those that follow it on the route, at least as far as a bend counts."""
@@ -156,7 +148,7 @@ class BendLimits:
         self._unseen = False
         """...when vehicles that were moved from outside were passed over."""
         self._profile = np.empty((0, 2), np.intp)
-        """Fields of ``_Profile`` by vehicle."""
+        """First place of each vehicle's profile, and number of places."""
         self._passed = np.empty((0, _MOST_PASSED, 2))
         """Places where each front bumper was: distance driven until there, and the speed of the bend."""
         self._passed_count = np.empty(0, np.intp)
@@ -173,9 +165,9 @@ class BendLimits:
         if before is not None or self._unseen or seen[0] is not self._seen[0] or seen[1] is not self._seen[1]:
             self._seen = seen
             self._look_ahead(columns, vehicles, outside)
+        now, profiles = (columns.numbers, columns.scale, outside), (self._profile, self._profiles.speeds_mps)
         passed = self._passed, self._passed_count
-        states = self._bodies, columns.scale, self._profile, self._profiles.speeds_mps
-        for row in _bend_limits(columns.numbers, outside, states, passed, self._limits_mps).tolist():
+        for row in _bend_limits(*now, self._bodies, *profiles, *passed, self._limits_mps).tolist():
             libsumo.vehicle.setMaxSpeed(columns.names[row], float(self._limits_mps[row]))
 
     def _look_ahead(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
@@ -191,7 +183,8 @@ class BendLimits:
             name = columns.names[row]
             lane = self._network.lane_by_id.get(present[0])
             edges = self._route_ahead(name, vehicles[name], present[1])
-            self._profile[row] = _NO_PROFILE if lane is None else self._profiles.of(lane, edges)
+            profile = _NO_PROFILE if lane is None else self._profiles.of(lane, edges)
+            self._profile[row, _FIRST], self._profile[row, _SAMPLES] = profile.start, len(profile)
 
     def _follow(self, before: Rows, names: Sequence[str], vehicles: Mapping[str, PlannedVehicle]) -> None:
         """Brings what is remembered of vehicles into the order of the rows, given the rows that they had before."""
@@ -206,7 +199,7 @@ class BendLimits:
             self._passed_count, self._limits_mps = np.zeros(1, np.intp), np.zeros(1)
         self._profile, self._passed = self._profile[before], self._passed[before]
         self._passed_count, self._limits_mps = self._passed_count[before], self._limits_mps[before]
-        self._profile[new], self._passed_count[new] = _NO_PROFILE, 0
+        self._profile[new], self._passed_count[new] = 0, 0
         self._limits_mps[new] = self._bodies[new, _WISHED]
 
     def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
@@ -219,17 +212,20 @@ class BendLimits:
 @compiled
 def _bend_limits(
     numbers: Floats,
+    scales: Floats,
     outside: Flags,
-    states: tuple[Floats, Floats, Rows, Floats],
-    passed: tuple[Floats, Rows],
+    bodies: Floats,
+    profiles: Rows,
+    speeds_mps: Floats,
+    passed: Floats,
+    passed_count: Rows,
     limits_mps: Floats,
 ) -> Rows:
     """Sets the limit of every vehicle; rows of those that SUMO has to be told, which are all that change.
 
-    ``states`` holds bodies, SUMO's scales, profiles and their speeds, as in ``BendLimits``. What was passed is kept up
-    as far as the vehicle is long.
+    ``numbers`` and ``scales`` are of ``SumoColumns``, ``speeds_mps`` of ``_Profiles``, the others of ``BendLimits``.
+    What was passed is kept up as far as the vehicle is long.
     """
-    bodies, scales, profiles, speeds_mps = states
     changed, count = np.empty(len(outside), np.intp), 0
     for row in range(len(outside)):
         wished, length_m = bodies[row, _WISHED], bodies[row, _LENGTH]
@@ -237,7 +233,8 @@ def _bend_limits(
         limit = wished
         if samples > 0 and not outside[row]:
             at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)
-            held = _slowest_held(passed, row, numbers[SPEED, row] / scale * STEP_S, speeds_mps[_IN_BEND, at], length_m)
+            moved_m, bend_mps = numbers[SPEED, row] / scale * STEP_S, speeds_mps[_IN_BEND, at]
+            held = _slowest_held(passed[row], passed_count, row, moved_m, bend_mps, length_m)
             limit = min(wished, bodies[row, _SHARE] * scale * min(held, speeds_mps[_BEFORE_BEND, at]))
         before = limits_mps[row]
         if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
@@ -248,12 +245,11 @@ def _bend_limits(
 
 
 @compiled
-def _slowest_held(passed: tuple[Floats, Rows], row: int, moved_m: float, bend_mps: float, length_m: float) -> float:
+def _slowest_held(places: Floats, counts: Rows, row: int, moved_m: float, bend_mps: float, length_m: float) -> float:
     """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place.
 
     Earlier places that are no slower leave the outline first and never count again: speeds ascend.
     """
-    places, counts = passed[0][row], passed[1]
     count = counts[row]
     at_m = (places[count - 1, _PLACE] if count else 0.0) + moved_m
     while count and places[count - 1, _BEND_SPEED] >= bend_mps:

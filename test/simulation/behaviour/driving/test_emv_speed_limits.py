@@ -211,7 +211,7 @@ HALF = 0.5 * (6.5 + 4.75)
 
 
 def approach(gap, lead, overlap=2.0, leaving=0.0):
-    return approach_speed_mps(gap, lead, overlap, leaving, approach_limits(CONFIG))
+    return approach_speed_mps(gap, lead, overlap, leaving, *approach_limits(CONFIG))
 
 
 def anticipated(lab, network, cars, poses):

@@ -205,7 +205,7 @@ def test_an_emv_that_turns_more_sharply_than_the_target_lane_waits(lab, bend):
     view = view_at(lab, network=lab.straight_road(3), advice={"lane_change_intent": 1})
     unit = follow_route(EmvUnit(1), view.ego(0))[0]
     path = unit.navigator.path
-    curve = replace(path.curve, curvature_1pm=np.full(len(path.curve.points), bend))
+    curve = path.curve._replace(curvature_1pm=np.full(len(path.curve.points), bend))
     turning = replace(unit, navigator=replace(unit.navigator, path=replace(path, curve=curve)))
     _, events = forced_lane_change(turning, view.ego(0))
     kind = "lane_change_deferred" if abs(bend) > 0.02 else "lane_change_started"

@@ -27,6 +27,7 @@ from siren_ros.simulation.traffic.sumo.caution import (
     WAYS_MORE_M,
     Caution,
     CautiousDrivers,
+    Drivers,
     cautions,
     near_pairs,
 )
@@ -416,9 +417,10 @@ def test_near_pairs_are_those_of_looking_at_all_pairs(seed: int) -> None:
     poses = rng.uniform(0.0, 260.0, n), rng.uniform(0.0, 260.0, n), np.cos(yaw), np.sin(yaw)
     speed, half_length = rng.choice([0.0, 0.2, 8.0, 38.0], n), rng.choice([2.3, 9.0], n)
     inside, counts = rng.random(n) < 0.8, rng.random(n) < 0.3
-    limits = WAYS_AHEAD_S, WAYS_MORE_M, WAYS_FAR_M, ROLLING_MPS, BESIDE_M
     order = np.argsort(poses[0], kind="stable")
-    found = near_pairs(poses, order, speed, half_length, inside, counts, limits)
+    flags = inside, counts, inside, inside, inside
+    drivers = Drivers(poses[0], poses[1], yaw, speed, speed, half_length, *flags)
+    found = near_pairs(drivers, order)
     pairs = [(a, b) for a in range(n) for b in range(n) if a != b and inside[a]]
     expected = [pair for pair in pairs if is_near(*pair, poses, speed, half_length, counts)]
     assert [tuple(pair) for pair in found.tolist()] == expected

@@ -134,17 +134,11 @@ def set_up_episode(
     written = load_template(request.template, noted)
     template = realised(written, random_stream(request.seed, "scenario/values"))
     template = template.with_values(values_of(request.values))
-    level = level_of(request, template)
     preset = load_preset(request.preset, noted)
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)
-    people = template.demand.people
-    for_people = bool(people.pedestrians or people.cyclists)
-    compiled = compiled_map or compile_map(map_of(request, written), for_people=for_people)
-    compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
-    if template.shoulders_in_use:
-        compiled = with_shoulders_in_use(compiled)
+    compiled = _map_for(template, map_of(request, written), compiled_map)
     network = parse_road_network(compiled.read_bytes())
     driven = right_hand_image(network)
     dimensions = {
@@ -163,12 +157,35 @@ def set_up_episode(
     plan = with_emv_drivers(with_responses(plan, preset, request.seed), drivers.sumo)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
+    description = _description(request, template, compiled, network, site, plan, noted)
+    return EpisodeSetup(description, template, description.level, compiled, network, site, plan, preset)
+
+
+def _map_for(template: Template, path: Path | None, compiled_map: CompiledMap | None) -> CompiledMap:
+    """The map with the template's speed limit and shoulders, compiled unless it is given."""
+    people = template.demand.people
+    for_people = bool(people.pedestrians or people.cyclists)
+    compiled = compiled_map or compile_map(path, for_people=for_people)
+    compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
+    return with_shoulders_in_use(compiled) if template.shoulders_in_use else compiled
+
+
+def _description(
+    request: EpisodeRequest,
+    template: Template,
+    compiled: CompiledMap,
+    network: RoadNetwork,
+    site: Site,
+    plan: TrafficPlan,
+    noted: NotedFiles,
+) -> EpisodeDescription:
+    """What an episode's bag says of it: the request, what was drawn and compiled, and the files that were read."""
     av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
     emv_ids = tuple(range(1, 1 + len(plan.emvs)))
     crossing = {"junction": plan.crossed, "emv_ids": list(emv_ids[template.emv.count :])}
-    description = EpisodeDescription(
+    return EpisodeDescription(
         template=template.template_id,
-        level=level,
+        level=level_of(request, template),
         seed=request.seed,
         map_name=compiled.name,
         map_sha256=compiled.sha256,
@@ -194,7 +211,6 @@ def set_up_episode(
             "stretch": [network.edges[edge].edge_id for edge in site.stretch],
         },
     )
-    return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
 
 
 def present_versions() -> Mapping[str, str]:

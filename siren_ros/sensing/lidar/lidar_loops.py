@@ -183,6 +183,15 @@ def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
 
 
 @compiled
+def _cosine(n: Array, m: Array, x: np.float32, y: np.float32, z: np.float32) -> np.float32:
+    """Cosine between a ray, in the sensor's frame, and the normal of the static scene, in the ``map`` frame."""
+    nx = n[X] * m[X, X] + n[Y] * m[Y, X] + n[Z] * m[Z, X]
+    ny = n[X] * m[X, Y] + n[Y] * m[Y, Y] + n[Z] * m[Z, Y]
+    nz = n[X] * m[X, Z] + n[Y] * m[Y, Z] + n[Z] * m[Z, Z]
+    return abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
+
+
+@compiled
 def pack_points(  # arguments are positional, because compiled code cannot take keywords
     map_from_lidar: Array,
     pattern: Pattern,
@@ -220,11 +229,7 @@ def pack_points(  # arguments are positional, because compiled code cannot take 
                 cosine = hits.cosine[i]
             else:
                 reflectivity = surfaces.static_reflectivity[static_triangle[ring]]
-                n = normal[ring]
-                nx = n[X] * m[X, X] + n[Y] * m[Y, X] + n[Z] * m[Z, X]
-                ny = n[X] * m[X, Y] + n[Y] * m[Y, Y] + n[Z] * m[Z, Y]
-                nz = n[X] * m[X, Z] + n[Y] * m[Y, Z] + n[Z] * m[Z, Z]
-                cosine = abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
+                cosine = _cosine(normal[ring], m, x, y, z)
             place = np.uint32(t * receiver.steps_per_m)
             intensity = reflectivity * cosine * receiver.attenuation[place]
             if intensity < receiver.least[place]:

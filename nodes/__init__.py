@@ -4,7 +4,7 @@ import sys
 from importlib.util import find_spec
 
 from siren_ros.errors import EXIT_BAD_INPUT, InputError
-from siren_ros.running.ros.transport.shared_memory import check_room
+from siren_ros.running.ros.transport.dds import check_room
 
 if find_spec("rclpy") is None:
     sys.stderr.write("ROS 2 is missing (rclpy): nodes need it. `siren episode` makes an episode without it\n")

@@ -8,8 +8,7 @@ import sys
 from importlib import import_module
 
 from siren_ros.errors import EXIT_FAILED
-from siren_ros.running.ros.programs.arguments import answer, outside_ros
-from siren_ros.running.ros.programs.processes import Interrupt, Waiting
+from siren_ros.running.ros.programs.processes import Interrupt, Waiting, answer, outside_ros
 
 
 def give_up(reason: str) -> None:

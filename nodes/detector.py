@@ -9,17 +9,16 @@ import numpy as np
 
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import SpaceBoxes, to_boxes
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.data.interfaces.measurements import from_point_cloud
+from siren_ros.data.interfaces.conversions import EpisodeClosing
+from siren_ros.data.interfaces.measurements import from_point_cloud, from_tf, matrix_between
 from siren_ros.data.interfaces.messages import make_message
-from siren_ros.data.interfaces.transforms import from_tf, matrix_between
 from siren_ros.data.lockstep import Input
 from siren_ros.errors import InputError
 from siren_ros.running.ros.node_configs import DetectorConfig
 from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program
 from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes
-from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import (
+from siren_ros.scoring.evaluation.detection.pillar_detector import (
     PillarDetector,
     detector_file,
     load_detector,

@@ -7,7 +7,7 @@ from typing import Any
 from siren_ros.data.interfaces import topics, wire
 from siren_ros.data.interfaces.conversions import from_traffic_state, to_vehicle_commands
 from siren_ros.data.lockstep import Input
-from siren_ros.running.generation.behaviour_setup import behaviour_world
+from siren_ros.running.generation.episode_setup import behaviour_world
 from siren_ros.running.ros.node_configs import EmvControllerConfig
 from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program

@@ -5,16 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.data.datasets.files import FileWriter
-from siren_ros.data.datasets.kitti.exporter import KittiFrame, KittiFrames
-from siren_ros.data.datasets.kitti.labels import KittiCamera, camera_from_lidar
-from siren_ros.data.datasets.kitti.live_export import LiveExport
+from siren_ros.data.datasets.files import FileWriter, LiveExport
+from siren_ros.data.datasets.kitti import KittiCamera, KittiFrame, KittiFrames, camera_from_lidar
+from siren_ros.data.episode_source import FRONT_CAMERA
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import from_ground_truth
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.data.lockstep import Input
-from siren_ros.data.record.episode_source import FRONT_CAMERA
 from siren_ros.data.recording.bag_folder import default_bag_path_of, default_kitti_path
 from siren_ros.data.sensor_messages.sensor_topics import optical_frame, static_transforms
 from siren_ros.errors import InputError

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.interfaces.messages import typestore
 from siren_ros.data.interfaces.topics import Topic
 from siren_ros.data.recording.bag_folder import default_bag_path_of

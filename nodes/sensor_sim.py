@@ -5,8 +5,7 @@ from functools import partial
 from typing import Any, Final
 
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.conversions import from_actor_states, from_traffic_state
-from siren_ros.data.interfaces.episode_conversions import Phase
+from siren_ros.data.interfaces.conversions import Phase, from_actor_states, from_traffic_state
 from siren_ros.data.lockstep import Input
 from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.running.ros.node_configs import SensorSimConfig

@@ -6,8 +6,13 @@ from functools import partial
 from typing import Any
 
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.conversions import from_actor_states, to_path, to_traffic_state
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing, to_episode_description
+from siren_ros.data.interfaces.conversions import (
+    EpisodeClosing,
+    from_actor_states,
+    to_episode_description,
+    to_path,
+    to_traffic_state,
+)
 from siren_ros.data.interfaces.messages import make_message
 from siren_ros.data.lockstep import Input
 from siren_ros.running.generation.episode_setup import set_up_episode

@@ -17,12 +17,11 @@ from siren_ros.running.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.episode import EpisodeDescription
-from siren_ros.simulation.world.actors import NO_ACTOR
+from siren_ros.simulation.world.actors import NO_ACTOR, hash_state
 from siren_ros.simulation.world.commands import AvControl, av_commands
-from siren_ros.simulation.world.traffic_state import hash_state
 
 
 class VehicleDynamics(Participant[VehicleDynamicsConfig]):

@@ -13,8 +13,7 @@ from rclpy.node import Node
 from siren_ros.data.interfaces import wire
 from siren_ros.data.interfaces.topics import Topic
 from siren_ros.errors import SirenError
-from siren_ros.reports.episode_page.live import LIVE_TOPICS
-from siren_ros.reports.episode_page.live_server import LiveFeed, LiveServer
+from siren_ros.reports.episode_page.live import LIVE_TOPICS, LiveFeed, LiveServer
 from siren_ros.running.ros.node_configs import ViewerConfig
 from siren_ros.running.ros.parameters import declare_config
 from siren_ros.running.ros.programs.program import run_program

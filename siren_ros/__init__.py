@@ -2,14 +2,13 @@
 
 The names in ``__all__`` are public, here and in the modules ``learning`` and ``training.torch_samples``; those here are
 loaded when they are first used. Everything else is private. The import fixes the arithmetic of numpy
-(``siren_ros/base/numerics/arithmetic.py``), so it stands before that of numpy.
+(``siren_ros/base/at_import.py``), so it stands before that of numpy.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
-from siren_ros.base.numerics.arithmetic import pin_before_numpy
-from siren_ros.base.short_names import allow_short_names
+from siren_ros.base.at_import import allow_short_names, pin_before_numpy
 
 if TYPE_CHECKING:
     from siren_ros.api import examine as examine

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from siren_ros.data.datasets.export_job import ExportResult
-    from siren_ros.data.record.episode_source import LidarFrame
+    from siren_ros.data.episode_source import LidarFrame
     from siren_ros.data.recording.episode_record import EpisodeRecord
     from siren_ros.reports.exam.certificate import Certificate
     from siren_ros.reports.exam.grading import Sitting
-    from siren_ros.running.generation.recorded_episode import RecordedEpisode
+    from siren_ros.running.generation.closed_loop import RecordedEpisode
     from siren_ros.running.studies.episode_row import EpisodeRow
     from siren_ros.running.studies.matrix import Study
     from siren_ros.running.studies.run_study import StudyResult
@@ -60,8 +60,8 @@ def make_episode(
             take part over ROS and need ``cosim``.
         EpisodeError: The disk is full.
     """
+    from siren_ros.running.generation.closed_loop import record_episode
     from siren_ros.running.generation.episode_setup import set_up_episode
-    from siren_ros.running.generation.recorded_episode import record_episode
 
     setup = set_up_episode(request)
     on_step = _moved(progress, setup.steps)
@@ -88,7 +88,7 @@ def judge(record: EpisodeRecord) -> Verdict:
     Raises:
         BagError: The record names a predicate that this version does not know.
     """
-    from siren_ros.scoring.judging.predicates import evaluate_predicate
+    from siren_ros.scoring.judging.outcome import evaluate_predicate
 
     return evaluate_predicate(record)
 
@@ -189,9 +189,8 @@ def generate_study(study: Study, out: Folder, workers: int = 1, progress: tqdm[A
         InputError: The study or the folder cannot be used. Videos with risk labels need ``siren generate``.
     """
     from siren_ros.errors import InputError
-    from siren_ros.running.studies.run_study import StudyBar, run_study
+    from siren_ros.running.studies.run_study import LocalWorkers, StudyBar, run_study
     from siren_ros.running.studies.study_folder import LocalFolder
-    from siren_ros.running.studies.workers import LocalWorkers
 
     if study.risk_videos:
         raise InputError("risk_videos", study.risk_videos, "0; `siren generate` makes the videos")
@@ -234,7 +233,7 @@ def examine(
         BagError: A bag cannot be read.
     """
     from siren_ros.base.processes.process_pool import ProcessPool
-    from siren_ros.reports.exam.rulebook import load_rulebook
+    from siren_ros.reports.exam.grading import load_rulebook
     from siren_ros.reports.exam.sitting import certificate_of, make_exam, sit_in_bag, sit_in_made_episode
 
     def make(one: Study, out: Path) -> Sequence[EpisodeRow]:
@@ -288,7 +287,7 @@ def iterate_frames(bag: Folder, *, cameras: bool = False, pose: bool = False) ->
     Raises:
         BagError: The bag cannot be read, or holds no LiDAR.
     """
-    from siren_ros.data.record.episode_source import lidar_frames, open_source
+    from siren_ros.data.episode_source import lidar_frames, open_source
 
     with open_source(Path(bag)) as source:
         yield from lidar_frames(source, cameras=source.cameras if cameras else (), pose=pose)

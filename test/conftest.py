@@ -24,8 +24,7 @@ from synthetic_episode import Scene, SyntheticEpisode
 from siren_ros.base.numerics.units import time_ns_of_step
 from siren_ros.data.interfaces import messages
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
-from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.data.recording.record_builder import RecordBuilder
+from siren_ros.data.recording.episode_record import EpisodeRecord, RecordBuilder
 
 # A shell ignores Ctrl-C for background jobs, nohup ignores SIGHUP, and what the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

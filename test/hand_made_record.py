@@ -22,8 +22,16 @@ from siren_ros.simulation.roads.road_network import (
 )
 from siren_ros.simulation.scenario.episode import EpisodeDescription
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
+    TRAFFIC_STATE_DTYPES,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    Mode,
+    SignalState,
+    TrafficState,
+)
 
 EMV = 1
 EMV_LENGTH_M, CAR_LENGTH_M = 6.0, 4.0

@@ -9,18 +9,16 @@ from siren_ros.data.interfaces.conversions import (
     from_actor_states,
     from_av_control,
     from_emv_advice,
+    from_episode_description,
+    from_episode_end,
+    from_episode_outcome,
     from_event,
     from_events,
     from_predicted_paths,
     from_signal_state,
+    from_step_done,
     from_traffic_state,
     from_vehicle_commands,
-)
-from siren_ros.data.interfaces.episode_conversions import (
-    from_episode_description,
-    from_episode_end,
-    from_episode_outcome,
-    from_step_done,
 )
 from siren_ros.data.interfaces.measurements import from_audio
 

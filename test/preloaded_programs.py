@@ -27,8 +27,8 @@ from types import SimpleNamespace
 from typing import Any, Final
 
 LOADED: Final = (
-    *("siren_ros.running.studies.ready_worker", "siren_ros.data.datasets.kitti.live_export"),
-    *("siren_ros.data.datasets.kitti.exporter", "siren_ros.cli.main", "siren_ros.scoring.evaluation.detection.boxes"),
+    *("siren_ros.running.studies.ready_worker", "siren_ros.data.datasets.files"),
+    *("siren_ros.data.datasets.kitti", "siren_ros.cli.main", "siren_ros.scoring.evaluation.detection.boxes"),
 )
 """Most of what programs import, and first what makes the episode; rclpy is not among it, which starts threads."""
 _WITHOUT_THREAD: Final = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}

@@ -12,8 +12,14 @@ from siren_ros.base.numerics.geometry import rotate
 from siren_ros.base.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import to_ground_truth
-from siren_ros.data.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
-from siren_ros.data.interfaces.episode_conversions import to_episode_description, to_episode_outcome
+from siren_ros.data.interfaces.conversions import (
+    to_actor_states,
+    to_episode_description,
+    to_episode_outcome,
+    to_events,
+    to_traffic_state,
+    to_vehicle_commands,
+)
 from siren_ros.data.interfaces.measurements import to_point_cloud
 from siren_ros.data.interfaces.messages import make_message, stamp
 from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
@@ -21,16 +27,20 @@ from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.world.actors import (
     ACTOR_STATE_DTYPES,
+    TRAFFIC_STATE_DTYPES,
     ActorClass,
     ActorDescription,
     ActorStates,
+    Event,
+    EventKind,
     Lights,
     Mode,
     Owner,
+    TrafficState,
+    hash_state,
 )
 from siren_ros.simulation.world.carrier import GroundTruth
 from siren_ros.simulation.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState, hash_state
 
 EMV = 1
 LIDAR_TOPIC = topics.LIDAR.of_sensor("lidar", 2)

@@ -10,7 +10,7 @@ from repository import REPOSITORY
 from docsite.code_tables import TABLES
 from docsite.documents import documents_of, figure_of, figures_by_hand, sources_in
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.lab.reproduction.parts import read_parts
+from siren_ros.lab.reproduction.make import read_parts
 from siren_ros.lab.reproduction.results import PartResult, read_results
 from siren_ros.running.ros.node_configs import CosimConfig
 from siren_ros.running.ros.parameters import defaults_of

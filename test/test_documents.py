@@ -12,7 +12,7 @@ from repository import REPOSITORY
 
 from docsite.code_tables import TABLES
 from docsite.documents import documents_of, rewrite
-from siren_ros.base.short_names import full_name
+from siren_ros.base.at_import import full_name
 from siren_ros.lab.reproduction.results import read_results
 
 DOCUMENTS: Final = documents_of(REPOSITORY)

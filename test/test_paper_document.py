@@ -14,7 +14,7 @@ from siren_ros.scoring.evaluation.detection.tables import PAPER as PAPER_DETECTO
 from siren_ros.scoring.evaluation.prediction.metrics import METRICS
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_NAMES
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, future_times_s
-from siren_ros.scoring.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.scoring.evaluation.risk.report import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.simulation.scenario.paper import (
     LEVEL_POLICIES,
     PAPER_CONSTANTS,

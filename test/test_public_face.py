@@ -17,8 +17,8 @@ from repository import REPOSITORY
 from tqdm import tqdm
 
 import siren_ros
-from siren_ros.base.short_names import full_name
-from siren_ros.simulation.world.traffic_state import EventKind
+from siren_ros.base.at_import import full_name
+from siren_ros.simulation.world.actors import EventKind
 
 PUBLIC_MODULES = {"siren_ros", "siren_ros.learning", "siren_ros.training.torch_samples"}
 FUNCTIONS = [name for name in siren_ros.__all__ if inspect.isfunction(getattr(siren_ros, name))]
@@ -48,9 +48,7 @@ def test_the_import_loads_neither_numpy_nor_the_rest_of_the_library() -> None:
     assert [name for name in loaded if name.startswith("siren")] == [
         "siren_ros",
         "siren_ros.base",
-        "siren_ros.base.numerics",
-        "siren_ros.base.numerics.arithmetic",
-        "siren_ros.base.short_names",
+        "siren_ros.base.at_import",
     ]
     assert "numpy" not in loaded
 

@@ -47,7 +47,7 @@ check() { # INSTALL_FOLDER
         python - "$install" "$2" <<'PYTHON'
 import importlib.util, os, pathlib, sys
 import siren_msgs.msg, siren_nodes, siren_ros
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
 install, layout = sys.argv[1:]
 assert siren_msgs.__file__.startswith(install), siren_msgs.__file__
 if layout == "copied":

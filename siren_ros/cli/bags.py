@@ -6,7 +6,7 @@ from pathlib import Path
 from shlex import quote
 
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables.table import Table
+from siren_ros.base.tables import Table
 from siren_ros.cli.command import complain
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord, TopicRecord

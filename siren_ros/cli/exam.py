@@ -1,4 +1,7 @@
-"""``siren exam``: grades how drivers make way, by a rulebook, in recorded episodes or in a study made for it."""
+"""``siren exam``: grades how drivers make way, by a rulebook, in recorded episodes or in a study made for it.
+
+``siren exam compare A B`` compares two drivers by their certificates, episode by episode.
+"""
 
 import argparse
 import shlex
@@ -10,25 +13,50 @@ from typing import Final
 
 from tqdm import tqdm
 
-from siren_ros.base.params.resources import names_in_params
-from siren_ros.base.tables.table import text_of
+from siren_ros.base.params.folders import names_in_params
+from siren_ros.base.tables import text_of
 from siren_ros.cli.command import Command, complain
+from siren_ros.cli.generate import MATRIX, add_matrix, asked_of
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
-from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
 from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text, write_text, writing
-from siren_ros.reports.exam.certificate import Certificate, as_json, as_junit, page_of, shown_again, violations_of
-from siren_ros.reports.exam.grading import Sitting
-from siren_ros.reports.exam.rulebook import FOLDER, Rulebook, load_rulebook
+from siren_ros.reports.exam.certificate import (
+    Certificate,
+    as_json,
+    as_junit,
+    compared,
+    page_of,
+    read_certificate,
+    shown_again,
+    violations_of,
+)
+from siren_ros.reports.exam.grading import FOLDER, Rulebook, Sitting, load_rulebook
 from siren_ros.reports.exam.sitting import certificate_of, make_exam, sit_in_bag, sit_in_made_episode
-from siren_ros.reports.study_report.episode_pages import EpisodePages
-from siren_ros.reports.study_report.page import html_of
+from siren_ros.reports.study_report.page import EpisodePages, html_of
 from siren_ros.running.studies.episode_row import EpisodeRow
 from siren_ros.running.studies.matrix import Seat, Study
-from siren_ros.running.studies.run_study import StudyBar, run_study
+from siren_ros.running.studies.run_study import RETRIES, TIMEOUT_S, LocalWorkers, StudyBar, WorkerOptions, run_study
 from siren_ros.running.studies.study_folder import LocalFolder
-from siren_ros.running.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions
 from siren_ros.simulation.scenario.paper import TEMPLATES
+
+
+def add_comparison(verb: argparse.ArgumentParser) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = (
+        "Compares two certificates of the same rulebook in the episodes that both have a result for: the share of "
+        "episodes with a violation, clause by clause, and what the drivers do to others, with 95 % intervals of the "
+        "differences."
+    )
+    for name, meaning in (("first", "certificate.json of a driver"), ("second", "that of another one")):
+        verb.add_argument(name, type=Path, metavar=name.upper(), help=meaning)
+    verb.set_defaults(run=compare)
+
+
+def compare(arguments: argparse.Namespace) -> int:
+    """Prints the table."""
+    print("\n".join(text_of([compared(read_certificate(arguments.first), read_certificate(arguments.second))])))
+    return EXIT_OK
+
 
 _DEFAULT: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
 _LONGEST: Final = 100_000
@@ -39,7 +67,7 @@ _PAGES: Final = 20
 
 def add_arguments(verb: Command) -> None:
     """Adds the description and the options of the command."""
-    verb.add_variant("compare", "exam_compare.add_arguments")
+    verb.add_variant("compare", "exam.add_comparison")
     verb.description = (
         "Grades a driver, clause by clause of a rulebook: pass, minor, major, or not applicable. With BAG it is the AV "
         "under test of recorded episodes. With --driver or --av the exam first makes a study in --out, with that "

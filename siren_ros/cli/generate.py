@@ -1,7 +1,10 @@
-"""``siren generate``: many episodes from one description, with one table of what became of them."""
+"""``siren generate`` and ``siren sites``: many episodes from one description, and the places where they can happen.
+
+A study has one table of what became of its episodes. Other commands that make studies take options of its matrix, too.
+"""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -10,13 +13,13 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from siren_ros.base.params.resources import named_params_file
+from siren_ros.base.params.folders import named_params_file
+from siren_ros.base.tables import Row, Table
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, check_numbers
-from siren_ros.cli.study_options import MATRIX, add_matrix, asked_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.running.generation.episode_setup import plan_length
-from siren_ros.running.studies.dask_workers import DaskWorkers, connected, on_slurm
+from siren_ros.running.generation.site_choice import has_shoulder, shortcomings
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import (
     MOST_SAMPLES,
@@ -25,14 +28,127 @@ from siren_ros.running.studies.matrix import (
     Method,
     Study,
     grid_of,
+    levels_of,
     ranges_of,
     read_study,
+    seeds_of,
 )
-from siren_ros.running.studies.run_study import StudyBar, run_study
+from siren_ros.running.studies.run_study import (
+    RETRIES,
+    TIMEOUT_S,
+    DaskWorkers,
+    LocalWorkers,
+    StudyBar,
+    WorkerOptions,
+    Workers,
+    connected,
+    on_slurm,
+    run_study,
+)
 from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
-from siren_ros.running.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
+from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, compile_map
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import RoadNetwork, right_hand_image
+from siren_ros.simulation.roads.sites import Site
 from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
+from siren_ros.simulation.scenario.scenario import Template
+from siren_ros.simulation.scenario.templates import available_templates, load_template
+
+BUILT_IN: Final = "{}, {} or {}".format(*BUILT_IN_MAPS)
+"""Names of the built-in maps, as a text for help."""
+MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
+    "templates": tuple,
+    "levels": levels_of,
+    "seeds": seeds_of,
+    "maps": tuple,
+    "sites": tuple,
+    "preset": str,
+    "sensors": str,
+    "look": str,
+    "duration_s": float,
+    "values": str,
+}
+"""Options of the matrix, by the study's fields that they stand for, and how their words are read."""
+
+
+def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, seeds: str) -> None:
+    """Adds the options of the matrix. The texts name the values that hold without an option."""
+    matrix.add_argument(
+        "--templates", nargs="+", metavar="ID", help=f"S1 to S8, or template files (default: {templates})"
+    )
+    matrix.add_argument("--levels", nargs="+", metavar="L", help=f"L0 to L3, or 0 to 3, or own (default {levels})")
+    matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help=f"seeds; 0:5 are 0 to 4 (default {seeds})")
+    matrix.add_argument("--maps", nargs="+", metavar="FILE", help=f"map files, or {BUILT_IN} (default {TOWN})")
+    matrix.add_argument("--sites", nargs="+", metavar="NAME", help="names that siren sites prints, or drawn (default)")
+    matrix.add_argument("--preset", help="how civilians react (default paper)")
+    matrix.add_argument("--sensors", help="suite of sensors (default none)")
+    matrix.add_argument("--look", help="weather and time of day (default clear)")
+    matrix.add_argument(
+        "--duration-s", type=float, metavar="S", help="simulated time of each episode (default: its own)"
+    )
+    matrix.add_argument(
+        "--values",
+        metavar="PATH=N,…",
+        help="values of the templates' parameters, which the seeds then do not draw: emv.speed_mps=12.5,duration_s=60",
+    )
+
+
+def asked_of(arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any], Any]] = MATRIX) -> dict[str, Any]:
+    """The fields of the study that the command line sets."""
+    words = {name: getattr(arguments, name) for name in matrix}
+    return {name: matrix[name](word) for name, word in words.items() if word is not None}
+
+
+_SITES_HEAD = ("template", "site", "good", "street", "junction", "length m", "lanes", "shoulder", "lacks")
+
+
+def add_sites(verb: Command) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = (
+        "Lists the sites of a map for each template, the best first. A seed draws one of the good ones; a name "
+        "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack."
+    )
+    verb.add_argument("map", nargs="?", default="", metavar="MAP", help=f"map file, or {BUILT_IN} (default: town)")
+    verb.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S8, or template files (default: all)")
+    verb.add_argument("--all", action="store_true", help="also sites that lack something, which no seed draws")
+    verb.add_argument(
+        "--out", type=Path, metavar="FILE.png", help="also draw the map with its sites, and what places lack"
+    )
+    verb.set_defaults(run=list_sites)
+
+
+def list_sites(arguments: argparse.Namespace) -> int:
+    """Prints the table; a template without a line has no site on the map."""
+    network = parse_road_network(compile_map(Path(arguments.map) if arguments.map else None).read_bytes())
+    templates = [load_template(name) for name in arguments.templates or available_templates()]
+    found = [(template, shortcomings(right_hand_image(network), template)) for template in templates]
+    rows = tuple(row for survey in found for row in _site_rows(network, *survey, lacking=arguments.all))
+    print(*Table("sites", "", _SITES_HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
+    if arguments.out is not None:
+        from siren_ros.scoring.pictures.birdseye import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
+
+        print(save_site_map(network, found, arguments.out))
+    return EXIT_OK
+
+
+def _site_rows(
+    network: RoadNetwork, template: Template, found: Mapping[Site, Sequence[str]], *, lacking: bool
+) -> Iterator[Row]:
+    # Where no site is good, episodes take the best of these sites.
+    for site, missing in found.items():
+        if lacking or not missing or all(found.values()):
+            yield _site_row(network, template, site, missing)
+
+
+def _site_row(network: RoadNetwork, template: Template, site: Site, missing: Sequence[str]) -> Row:
+    street = network.edges[site.site_edge].name
+    lanes = str(len(site.connections)) if site.connections else ""
+    shoulder = "yes" if has_shoulder(network, site) else "no"
+    junction = site.junction or ""
+    good, lacks = "no" if missing else "yes", "; ".join(missing)
+    return template.template_id, site.name, good, street, junction, site.length_m, lanes, shoulder, lacks
+
 
 RISK_VIDEOS = "risk_videos"
 """Name of the folder with risk videos inside the study's folder."""

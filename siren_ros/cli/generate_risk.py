@@ -9,9 +9,8 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from siren_ros.base.tables.table import text_of
+from siren_ros.base.tables import text_of
 from siren_ros.cli.options import add_processes, check_numbers, positive
-from siren_ros.cli.study_options import BUILT_IN
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, writing
 from siren_ros.running.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.running.studies.risk_set.search import (
@@ -23,8 +22,9 @@ from siren_ros.running.studies.risk_set.search import (
     papers_balance,
 )
 from siren_ros.scoring.evaluation.risk.labels import DEFINITIONS, TITLES, RiskClass, RiskThresholds
-from siren_ros.scoring.evaluation.risk.tables import table_of_changes
+from siren_ros.scoring.evaluation.risk.report import table_of_changes
 from siren_ros.scoring.evaluation.risk.video_set import read_set, write_set
+from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.simulation.scenario.episode import MAX_SEED
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
@@ -133,7 +133,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "cannot find a class has fewer videos of the others, too",
     )
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
-    verb.add_argument("--map", default="", metavar="FILE", help=f"map file, or {BUILT_IN} (default: the town)")
+    verb.add_argument(
+        "--map", default="", metavar="FILE", help="map file, or {}, {} or {} (default: the town)".format(*BUILT_IN_MAPS)
+    )
     verb.add_argument(
         "--budget", type=positive, default=90, metavar="N", help="most candidates of each template (default 90)"
     )

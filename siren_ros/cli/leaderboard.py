@@ -11,21 +11,19 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.processes.process_pool import ProcessPool
-from siren_ros.base.tables.table import text_of
+from siren_ros.base.tables import text_of
 from siren_ros.cli.options import add_bags, add_processes, processes_of
-from siren_ros.data.record.bag_survey import Need, in_dataset_order, survey_bag
+from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
 from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_OK, InputError, shown_text, write_text
 from siren_ros.scoring.evaluation.detection.frames import frames_of, read_frames
-from siren_ros.scoring.evaluation.detection.inputs.formats import read_detections
+from siren_ros.scoring.evaluation.detection.result_files import read_detections
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, mean_ap_of_episodes
-from siren_ros.scoring.evaluation.leaderboard import Standing, standings, table_of
-from siren_ros.scoring.evaluation.prediction.prediction_file import most_rows, read_prediction_file
 from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, score_bags
-from siren_ros.scoring.evaluation.prediction.submission import submission
+from siren_ros.scoring.evaluation.prediction.submission import most_rows, read_prediction_file, submission
 from siren_ros.scoring.evaluation.risk.scoring import checked_answers, correct_by_class, read_answers
 from siren_ros.scoring.evaluation.risk.video_set import read_set
-from siren_ros.scoring.evaluation.statistics import BlockSums, block_sums
+from siren_ros.scoring.evaluation.statistics import BlockSums, Standing, block_sums, standings, table_of
 
 Submissions = Mapping[str, Path]
 

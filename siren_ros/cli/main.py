@@ -13,37 +13,65 @@ from siren_ros.base.processes.interrupts import deferred_interrupts
 from siren_ros.cli.command import Command, PrintableOutput, complain
 from siren_ros.errors import EXIT_FAILED, SirenError
 
+_TASKS: Final = {
+    "prediction": ("trajectory prediction: 5 s ahead, ADE and FDE", "prediction.add_arguments"),
+    "yield": (
+        "how traffic made way: the EMV's delay, corridor, drivers' responses, wake, safety",
+        "yielding.add_yield",
+    ),
+    "counterfactual": (
+        "the effect of siren and level: the same seeds at several levels",
+        "yielding.add_counterfactual",
+    ),
+    "diversity": ("how different episodes are, and what more seeds would add", "yielding.add_diversity"),
+    "detection": ("3-D detection: the nuScenes score of a detector's boxes", "detection.add_arguments"),
+    "risk": (
+        "vision-language risk understanding: normal scenes, near-misses and collisions in videos",
+        "risk.add_arguments",
+    ),
+}
+"""What the tasks are, and which function of the folder ``evaluation`` adds their arguments."""
+
+
+def add_evaluate(verb: Command) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = "Scores models on recorded episodes."
+    tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
+    for name, (summary, add) in _TASKS.items():
+        tasks.add_parser(name, help=summary, add=f"evaluation.{add}")
+
+
 VERBS: Final = {
     "episode": ("make one episode", "episode.add_arguments"),
     "generate": (
         "make the episodes of a study: templates, levels, seeds, maps and parameters",
         "generate.add_arguments",
     ),
-    "sites": ("list the places of a map at which the templates can happen", "sites.add_arguments"),
+    "sites": ("list the places of a map at which the templates can happen", "generate.add_sites"),
     "info": ("show what an episode is and what its bag contains", "bags.add_info"),
     "verify": ("check that the interaction happened and that the record is sound", "bags.add_verify"),
     "recover": ("complete a bag whose writer was killed", "bags.add_recover"),
     "export": ("write episodes as a dataset in another format", "export.add_arguments"),
-    "pack": ("write samples for training as one file", "pack.add_arguments"),
-    "check": ("check a copy of a dataset against its hashes", "pack.add_check"),
+    "pack": ("write samples for training as one file", "export.add_pack"),
+    "check": ("check a copy of a dataset against its hashes", "export.add_check"),
     "view": ("open an episode in the browser, in 3-D with a timeline", "view.add_view"),
-    "plot": ("draw an episode from above", "pictures.add_plot"),
-    "sense": ("draw what sensors see at one time of an episode", "pictures.add_sense"),
-    "video": ("make a video of an episode, from above or from its cameras", "pictures.add_video"),
-    "replay": ("play an episode on its topics, or simulate it again and compare", "replay.add_arguments"),
+    "plot": ("draw an episode from above", "view.add_plot"),
+    "sense": ("draw what sensors see at one time of an episode", "view.add_sense"),
+    "video": ("make a video of an episode, from above or from its cameras", "view.add_video"),
+    "replay": ("play an episode on its topics, or simulate it again and compare", "episode.add_replay"),
     "label": ("derive the labels of risk videos again, with other thresholds", "generate_risk.add_label"),
     "rate": ("write a page on which a person labels risk videos", "evaluation.risk.add_rate"),
-    "evaluate": ("score models, traffic and AVs on episodes", "evaluate.add_arguments"),
+    "evaluate": ("score models, traffic and AVs on episodes", "main.add_evaluate"),
     "leaderboard": ("rank the submissions in a folder, with paired tests", "leaderboard.add_arguments"),
     "exam": ("grade how a driver makes way, by a rulebook", "exam.add_arguments"),
     "report": (
         "write a study as one HTML page: episodes, measurements, and the commands that repeat them",
         "report.add_arguments",
     ),
-    "compare-paper": ("print the numbers of the paper's tables next to ours", "compare_paper.add_arguments"),
-    "calibrate": ("fit the EMV's parameters to trajectories", "calibrate.add_arguments"),
+    "compare-paper": ("print the numbers of the paper's tables next to ours", "report.add_paper"),
+    "calibrate": ("fit the EMV's parameters to trajectories", "train.add_calibration"),
     "train": ("train the models that ship with the project", "train.add_arguments"),
-    "reproduce": ("make the measured figures, pictures and films of the documents again", "reproduce.add_arguments"),
+    "reproduce": ("make the measured figures, pictures and films of the documents again", "report.add_reproduction"),
 }
 """What the verbs do, and which function of this package adds their arguments."""
 

@@ -11,7 +11,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from siren_ros.data.interfaces.episode_conversions import Phase, StepReport
+from siren_ros.data.interfaces.conversions import Phase, StepReport
 from siren_ros.data.interfaces.topics import EPISODE_END, STEP_DONE, Topic, upstream_of
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.scenario.episode import EpisodeEnd

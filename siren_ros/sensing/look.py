@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats
-from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
 from siren_ros.simulation.scenario.episode import DEFAULT_LOOK, EpisodeDescription
 
 LOWEST_SUN_RAD: Final = float(np.radians(3.0))

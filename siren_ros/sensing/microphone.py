@@ -13,7 +13,7 @@ from siren_ros.base.numerics.arrays import Floats, Matrix
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.sensing.specification import SensorSpec, number, sensor_generator
 from siren_ros.simulation.world.actors import ActorStates, Lights
-from siren_ros.simulation.world.measurements import AudioChunk
+from siren_ros.simulation.world.carrier import AudioChunk
 
 LEVEL_AT_1_M_DB: Final = 124.0
 """Sound pressure level on the axis of a 100 W siren, dB re 20 µPa: SAE J1849 asks for 118 dB(A) at 3 m and more, which

@@ -14,11 +14,9 @@ from siren_ros.base.numerics.compiled import wrapped_rad
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import InputError
 from siren_ros.sensing.specification import SensorSpec, number, rate, sensor_generator
-from siren_ros.simulation.roads.map_projection import geodetic_from_projected
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.road_network import RoadNetwork, geodetic_from_projected
 from siren_ros.simulation.world.actors import ActorStates, rows_of_ids
-from siren_ros.simulation.world.carrier import Odometry
-from siren_ros.simulation.world.measurements import GnssFix, ImuSample
+from siren_ros.simulation.world.carrier import GnssFix, ImuSample, Odometry
 
 
 @dataclass(frozen=True)

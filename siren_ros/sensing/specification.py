@@ -14,7 +14,7 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import Matrix
 from siren_ros.base.numerics.units import STEPS_PER_S
 from siren_ros.simulation.world.actors import ActorStates
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 RADIANS: Final = float(np.pi / 180.0)
 """One degree."""

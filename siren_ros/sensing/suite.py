@@ -1,18 +1,67 @@
-"""Sensor suites, read from YAML: which sensors a vehicle or a roadside unit has, and where each of them is mounted."""
+"""Sensor suites, read from YAML: which sensors a vehicle or a roadside unit has, and where each of them is mounted.
+
+The table of sensor types has the section in a suite's file, the specification, and the measurement of each type.
+``SENSOR_MESSAGES`` in ``siren_ros.data.sensor_messages`` has the topic and the message of each type.
+"""
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.base.numerics.units import STEPS_PER_S
-from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
 from siren_ros.errors import InputError
-from siren_ros.sensing.sensor_table import SENSOR_TYPES
-from siren_ros.sensing.specification import RADIANS, CameraSpec, LidarSpec, Mount, SensorSpec
+from siren_ros.sensing.microphone import Microphone, MicrophoneSpec
+from siren_ros.sensing.navigation import GeoReference, Gnss, GnssSpec, Imu, ImuSpec, PlanarMotion
+from siren_ros.sensing.specification import RADIANS, CameraSpec, CarrierView, LidarSpec, Measure, Mount, SensorSpec
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.world.carrier import ImuSample
+
+
+@dataclass(frozen=True)
+class SensorType:
+    """One row of the table."""
+
+    spec: type[SensorSpec]
+    begin: Callable[[Any, RoadNetwork, int], Measure] | None = None
+    """Makes the measuring function of a sensor from its specification, the map and the seed of the carrier's noise.
+    None for LiDARs and cameras: the rig makes them, because they share one scene."""
+    on_vehicles_only: bool = False
+
+
+def _gnss(spec: GnssSpec, network: RoadNetwork, seed: int) -> Measure:
+    receiver = Gnss(spec, GeoReference.of(network), seed)
+    return lambda view: receiver.measure(view.states.step, view.map_from_base)
+
+
+def _imu(spec: ImuSpec, _: RoadNetwork, seed: int) -> Measure:
+    unit = Imu(spec, seed)
+
+    def measure(view: CarrierView) -> ImuSample:
+        states, row = view.states, view.row
+        values = (states.yaw_rad[row], states.vx_mps[row], states.vy_mps[row], states.yaw_rate_radps[row])
+        return unit.measure(PlanarMotion(states.step, *map(float, values)))
+
+    return measure
+
+
+def _microphone(spec: MicrophoneSpec, _: RoadNetwork, seed: int) -> Measure:
+    microphone = Microphone(spec, seed)
+    return lambda view: microphone.hear(view.states, view.map_from_base)
+
+
+SENSOR_TYPES: Final[dict[str, SensorType]] = {
+    "lidars": SensorType(LidarSpec),
+    "cameras": SensorType(CameraSpec),
+    "gnss": SensorType(GnssSpec, _gnss, on_vehicles_only=True),
+    "imus": SensorType(ImuSpec, _imu, on_vehicles_only=True),
+    "microphones": SensorType(MicrophoneSpec, _microphone),
+}
+"""Sensor types by section of a suite's file. Mounts, topics and the messages of a step keep this order."""
+
 
 EXPORTED_CAMERA: Final = "camera_front"
 """The camera whose pictures exports and videos use, if the suite has it."""

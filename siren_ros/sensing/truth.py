@@ -17,12 +17,10 @@ from siren_ros.base.numerics.arrays import Flags, Floats, Matrix, Rows
 from siren_ros.base.numerics.compiled import Array, compiled
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.sensing.lidar.lidar import LidarSweep
-from siren_ros.sensing.meshes.mesh import VehicleShape
-from siren_ros.sensing.meshes.placement import VehiclePlacement
+from siren_ros.sensing.meshes.mesh import VehiclePlacement, VehicleShape
 from siren_ros.sensing.specification import inverse, optical_from_map
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, rows_of_ids
-from siren_ros.simulation.world.carrier import CameraTruth, GroundTruth
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics, CameraTruth, GroundTruth
 
 LABEL_RANGE_M: Final = 120.0
 """Actors whose centre is farther away than this, the range of the paper's LiDAR, are not labelled."""

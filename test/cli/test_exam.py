@@ -10,7 +10,7 @@ import pytest
 from defusedxml import ElementTree
 from recorded_episode import quick_template, tracked_recording
 
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
 from siren_ros.data.recording.bag_reader import read_episode
 
 

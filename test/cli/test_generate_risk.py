@@ -11,12 +11,11 @@ from processes.stand_in import processes_of
 from siren_ros.cli.generate_risk import balance_of
 from siren_ros.cli.main import main, parser
 from siren_ros.running.studies.risk_set import make_set
-from siren_ros.running.studies.risk_set.candidate import Candidate
+from siren_ros.running.studies.risk_set.candidate import Candidate, Rendered, VideoPlace, make_video
 from siren_ros.running.studies.risk_set.search import Balance
-from siren_ros.running.studies.risk_set.video_file import Rendered, VideoPlace, make_video
 from siren_ros.scoring.evaluation.risk.labels import DEFINITIONS, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.video_set import read_set, write_set
-from siren_ros.scoring.evaluation.risk.vlm.question import masks_of, video_frames
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import masks_of, video_frames
 
 
 def asked(*words: str) -> Balance:

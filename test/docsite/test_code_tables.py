@@ -11,7 +11,7 @@ from docsite.code_tables import TABLES, node_table
 from docsite.template_tables import Entry, entries, template_table
 from docsite.topic_tables import texts_of
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.scoring.judging.physics import VerifyLimits
+from siren_ros.scoring.judging.verify import VerifyLimits
 from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 from siren_ros.simulation.scenario.scenario import PEOPLE, VARIETY
 from siren_ros.simulation.scenario.templates import load_template

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from environment_support import REPOSITORY, STEPS, Checkout, clean_environment, run_shell
 
-from siren_ros.running.ros.transport.shared_memory import profile_name
+from siren_ros.running.ros.transport.dds import profile_name
 
 USABLE = "import sysconfig, os, ensurepip; assert os.path.exists(sysconfig.get_path('include') + '/Python.h')"
 

@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.errors import MapError
+from siren_ros.simulation.roads.maps.map_formats import opendrive_patches
 from siren_ros.simulation.roads.maps.map_source import read_map_source
-from siren_ros.simulation.roads.maps.opendrive import opendrive_patches
 from siren_ros.simulation.roads.net_parser import MAX_MAP_BYTES, MAX_TAGS, parse_road_network
 
 NET = b"""<net version="1.20">

@@ -7,7 +7,7 @@ from fuzz.bounded_compilation import bounded_compilation
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.simulation.roads.maps.map_checks import DEEPEST, MOST_LANES
+from siren_ros.simulation.roads.maps.map_source import DEEPEST, MOST_LANES
 
 OSM = """<?xml version="1.0"?><osm version="0.6">
 <node id="1" version="1" lat="52.0" lon="9.0"/><node id="2" version="1" lat="52.001" lon="9.0"/>

@@ -10,9 +10,8 @@ from evaluation.risk.vlm.chat_server import Behaviour, chat_server
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from siren_ros.scoring.evaluation.risk.vlm.model import ModelUnavailableError, Question, Reply, ReplyCache
-from siren_ros.scoring.evaluation.risk.vlm.openai_server import OpenAiServer, reply_in
-from siren_ros.scoring.evaluation.risk.vlm.reading import class_in
+from siren_ros.scoring.evaluation.risk.vlm.clients import OpenAiServer, reply_in
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import ModelUnavailableError, Question, Reply, ReplyCache, class_in
 
 ASKED = Question("You judge.", "Which class?", (b"picture",))
 GOOD = {

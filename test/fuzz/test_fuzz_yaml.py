@@ -10,15 +10,14 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.base.params.plain_yaml import MAX_BYTES
-from siren_ros.base.params.resources import params_dir
-from siren_ros.base.params.strict_yaml import read_strict_yaml
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.parameters import MAX_YAML_BYTES, read_strict_yaml
 from siren_ros.errors import InputError
 from siren_ros.running.generation.episode_setup import default_bag_path
 from siren_ros.sensing.look import load_look
 from siren_ros.sensing.suite import load_suite
-from siren_ros.sensing.vehicles.shape_files import read_drawing
-from siren_ros.simulation.dynamics.parameters import read_vehicle_parameters
+from siren_ros.sensing.vehicles.vehicle_shapes import read_drawing
+from siren_ros.simulation.dynamics.vehicle_model import read_vehicle_parameters
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.presets import load_preset
 from siren_ros.simulation.scenario.templates import load_template
@@ -47,7 +46,7 @@ NASTY = [
     *["lidars: {../x: {mount: {x_m: 0, y_m: 0, z_m: 1}}}", "lidars: {a: {mount: {x_m: .nan, y_m: 0, z_m: 1}}}"],
     *["cameras: {a: {mount: {x_m: 0, y_m: 0, z_m: 1}, width: 1000000000}}", "id: ../../etc/passwd", "[" * 2000],
     *["{a: " * 2000, "- " * 2000, "\0", "\ufeff", "a: 1\na: 2", "---\na: 1\n---\nb: 2", "%YAML 9.9\n---\na: 1"],
-    *["x" * (MAX_BYTES + 1), "a: " + "9" * 5000, "a: 1e999"],
+    *["x" * (MAX_YAML_BYTES + 1), "a: " + "9" * 5000, "a: 1e999"],
 ]
 texts = st.one_of(
     st.sampled_from(NASTY), st.text(max_size=200), st.text("abc:- \n[]{}&*!?|>'\"#%@`,.0123456789", max_size=200)

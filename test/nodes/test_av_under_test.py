@@ -16,8 +16,8 @@ from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.conversions import from_av_control
 from siren_ros.data.recording.bag_reader import open_bag, read_episode
 from siren_ros.errors import EpisodeError
+from siren_ros.running.generation.closed_loop import record_episode
 from siren_ros.running.generation.episode_setup import set_up_episode
-from siren_ros.running.generation.recorded_episode import record_episode
 from siren_ros.running.generation.replay_check import repeat_episode
 from siren_ros.running.seat.drivers.drivers import driver_of
 from siren_ros.running.seat.seated import answers_of

@@ -10,8 +10,8 @@ from live_episodes import EXAMPLES, Domain, Run, digest, finish
 
 from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.running.generation.closed_loop import record_episode
 from siren_ros.running.generation.episode_setup import set_up_episode
-from siren_ros.running.generation.recorded_episode import record_episode
 from siren_ros.running.generation.replay_check import repeat_episode
 from siren_ros.scoring.judging.verify import verify_episode
 from siren_ros.simulation.scenario.episode import EpisodeRequest

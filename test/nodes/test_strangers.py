@@ -9,8 +9,8 @@ import sys, time
 import rclpy
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.conversions import to_actor_states
-from siren_ros.data.interfaces.episode_conversions import from_episode_description, to_episode_description, to_step_done
-from siren_ros.data.interfaces.episode_conversions import Phase, StepReport
+from siren_ros.data.interfaces.conversions import from_episode_description, to_episode_description, to_step_done
+from siren_ros.data.interfaces.conversions import Phase, StepReport
 from siren_ros.data.interfaces.messages import make_message, stamp
 from siren_ros.data.interfaces import wire
 from siren_ros.running.ros.transport.endpoints import create_input, create_output

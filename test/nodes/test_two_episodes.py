@@ -11,7 +11,7 @@ from typing import Any
 
 from live_episodes import Domain, cosim, digest, finish, recording, wait_until
 
-from siren_ros.running.ros.transport.domain import LARGEST_DOMAIN
+from siren_ros.running.ros.transport.dds import LARGEST_DOMAIN
 
 HERE, ELSEWHERE = Domain(), Domain()
 SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")

@@ -16,7 +16,7 @@ import rclpy
 from rclpy.node import Node
 
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.episode_conversions import Phase, StepReport, from_episode_end, to_step_done
+from siren_ros.data.interfaces.conversions import Phase, StepReport, from_episode_end, to_step_done
 from siren_ros.data.interfaces.messages import time_ns_of
 from siren_ros.data.interfaces.topics import Topic
 from siren_ros.running.ros.transport.endpoints import create_input, create_output

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from siren_ros.sensing.camera.renderer import Renderer, RendererUnavailableError
-from siren_ros.sensing.meshes.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene, VehicleShape
-from siren_ros.sensing.meshes.placement import Catalogue
+from siren_ros.sensing.meshes.mesh import Catalogue, LampColour, Material, Mesh, SignalLamp, StaticScene, VehicleShape
 from siren_ros.sensing.specification import map_from_base
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 

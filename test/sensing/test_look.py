@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.base.params.resources import names_in_params
+from siren_ros.base.params.folders import names_in_params
 from siren_ros.errors import InputError
 from siren_ros.sensing.look import Look, load_look, sun_position
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.base.params.resources import names_in_params
+from siren_ros.base.params.folders import names_in_params
 from siren_ros.errors import InputError
 from siren_ros.sensing import specification
 from siren_ros.sensing.navigation import GnssSpec, ImuSpec

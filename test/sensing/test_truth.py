@@ -5,7 +5,7 @@ from siren_ros.sensing.lidar.lidar import LidarSweep
 from siren_ros.sensing.specification import Mount, map_from_base, optical_from_map, transform
 from siren_ros.sensing.truth import ImageLabeller, label_boxes, pixel_boxes
 from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 

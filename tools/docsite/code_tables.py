@@ -15,23 +15,21 @@ from docsite.house import sizes_table
 from docsite.template_tables import entries, template_table
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.data.datasets.formats import FORMATS
-from siren_ros.lab.learning.options import EnvOptions
-from siren_ros.lab.learning.rewards import TERMS
+from siren_ros.lab.learning.options import TERMS, EnvOptions
 from siren_ros.lab.learning.rollout import Seat
-from siren_ros.lab.reproduction.parts import read_parts, shown_minutes
+from siren_ros.lab.reproduction.make import read_parts, shown_minutes
 from siren_ros.lab.reproduction.results import PartResult, read_results
 from siren_ros.reports.exam.monitors import MONITORS
-from siren_ros.running.seat.features import EMV, NEIGHBOUR, NEIGHBOURS, OWN
+from siren_ros.running.seat.policy import EMV, NEIGHBOUR, NEIGHBOURS, OWN
 from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS
-from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise
+from siren_ros.scoring.evaluation.prediction.reported_tracks import TrackNoise
 from siren_ros.scoring.evaluation.yielding.encounters import YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.scoring.judging.physics import VerifyLimits
-from siren_ros.scoring.judging.verify import CHECKS
+from siren_ros.scoring.judging.verify import CHECKS, VerifyLimits
 from siren_ros.simulation.scenario import paper
 from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
+from siren_ros.simulation.scenario.episode import Split
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, TEMPLATES
-from siren_ros.simulation.scenario.splits import Split
 from siren_ros.simulation.scenario.templates import available_templates, load_template
 
 _PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")

@@ -15,7 +15,7 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import site_time_s
-from siren_ros.scoring.judging.predicates import evaluate_predicate
+from siren_ros.scoring.judging.outcome import evaluate_predicate
 from siren_ros.scoring.pictures.birdseye import save_episode_picture
 from siren_ros.scoring.pictures.video import FRAME_RATE_HZ, Coding, View, save_video
 

@@ -77,7 +77,7 @@ POSIX
         fi
         echo 'export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE-LOCALHOST}"'
         echo 'if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE-}${FASTDDS_DEFAULT_PROFILES_FILE-}" ]; then'
-        # Sockets on the loopback interface while discovery stays on this machine (siren_ros/running/ros/transport/shared_memory.py).
+        # Sockets on the loopback interface while discovery stays on this machine (siren_ros/running/ros/transport/dds.py).
         echo '    case "$ROS_AUTOMATIC_DISCOVERY_RANGE:${ROS_STATIC_PEERS-}" in'
         printf '        :* | NOT_SET:* | SUBNET:* | SYSTEM_DEFAULT:* | *:?*) export FASTRTPS_DEFAULT_PROFILES_FILE=%q ;;\n' \
             "$root/params/fastdds.xml"

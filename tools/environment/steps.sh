@@ -153,7 +153,7 @@ compile_loops() {
     if AMENT_PREFIX_PATH=${definitions%/share} nice -n 5 timeout 600 "$venv/bin/python" -c 'from pathlib import Path
 from tempfile import TemporaryDirectory
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.running.studies.workers import attempt_episode
+from siren_ros.running.studies.run_study import attempt_episode
 with TemporaryDirectory() as folder:
     attempt_episode(EpisodeRequest(duration_s=1.0), Path(folder) / "bag")' >"$state/loops.log" 2>&1 </dev/null; then
         say "  loops, compiled beside the other steps: $((SECONDS - start)) s"

@@ -17,7 +17,7 @@ from numba import types
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
-from siren_ros.base.user_folder import is_writable, user_folder
+from siren_ros.base.params.folders import is_writable, user_folder
 
 if not is_writable(Path(__file__).with_name("__pycache__")):
     os.environ.setdefault("NUMBA_CACHE_DIR", str(user_folder(".cache/siren/numba")))

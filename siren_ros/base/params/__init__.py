@@ -1,1 +1,1 @@
-"""Finds parameter files, and reads YAML with checks that name the line."""
+"""Parameters and their files, plain files of users, and folders."""

@@ -10,24 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.base.processes.process_pool import ProcessPool
-from siren_ros.base.tables.table import counted, text_of
+from siren_ros.base.tables import counted, text_of
 from siren_ros.cli.options import add_bags, add_named_paths, add_processes, names_in, processes_of
-from siren_ros.data.record.bag_survey import Need, in_dataset_order, survey_bag
+from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
 from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_OK, InputError, shown_text, write_text, writing
-from siren_ros.scoring.evaluation.detection.boxes import joined
-from siren_ros.scoring.evaluation.detection.detectors.table import DETECTORS, SEEN, run_detector
-from siren_ros.scoring.evaluation.detection.devkit_score import devkit_score
-from siren_ros.scoring.evaluation.detection.devkit_tracking import devkit_tracking
+from siren_ros.scoring.evaluation.detection.boxes import FoundSet, joined
+from siren_ros.scoring.evaluation.detection.detectors import DETECTORS, SEEN, run_detector
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of, read_frames
-from siren_ros.scoring.evaluation.detection.inputs.formats import read_detections, self_test_sets
-from siren_ros.scoring.evaluation.detection.inputs.nuscenes_results import write_nuscenes_tracks
-from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.scoring.evaluation.detection.metrics import devkit_score, devkit_tracking
 from siren_ros.scoring.evaluation.detection.pictures import draw_curves, draw_worst_frame
+from siren_ros.scoring.evaluation.detection.result_files import read_detections, self_test_sets, write_nuscenes_tracks
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.scoring.evaluation.detection.tracking import score_tracking, tracks_of
-from siren_ros.simulation.scenario.splits import overlap_warning
+from siren_ros.simulation.scenario.episode import overlap_warning
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:

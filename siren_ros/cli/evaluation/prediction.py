@@ -12,10 +12,10 @@ from siren_ros.cli.options import add_bags, add_named_paths, add_processes, name
 from siren_ros.data.interfaces.topics import PREDICTIONS
 from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.scoring.evaluation.detection.detectors.table import DETECTORS
+from siren_ros.scoring.evaluation.detection.detectors import DETECTORS
 from siren_ros.scoring.evaluation.prediction.charts import write_charts, write_sample_pictures
-from siren_ros.scoring.evaluation.prediction.prediction_file import most_rows, read_prediction_file
 from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS
+from siren_ros.scoring.evaluation.prediction.reported_tracks import NOISES
 from siren_ros.scoring.evaluation.prediction.reports.report import (
     NO_SAMPLES_TEXT,
     new_folder,
@@ -26,9 +26,8 @@ from siren_ros.scoring.evaluation.prediction.reports.report import (
 from siren_ros.scoring.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.scoring.evaluation.prediction.samples import Population
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores, ScoringJob, score_bags
-from siren_ros.scoring.evaluation.prediction.submission import submission
-from siren_ros.scoring.evaluation.prediction.track_noise import NOISES
-from siren_ros.simulation.scenario.interaction_region import REGION_TEXT
+from siren_ros.scoring.evaluation.prediction.submission import most_rows, read_prediction_file, submission
+from siren_ros.simulation.scenario.scenario import REGION_TEXT
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:

@@ -9,35 +9,40 @@ from typing import Final
 
 from tqdm import tqdm
 
-from siren_ros.base.tables.table import text_of
+from siren_ros.base.tables import text_of
 from siren_ros.cli.options import add_named_paths, check_numbers, positive, steps_of
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
-from siren_ros.scoring.evaluation.risk.controls import CHANGES, Control, sequence_answers
 from siren_ros.scoring.evaluation.risk.people import PEOPLE, agreement, consensus, read_rating, write_rating_page
-from siren_ros.scoring.evaluation.risk.risk_page import save_confusions, write_page
+from siren_ros.scoring.evaluation.risk.report import (
+    csv_of_scores,
+    save_confusions,
+    scores_as_json,
+    table_of_agreement,
+    table_of_changes,
+    table_of_severity,
+    tables_of,
+    write_page,
+)
 from siren_ros.scoring.evaluation.risk.scoring import (
     REFERENCES,
     Answers,
     ModelScores,
     checked_answers,
     read_answers,
+    read_severities,
     score_answers,
 )
-from siren_ros.scoring.evaluation.risk.sequence_model import load_sequence_model
-from siren_ros.scoring.evaluation.risk.severity import read_severities
-from siren_ros.scoring.evaluation.risk.tables import (
-    csv_of_scores,
-    scores_as_json,
-    table_of_agreement,
-    table_of_changes,
-    table_of_severity,
-    tables_of,
-)
+from siren_ros.scoring.evaluation.risk.sequence_model import CHANGES, Control, load_sequence_model, sequence_answers
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, missing_files, read_set
 from siren_ros.scoring.evaluation.risk.vlm.clients import CLIENTS
-from siren_ros.scoring.evaluation.risk.vlm.model import ReplyCache, VisionLanguageModel
-from siren_ros.scoring.evaluation.risk.vlm.pipeline import account, ask_about_all, write_answers
-from siren_ros.simulation.scenario.splits import overlap_warning
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import (
+    ReplyCache,
+    VisionLanguageModel,
+    account,
+    ask_about_all,
+    write_answers,
+)
+from siren_ros.simulation.scenario.episode import overlap_warning
 
 _SEQUENCE: Final = "sequence"
 _UNKNOWN: Final = f"{_SEQUENCE}: its card does not list the episodes of its training, so no overlap is noticed"

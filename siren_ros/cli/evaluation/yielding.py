@@ -10,15 +10,28 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.base.tables.table import text_of
+from siren_ros.base.tables import text_of
 from siren_ros.cli.options import add_bags, add_processes, of_each_bag, processes_of
 from siren_ros.data.recording.bag_reader import bags_among, read_episode
 from siren_ros.errors import EXIT_FAILED, InputError, shown_text, whole_file, write_text, writing
-from siren_ros.scoring.evaluation.diversity.profile import InteractionProfile, profile_of
-from siren_ros.scoring.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables, drawn_ranges
-from siren_ros.scoring.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
+from siren_ros.scoring.evaluation.diversity import (
+    InteractionProfile,
+    diversity,
+    diversity_as_json,
+    diversity_tables,
+    drawn_ranges,
+    profile_of,
+)
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode, under_test_tables, yield_tables
+from siren_ros.scoring.evaluation.yielding.scoring import (
+    OUTCOMES,
+    Effect,
+    ScoredEpisode,
+    effect_tables,
+    effects,
+    under_test_tables,
+    yield_tables,
+)
 
 
 def add_yield(verb: argparse.ArgumentParser) -> None:

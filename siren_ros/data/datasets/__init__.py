@@ -1,1 +1,1 @@
-"""Exporters to published formats, one file or folder per format."""
+"""Exporters to published formats, one file per format or family of formats."""

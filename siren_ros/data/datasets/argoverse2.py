@@ -20,8 +20,8 @@ from siren_ros.base.numerics.arrays import Points
 from siren_ros.data.datasets.files import FileWriter, link
 from siren_ros.data.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.data.datasets.lane_graph import GraphLane, driven_shapes, lane_graph, without_holes
-from siren_ros.data.record.episode_source import EpisodeSource
-from siren_ros.data.record.tracks import FRAME_S, Track, tracks_of, whole_windows
+from siren_ros.data.episode_source import EpisodeSource
+from siren_ros.data.tracks import FRAME_S, Track, tracks_of, whole_windows
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass

@@ -13,16 +13,21 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Points
-from siren_ros.data.datasets.commonroad_surface import Bounds, border_strips, junction_surfaces, lanelet_bounds
 from siren_ros.data.datasets.files import FileWriter, child, children, document
 from siren_ros.data.datasets.formats import EpisodeReport, FilesExporter
-from siren_ros.data.datasets.lane_graph import GraphLane, lane_graph
-from siren_ros.data.record.episode_source import EpisodeSource
-from siren_ros.data.record.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
+from siren_ros.data.datasets.lane_graph import (
+    Bounds,
+    GraphLane,
+    border_strips,
+    junction_surfaces,
+    lane_graph,
+    lanelet_bounds,
+)
+from siren_ros.data.episode_source import EpisodeSource
 from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.data.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.errors import BagError
-from siren_ros.simulation.roads.mirror_image import OTHER_SIDE, negated
-from siren_ros.simulation.roads.road_network import Connection, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.road_network import OTHER_SIDE, Connection, LaneKind, RoadNetwork, negated
 from siren_ros.simulation.scenario.episode import EpisodeDescription
 from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
 

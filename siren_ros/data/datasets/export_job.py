@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import Any, Final
 
 import siren_ros
+from siren_ros.base.numerics.arrays import Brief
 from siren_ros.base.processes.process_pool import ProcessPool, Progress, simulated_time
-from siren_ros.base.tables.brief import Brief
 from siren_ros.data.datasets.files import FileWriter, Staging
 from siren_ros.data.datasets.formats import EpisodePart, EpisodeReport, Format, load_exporter
 from siren_ros.data.datasets.publication import CARD_FILE, ORIGIN, README_FILE, datasheet, write_croissant
-from siren_ros.data.record.bag_survey import BagSurvey, in_dataset_order, recovered, survey_bag
-from siren_ros.data.record.episode_source import open_source
-from siren_ros.data.record.licences import LICENCE
+from siren_ros.data.episode_source import LICENCE, BagSurvey, in_dataset_order, open_source, recovered, survey_bag
 from siren_ros.errors import BagError, EpisodeError, writing
-from siren_ros.simulation.scenario.splits import Split, split_of
+from siren_ros.simulation.scenario.episode import Split, split_of
 
 SPLITS: Final = ("train", "val", "test")
 AUTO: Final = "auto"
-"""Value that assigns each episode to the split that ``siren_ros.simulation.scenario.splits`` fixes for it."""
+"""Value that assigns each episode to the split that ``siren_ros.simulation.scenario.episode`` fixes for it."""
 
 
 def card(

@@ -1,12 +1,16 @@
-"""Writes the files of a dataset: in the background, staged until all are complete. It also builds XML elements."""
+"""Writes the files of a dataset: in the background, staged until all are complete. It also builds XML elements.
+
+``LiveExport`` is the folder of an export that grows while an episode runs. It is hidden until the episode is complete.
+"""
 
 import fcntl
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import BufferedWriter
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -14,7 +18,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from siren_ros.base.params import plain_json
+from siren_ros.base.params import plain_files
 from siren_ros.errors import InputError, writing
 
 _QUEUE_PER_THREAD: Final = 4
@@ -154,7 +158,7 @@ class Staging:
         """The stored report of a finished part; None if the part is not finished."""
         file = self.part(index).with_suffix(".json")
         with suppress(OSError, ValueError):
-            report: dict[str, Any] = plain_json.read(file)
+            report: dict[str, Any] = plain_files.read_json(file)
             return report
         return None
 
@@ -252,3 +256,93 @@ def document(root: Element) -> bytes:
     """An XML document as bytes."""
     indent(root, " ")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"
+
+
+_LIVE_JOB: Final = {"export": "of a running episode"}
+"""Job that distinguishes this hidden folder from that of an unfinished ``siren export``."""
+_LIVE_PART: Final = 0
+
+
+FRAMES_FILE: Final = "frames.csv"
+FRAMES_HEAD: Final = "frame,step,timestamp\n"
+_KITTI_FILES: Final = re.compile(
+    r"frames\.csv|objects\.csv|README\.md|ImageSets/(train|val|test|trainval)\.txt|"
+    r"(training/)?(image_2|velodyne|calib|label_2|label_lidar)/\d{6,}\.(txt|bin|png|jpg)"
+)
+"""Matches every file of a KITTI export, in either layout."""
+
+
+def is_kitti_export(folder: Path) -> bool:
+    """Whether a folder holds the KITTI export of a running episode, and no other file."""
+    try:
+        with (folder / FRAMES_FILE).open(encoding="utf-8") as table:
+            begins = table.readline() == FRAMES_HEAD
+    except (OSError, ValueError):
+        return False
+    paths = [(path, path.relative_to(folder).as_posix()) for path in folder.rglob("*")]
+    known = all(path.is_dir() or _KITTI_FILES.fullmatch(place) for path, place in paths)
+    return begins and known and not any(path.is_symlink() for path in (folder, *(path for path, _ in paths)))
+
+
+class LiveExport:
+    """The folder of a running export.
+
+    The exporter opens and closes it; the program that knows the result publishes or drops it.
+    """
+
+    def __init__(self, out: Path, *, overwrite: bool = False) -> None:
+        """Prepare an export with this final folder; nothing is created yet.
+
+        ``overwrite`` allows it to replace an earlier one.
+        """
+        self._out = out
+        self._overwrite = overwrite
+        self._staging = Staging(out)
+        self._opened = ExitStack()
+
+    def check(self) -> None:
+        """Check that the final folder can be taken at the end; InputError as ``Staging.check_free``."""
+        if self._replaces:
+            return
+        if is_kitti_export(self._out):
+            allowed = "a folder that is new or empty; overwrite (overwrite:=true) replaces this export"
+            raise InputError("out", str(self._out), allowed)
+        self._staging.check_free()
+
+    @property
+    def _replaces(self) -> bool:
+        return self._overwrite and is_kitti_export(self._out)
+
+    def open(self) -> Path:
+        """Create the hidden folder, empty, and return it. Files of a killed episode are deleted.
+
+        Raises InputError as ``check``; another episode or an unfinished ``siren export`` has the place.
+        """
+        self.check()
+        self.drop()
+        self._opened.enter_context(self._staging.opened(_LIVE_JOB))
+        return self._staging.new(self._staging.part(_LIVE_PART))
+
+    def close(self, *, whole: bool) -> None:
+        """End the writing. A complete export waits for ``publish``; an incomplete one is deleted.
+
+        Raises InputError: the disk does not take the note that the export is whole; it is removed.
+        """
+        with self._opened:
+            if whole:
+                self._staging.finish_part(_LIVE_PART, {})
+
+    def publish(self) -> None:
+        """Rename a closed export to its final name.
+
+        Raises InputError: the name has been taken meanwhile, or nothing was closed.
+        """
+        if self._replaces:
+            shutil.rmtree(self._out)
+        self._staging.publish(self._staging.part(_LIVE_PART))
+
+    def drop(self) -> None:
+        """Delete the export of a failed episode or of a killed exporter."""
+        if self._staging.path.is_dir():
+            with suppress(InputError), self._staging.opened(_LIVE_JOB):
+                self._staging.remove()

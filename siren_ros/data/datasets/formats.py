@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Final, Protocol, cast
 
 from siren_ros.data.datasets.files import FileWriter, link
-from siren_ros.data.record.bag_survey import Need
-from siren_ros.data.record.episode_source import EpisodeSource
-from siren_ros.data.record.tracks import POPULATIONS
+from siren_ros.data.episode_source import EpisodeSource, Need
+from siren_ros.data.tracks import POPULATIONS
 from siren_ros.errors import InputError
-from siren_ros.simulation.scenario.interaction_region import REGION_TEXT
+from siren_ros.simulation.scenario.scenario import REGION_TEXT
 
 FLAG: Final = ("no", "yes")
 _PACKAGE: Final = "siren_ros.data.datasets"
@@ -122,14 +121,14 @@ FORMATS: Final = {
             "csv",
             "The paper's tracks: trajectory.csv, 10 Hz, CARLA's world frame",
             (Need.TRACKS,),
-            f"{_PACKAGE}.trajectory_csv:CsvExporter",
+            f"{_PACKAGE}.trajectory_tables:CsvExporter",
             (Option("region", "no", FLAG, f"only the vehicles in the interaction region ({REGION_TEXT})"),),
         ),
         Format(
             "kitti",
             "KITTI's 3-D object benchmark: sweeps, front camera, labels, calibration",
             (Need.LIDAR, Need.FRONT_CAMERA),
-            f"{_PACKAGE}.kitti.exporter:KittiExporter",
+            f"{_PACKAGE}.kitti:KittiExporter",
             (
                 Option(
                     "layout",
@@ -144,14 +143,14 @@ FORMATS: Final = {
             "openpcdet",
             "OpenPCDet's custom dataset: points, labels in the LiDAR frame, ImageSets",
             (Need.LIDAR,),
-            f"{_PACKAGE}.openpcdet:OpenPcdetExporter",
+            f"{_PACKAGE}.kitti:OpenPcdetExporter",
             (Option("least-points", "1", (), "least number of LiDAR points of a box"),),
         ),
         Format(
             "nuscenes",
             "nuScenes: scenes with all sweeps, pictures of all cameras and annotated keyframes at 2 Hz",
             (Need.LIDAR, Need.CAMERA, Need.MAP),
-            f"{_PACKAGE}.nuscenes.exporter:NuscenesExporter",
+            f"{_PACKAGE}.nuscenes:NuscenesExporter",
             (
                 Option(
                     "emv-category",
@@ -181,7 +180,7 @@ FORMATS: Final = {
             "ngsim",
             "NGSIM for CSP, STDAN and BAT: tracks in feet, 13 x 3 grid, manoeuvre classes",
             (Need.TRACKS, Need.MAP, Need.EMV),
-            f"{_PACKAGE}.ngsim:NgsimExporter",
+            f"{_PACKAGE}.trajectory_tables:NgsimExporter",
             (Option("population", "region", POPULATIONS, "vehicles that are targets and neighbours"),),
         ),
         Format(
@@ -198,18 +197,23 @@ FORMATS: Final = {
                 ),
             ),
         ),
-        Format("opendrive", "OpenDRIVE: the episode's map", (Need.MAP,), f"{_PACKAGE}.opendrive:OpenDriveExporter"),
+        Format(
+            "opendrive",
+            "OpenDRIVE: the episode's map",
+            (Need.MAP,),
+            f"{_PACKAGE}.simulator_scenarios:OpenDriveExporter",
+        ),
         Format(
             "openscenario",
             "OpenSCENARIO 1.2: all vehicles follow their recorded trajectories on the OpenDRIVE map",
             (Need.TRACKS, Need.MAP),
-            f"{_PACKAGE}.openscenario:OpenScenarioExporter",
+            f"{_PACKAGE}.simulator_scenarios:OpenScenarioExporter",
         ),
         Format(
             "scenarionet",
             "ScenarioNet for MetaDrive: tracks, map features and dynamic map states",
             (Need.TRACKS, Need.MAP, Need.EMV),
-            f"{_PACKAGE}.scenarionet:ScenarioNetExporter",
+            f"{_PACKAGE}.simulator_scenarios:ScenarioNetExporter",
         ),
         Format(
             "rerun",

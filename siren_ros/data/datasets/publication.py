@@ -14,8 +14,8 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.base.params import plain_json
-from siren_ros.data.record.licences import LICENCE, LICENCE_URL
+from siren_ros.base.params import plain_files
+from siren_ros.data.episode_source import LICENCE, LICENCE_URL
 from siren_ros.errors import InputError, write_text, writing
 
 CROISSANT_FILE: Final = "croissant.json"
@@ -181,7 +181,7 @@ def _table_records(path: str, schema: pa.Schema) -> dict[str, Any]:
     """A Parquet file as a Croissant table; arrays get their shapes where the file states them."""
     fields = []
     for column in schema:
-        about = plain_json.load((column.metadata or {}).get(b"siren", b"{}"))
+        about = plain_files.load_json((column.metadata or {}).get(b"siren", b"{}"))
         shape = about.get("shape", [-1] if pa.types.is_list(column.type) else [])
         field: dict[str, Any] = {
             "@type": "cr:Field",
@@ -269,7 +269,7 @@ def check_copy(folder: Path) -> CopyCheck:
     """
     allowed = f"a folder with the {CROISSANT_FILE} of a dataset"
     try:
-        metadata = plain_json.read(folder / CROISSANT_FILE)
+        metadata = plain_files.read_json(folder / CROISSANT_FILE)
         stated = {
             str(file["contentUrl"]): (int(str(file["contentSize"]).removesuffix(" B")), str(file["sha256"]))
             for file in metadata["distribution"]

@@ -12,13 +12,13 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.datasets.files import FileWriter
 from siren_ros.data.datasets.formats import EpisodeReport, FilesExporter
 from siren_ros.data.datasets.lane_graph import lane_graph
+from siren_ros.data.episode_source import EpisodeSource
 from siren_ros.data.interfaces.conversions import from_actor_states, from_events, from_traffic_state
 from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.data.interfaces.topics import ACTORS, TRAFFIC
 from siren_ros.data.interfaces.topics import EVENTS as EVENTS_TOPIC
-from siren_ros.data.record.episode_source import EpisodeSource
-from siren_ros.data.record.tracks import LOG_PERIOD_STEPS
 from siren_ros.data.recording.bag_reader import BagMessage, damage_refused
+from siren_ros.data.tracks import LOG_PERIOD_STEPS
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import ActorDescription, ActorStates, Mode
 

@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats, Ids, Matrix, Rows
 from siren_ros.base.numerics.geometry import wrap_angle
-from siren_ros.simulation.world.carrier import GroundTruth
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics, GroundTruth
 
 _CLEARANCE_M: Final = 0.2
 """A return that is nearer than a box's nearest corner by more than this is on another object in front of it."""

@@ -21,8 +21,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from siren_ros.base.numerics.units import NS_PER_S, STEP_NS, exact_s, step_of_time_ns, time_ns_of_step
-from siren_ros.base.params import plain_json
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params import plain_files
+from siren_ros.base.params.folders import params_dir
 from siren_ros.data.interfaces.topics import Topic
 from siren_ros.errors import EpisodeError, InputError
 
@@ -163,7 +163,7 @@ def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
 
 def json_object(text: str) -> dict[str, Any]:
     """Parse the JSON object in a text field; ValueError or TypeError if it is not JSON or not an object."""
-    value = plain_json.load(text)
+    value = plain_files.load_json(text)
     if not isinstance(value, dict):
         raise TypeError(f"no JSON object but {type(value).__name__}")
     return value

@@ -168,7 +168,7 @@ OBSERVED: Final = {
     for topic in (TRAFFIC, ACTORS, EVENTS)
 }
 """Copies of topics for programs that only watch, by the name of the original. A subscriber of the original would make
-DDS deliver it to the lockstep's nodes as well, which slows them (``siren_ros/running/ros/transport/direct.py``)."""
+DDS deliver it to the lockstep's nodes as well, which slows them (``siren_ros/running/ros/transport/endpoints.py``)."""
 
 DECISIVE_TOPICS: Final = frozenset(
     topic.name

@@ -18,7 +18,7 @@ from typing import Any, Final
 import yaml
 from mcap.records import Channel
 
-from siren_ros.base.params import plain_yaml
+from siren_ros.base.params import parameters
 from siren_ros.data.interfaces.topics import EPISODE
 from siren_ros.errors import BagError
 from siren_ros.simulation.scenario.episode import EpisodeDescription
@@ -165,9 +165,9 @@ def read_metadata(bag: Path) -> dict[str, Any]:
         if file.stat().st_size > MAX_METADATA_BYTES:
             raise BagError(str(bag), f"a bag with a {METADATA_FILE} of at most {MAX_METADATA_BYTES} bytes")
         text = file.read_text(encoding="utf-8")
-        information = plain_yaml.load(text)["rosbag2_bagfile_information"]
+        information = parameters.load_yaml(text)["rosbag2_bagfile_information"]
     except yaml.YAMLError as error:
-        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE} ({plain_yaml.reason_of(error)})") from error
+        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE} ({parameters.yaml_fault(error)})") from error
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}") from error
     if not isinstance(information, dict):

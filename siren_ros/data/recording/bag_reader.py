@@ -23,10 +23,8 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.base.numerics.units import STEP_NS
 from siren_ros.data.recording.bag_folder import METADATA_FILE, read_metadata
-from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.data.recording.mcap_scan import DamageError, read_attachment, read_chunk, read_places, unpack
-from siren_ros.data.recording.mcap_stream import MAGIC
-from siren_ros.data.recording.record_builder import RECORD_TOPICS, RecordBuilder
+from siren_ros.data.recording.episode_record import RECORD_TOPICS, EpisodeRecord, RecordBuilder
+from siren_ros.data.recording.mcap_files import MAGIC, DamageError, read_attachment, read_chunk, read_places, unpack
 from siren_ros.errors import BagError, SirenError
 
 MAX_SUMMARY_BYTES: Final = 100_000_000

@@ -15,9 +15,9 @@ from typing import Any, Final
 from mcap.records import Channel, Schema
 from rosbags.typesys.store import Typestore
 
-from siren_ros.base.tables.brief import Brief
+from siren_ros.base.numerics.arrays import Brief
 from siren_ros.data.recording.bag_folder import BagTopic, WorkingFolder, free_partial_path, metadata_text, qos_text
-from siren_ros.data.recording.mcap_stream import (
+from siren_ros.data.recording.mcap_files import (
     ChannelMessage,
     ChunkContent,
     McapStream,

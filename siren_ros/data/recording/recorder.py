@@ -11,12 +11,12 @@ from typing import Any, Final, TypeAlias
 from rosbags.typesys.store import Typestore
 
 from siren_ros.base.numerics.units import time_ns_of_step
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing, to_episode_end, to_episode_outcome
+from siren_ros.data.interfaces.conversions import EpisodeClosing, to_episode_end, to_episode_outcome
 from siren_ros.data.interfaces.messages import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.data.interfaces.topics import EPISODE_END, OUTCOME, STEERED_FROM_OUTSIDE, Topic
 from siren_ros.data.lockstep import MAX_STEPS_AHEAD
 from siren_ros.data.recording.bag_writer import BagOptions, BagSummary, EpisodeBagWriter
-from siren_ros.data.recording.record_builder import RECORD_TOPICS, Reading, RecordBuilder, read_anew
+from siren_ros.data.recording.episode_record import RECORD_TOPICS, Reading, RecordBuilder, read_anew
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome
 

@@ -13,7 +13,7 @@ from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
 from siren_ros.data.interfaces.topics import ACTORS, EPISODE, MAP
-from siren_ros.data.recording import bag_folder, mcap_scan
+from siren_ros.data.recording import bag_folder, mcap_files
 from siren_ros.data.recording.bag_folder import (
     METADATA_FILE,
     PARTIAL_SUFFIX,
@@ -23,8 +23,14 @@ from siren_ros.data.recording.bag_folder import (
 )
 from siren_ros.data.recording.bag_reader import check_bag_files, read_summary, storage_files
 from siren_ros.data.recording.bag_writer import END_KEY, REASON_KEY
-from siren_ros.data.recording.mcap_scan import DamageError, RecordPlace
-from siren_ros.data.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, plain_bytes
+from siren_ros.data.recording.mcap_files import (
+    ChannelMessage,
+    ChunkContent,
+    DamageError,
+    McapStream,
+    RecordPlace,
+    plain_bytes,
+)
 from siren_ros.errors import BagError, EpisodeError
 
 _REASON: Final = "recovered after its writer was cut off"
@@ -98,13 +104,13 @@ class _Salvage:
     def _scan(self) -> None:
         try:
             self.file.seek(0)
-            for place in mcap_scan.read_places(self.file, named=False):
+            for place in mcap_files.read_places(self.file, named=False):
                 if place.opcode == Opcode.CHUNK:
                     self.chunks.append(place)
                 elif place.opcode == Opcode.ATTACHMENT:
                     self.attachments.append(place)
                 elif place.opcode == Opcode.MESSAGE_INDEX and self.chunks:
-                    self.indexed[self.chunks[-1].offset] += mcap_scan.count_index_entries(self.file, place.offset)
+                    self.indexed[self.chunks[-1].offset] += mcap_files.count_index_entries(self.file, place.offset)
         except DamageError as error:
             self.end = str(error)
         for content in self._readable(self.chunks):
@@ -121,13 +127,13 @@ class _Salvage:
             place = RecordPlace(Opcode.CHUNK, index.chunk_start_offset, index.chunk_length - _RECORD_HEAD_BYTES)
             self.chunks.append(place)
             for offset in index.message_index_offsets.values():
-                self.indexed[place.offset] += mcap_scan.count_index_entries(self.file, offset)
+                self.indexed[place.offset] += mcap_files.count_index_entries(self.file, offset)
 
     def _readable(self, places: Iterable[RecordPlace]) -> Iterator[ChunkContent]:
         """Contents of the chunks that can be read."""
         for place in places:
             with suppress(DamageError):
-                yield mcap_scan.parse_content(mcap_scan.unpack(mcap_scan.read_chunk(self.file, place)))
+                yield mcap_files.parse_content(mcap_files.unpack(mcap_files.read_chunk(self.file, place)))
 
     def _learn(self, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
         """Take definitions; the first one of each id counts."""
@@ -141,9 +147,9 @@ class _Salvage:
         copies = self._lost_copies()
         for number, place in enumerate(self.chunks):
             try:
-                chunk = mcap_scan.read_chunk(self.file, place)
-                plain = mcap_scan.unpack(chunk)
-                content = self._take(mcap_scan.parse_content(plain))
+                chunk = mcap_files.read_chunk(self.file, place)
+                plain = mcap_files.unpack(chunk)
+                content = self._take(mcap_files.parse_content(plain))
             except DamageError as error:
                 self.damages.append(str(error))
                 self.lost_messages += self.indexed[place.offset]
@@ -158,7 +164,7 @@ class _Salvage:
 
     def _lost_copies(self) -> list[ChannelMessage]:
         """Second copies of the messages whose chunks cannot be read, in the order of the bag."""
-        contents = mcap_scan.read_copies(self.file, self.attachments)
+        contents = mcap_files.read_copies(self.file, self.attachments)
         readable = self._readable(self.chunks) if contents else ()
         present = {(item.channel_id, item.sequence) for content in readable for item in content.messages}
         copies: list[ChannelMessage] = []

@@ -8,9 +8,15 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Matrix, random_stream
 from siren_ros.data.interfaces import topics
-from siren_ros.data.interfaces.measurements import to_audio, to_imu, to_nav_sat_fix
+from siren_ros.data.interfaces.measurements import (
+    Transform,
+    quaternion_of_matrix,
+    quaternion_of_yaw,
+    to_audio,
+    to_imu,
+    to_nav_sat_fix,
+)
 from siren_ros.data.interfaces.topics import AV_CARRIER, EMV_CARRIER, Topic
-from siren_ros.data.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw
 from siren_ros.errors import EpisodeError
 from siren_ros.sensing.microphone import MicrophoneSpec
 from siren_ros.sensing.navigation import GnssSpec, ImuSpec, VehicleMotion

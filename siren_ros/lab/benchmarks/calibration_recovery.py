@@ -14,13 +14,19 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables.table import Table
+from siren_ros.base.tables import Table
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
-from siren_ros.lab.calibration.fit import EVALUATIONS_EACH, Fitted, fit
-from siren_ros.lab.calibration.parameters import check_effect, parameters_named
-from siren_ros.lab.calibration.searches import residuals_over
-from siren_ros.lab.calibration.targets import Situation, Target, Trajectory, driven, horizons_of
+from siren_ros.lab.calibration.fit import EVALUATIONS_EACH, Fitted, fit, residuals_over
+from siren_ros.lab.calibration.problem import (
+    Situation,
+    Target,
+    Trajectory,
+    check_effect,
+    driven,
+    horizons_of,
+    parameters_named,
+)
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.running.generation.episode_setup import plan_length
 from siren_ros.simulation.scenario.driver_parameters import DriverParameter
 from siren_ros.simulation.scenario.episode import EpisodeRequest

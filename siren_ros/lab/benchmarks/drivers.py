@@ -14,11 +14,10 @@ from typing import Any
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EXIT_OK, SirenError
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.reports.exam.certificate import Certificate
-from siren_ros.reports.exam.grading import Sitting, examine
-from siren_ros.reports.exam.others import PAPER, actor_in_seat, compared_with_paper
-from siren_ros.reports.exam.rulebook import Rulebook, load_rulebook
+from siren_ros.reports.exam.examinee import PAPER, actor_in_seat, compared_with_paper
+from siren_ros.reports.exam.grading import Rulebook, Sitting, examine, load_rulebook
 from siren_ros.running.generation.closed_loop import closed_loop, driven, record_of
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.running.seat.drivers.drivers import driver_of

@@ -17,7 +17,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
+from siren_ros.lab.reproduction.results import add_json, write_json
 
 FACTOR = re.compile(r"real-time factor (\d+\.\d+) ")
 SHARE = re.compile(r"^  (\w[\w ]+\w) +\d+\.\d+ s +(\d+\.\d+) %$", re.MULTILINE)

@@ -10,14 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from siren_ros.base.params.resources import params_dir
-from siren_ros.base.params.strict_yaml import read_strict_yaml
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.parameters import read_strict_yaml
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.lab.benchmarks.drivers import record_with
-from siren_ros.reports.exam.grading import examine
-from siren_ros.reports.exam.rulebook import load_rulebook
-from siren_ros.running.seat.drivers.habits import FAULTS, HABITS
+from siren_ros.reports.exam.grading import examine, load_rulebook
+from siren_ros.running.seat.drivers.lawful import FAULTS, HABITS
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.templates import load_template
 

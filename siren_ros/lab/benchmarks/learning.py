@@ -21,9 +21,9 @@ from gymnasium.vector import AsyncVectorEnv
 
 from siren_ros.base.numerics.units import STEP_S, STEPS_PER_S
 from siren_ros.errors import InputError
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.benchmarks.steps import with_vehicles
 from siren_ros.lab.learning.environment import YieldEnv
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.simulation.traffic.sumo.call_log import CallLog
 
 _KEEP: Final = 0

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.base.processes.process_pool import ProcessPool, side_by_side
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.benchmarks.templates import seeds_of_option
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.maps.mirrored_net import mirrored_net
+from siren_ros.simulation.roads.maps.map_formats import mirrored_net
+from siren_ros.simulation.roads.road_network import mirror_image
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
-from siren_ros.simulation.world.mirror_image import mirror_image
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from typing import Final
 from urllib.request import urlopen
 
 from siren_ros.lab.benchmarks.episode import measure
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
-from siren_ros.running.ros.transport.domain import VARIABLE
+from siren_ros.lab.reproduction.results import add_json, write_json
+from siren_ros.running.ros.transport.dds import DOMAIN_VARIABLE
 
 _VIEWER: Final = (sys.executable, "-m", "siren_nodes.viewer", "--ros-args", "-p", "browser:=false")
 _DOMAIN: Final = "79"
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("parameters", nargs="*", help="further parameters of cosim, such as realtime_factor:=1")
     add_json(parser)
     options = parser.parse_args(argv)
-    os.environ.setdefault(VARIABLE, _DOMAIN)
+    os.environ.setdefault(DOMAIN_VARIABLE, _DOMAIN)
     walls: list[float] = []
     processors: list[float] = []
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as scratch:

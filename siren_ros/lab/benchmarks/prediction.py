@@ -16,7 +16,7 @@ from typing import Final
 from siren_ros.data.recording.bag_reader import bags_among, read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EXIT_OK
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS, Predictor, predictors_named
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
 

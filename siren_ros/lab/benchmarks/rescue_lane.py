@@ -18,16 +18,15 @@ from siren_ros.base.numerics.arrays import Floats, Rows
 from siren_ros.base.numerics.geometry import overlapping_pairs
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.benchmarks.templates import seeds_of_option
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
-from siren_ros.scoring.judging.predicates import evaluate_predicate
-from siren_ros.scoring.judging.rescue_lane import RoadView, bodies_at, free_width_m, road_of
+from siren_ros.scoring.judging.corridor_templates import RoadView, bodies_at, free_width_m, road_of
+from siren_ros.scoring.judging.outcome import evaluate_predicate
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.traffic.bluelight import BluelightSimulation
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates
-from siren_ros.simulation.world.traffic_state import TrafficState
+from siren_ros.simulation.traffic.simulation import BluelightSimulation
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, TrafficState
 
 DURATION_S: Final = 150.0
 JAM_ENDS_S: Final = 90.0

@@ -14,8 +14,7 @@ from siren_ros.base.numerics.arrays import Matrix
 from siren_ros.sensing.camera.renderer import RenderedImage, Renderer
 from siren_ros.sensing.lidar.embree import RaycastWorld, RayHits, TriangleTree, tiles
 from siren_ros.sensing.lidar.lidar import Lidar
-from siren_ros.sensing.meshes.mesh import Mesh, StaticScene, VehicleShape
-from siren_ros.sensing.meshes.placement import Catalogue, VehiclePlacement
+from siren_ros.sensing.meshes.mesh import Catalogue, Mesh, StaticScene, VehiclePlacement, VehicleShape
 from siren_ros.sensing.scene.static_scene import static_scene
 from siren_ros.sensing.specification import map_from_base
 from siren_ros.sensing.suite import load_suite
@@ -24,7 +23,7 @@ from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 _ROUNDS = 60
 _CARRIER_ID = 1

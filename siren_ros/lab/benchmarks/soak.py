@@ -30,7 +30,7 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
-from siren_ros.running.ros.transport.shared_memory import abandoned_segments
+from siren_ros.running.ros.transport.dds import abandoned_segments
 from siren_ros.scoring.judging.verify import check_complete, check_message_counts, check_stamps
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES

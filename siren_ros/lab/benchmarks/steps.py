@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 import yaml
 
-from siren_ros.base.params.resources import named_params_file
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
+from siren_ros.base.params.folders import named_params_file
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.simulation.roads.maps.netconvert import sumo_home

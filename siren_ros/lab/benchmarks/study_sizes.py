@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.errors import EXIT_OK, InputError
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.running.studies.episode_row import EpisodeRow, rows_of_manifest
 
 _MANY = 10_000

@@ -29,28 +29,25 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.processes.process_pool import CrashError, ProcessPool, side_by_side
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError, SirenError
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
-from siren_ros.running.generation.behaviour_setup import behaviour_world
+from siren_ros.lab.reproduction.results import add_json, write_json
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, record_of
-from siren_ros.running.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
+from siren_ros.running.generation.episode_setup import EpisodeSetup, behaviour_world, plan_length, set_up_episode
 from siren_ros.running.studies.matrix import seeds_of
 from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
 from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
-from siren_ros.scoring.judging.outcome import Realisation, realisation_of, summarise_residuals
-from siren_ros.scoring.judging.physics import PhysicsSummary, VerifyLimits, summarise_physics
-from siren_ros.scoring.judging.predicates import evaluate_predicate
-from siren_ros.scoring.judging.verify import check_states
+from siren_ros.scoring.judging.outcome import Realisation, evaluate_predicate, realisation_of, summarise_residuals
+from siren_ros.scoring.judging.verify import PhysicsSummary, VerifyLimits, check_states, summarise_physics
 from siren_ros.scoring.pictures.birdseye import save_episode_picture
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES, EmergencyLevel, level_name
 from siren_ros.simulation.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.world.traffic_state import EventKind
+from siren_ros.simulation.world.actors import EventKind
 
 STILL_MPS: Final = 0.1
 """An EMV slower than this stands."""

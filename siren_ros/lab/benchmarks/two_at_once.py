@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.lab.benchmarks.episode import measure
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
-from siren_ros.running.ros.transport.domain import VARIABLE
+from siren_ros.lab.reproduction.results import add_json, write_json
+from siren_ros.running.ros.transport.dds import DOMAIN_VARIABLE
 
 LOOP: Final = "sum(number * number for number in range(60_000_000))"
 """Program that needs nothing but a processor, for some seconds."""
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("parameters", nargs="*", help="further parameters of cosim")
     add_json(parser)
     options = parser.parse_args(argv)
-    os.environ.pop(VARIABLE, None)  # lets each episode find a free domain
+    os.environ.pop(DOMAIN_VARIABLE, None)  # lets each episode find a free domain
     loops: list[float] = []
     episodes: dict[str, list[float]] = {suite: [] for suite in options.suites}
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as scratch:

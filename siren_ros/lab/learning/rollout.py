@@ -1,22 +1,25 @@
-"""A rollout: one episode in which drivers answer step by step, and its bag from their answers."""
+"""A rollout: one episode in which drivers answer step by step, the state of a seat at a step, and the bag.
+
+Observations and rewards come from the state of a seat.
+"""
 
 import warnings
 from collections.abc import Generator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import ClassVar, Final, Self, cast
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
-from siren_ros.running.generation.closed_loop import LoopStep, closed_loop
+from siren_ros.running.generation.closed_loop import LoopStep, RecordedEpisode, closed_loop, record_episode
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
-from siren_ros.running.generation.recorded_episode import RecordedEpisode, record_episode
-from siren_ros.simulation.roads.mirror_image import right_hand_image
+from siren_ros.running.seat.sight import Sight, Way, sight_of
+from siren_ros.simulation.roads.road_network import mirror_image, right_hand_image
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.world.actors import ActorDescription, ActorStates
+from siren_ros.simulation.traffic.demand.demand import av_way, way_of
+from siren_ros.simulation.world.actors import ActorDescription, ActorStates, EventKind
 from siren_ros.simulation.world.commands import Controls
-from siren_ros.simulation.world.mirror_image import mirror_image
 
 
 class Seat(StrEnum):
@@ -163,3 +166,66 @@ class Rollout:
     def _free_sumo() -> None:
         if Rollout._running is not None:
             Rollout._running.close()
+
+
+@dataclass(frozen=True)
+class SeatState:
+    """What a driver sees at a step, and what has happened since the step before; left-hand traffic is mirrored."""
+
+    sight: Sight
+    before: Sight
+    """The view one step before; at the first step the same view."""
+    emv_id: int
+    """Id of the first emergency vehicle."""
+    emv_wanted_mps: float
+    """Speed of the emergency vehicle if no other vehicle were in its way."""
+    contact: bool
+    """Whether the own vehicle touched another actor at this step."""
+    red_lines: int
+    """Number of red stop lines that the own front crossed at this step."""
+
+    @property
+    def emv_row(self) -> int | None:
+        """Row of the first emergency vehicle; None if it is not on the map."""
+        return self.sight.states.row_of(self.emv_id)
+
+
+class SeatView:
+    """The view of one driver on a rollout, step by step."""
+
+    def __init__(self, rollout: Rollout, seat: Seat) -> None:
+        """Find the path of the seat's vehicle.
+
+        Raises:
+            InputError: The episode has nobody in the seat, or its route cannot be driven from its first lane.
+        """
+        setup, network = rollout.setup, rollout.network
+        curve = av_way(network, setup.plan) if seat is Seat.CIVILIAN else way_of(network, setup.plan.emvs[0])
+        self.actor_id = rollout.actor_of(seat)
+        self.way = Way.of(network, curve)
+        self._rollout = rollout
+        self._emv_id = rollout.actor_of(Seat.EMV)
+        self._emv_wanted_mps = float(setup.description.template_values["emv.speed_mps"])
+        self._last: SeatState | None = None
+
+    def look(self) -> SeatState | None:
+        """State at the rollout's current step; None if the vehicle has left the map."""
+        step, states = self._rollout.steps[-1], self._rollout.states
+        if states.row_of(self.actor_id) is None:
+            return None
+        at_m = 0.0 if self._last is None else self._last.sight.s_m
+        sight = sight_of(states, step.traffic.signals, self._rollout.actors, self.actor_id, self.way, at_m)
+        before = sight if self._last is None else self._last.sight
+        touched = any(
+            event.kind is EventKind.COLLISION and self.actor_id in {event.actor_id, event.other_id}
+            for event in step.events
+        )
+        colours = {signal.signal_id: signal.state for signal in step.traffic.signals}
+        crossed = [
+            line.connection
+            for line in self.way.lines
+            if before.s_m < line.at_m - 0.5 * sight.length_m <= sight.s_m
+            and line.connection.letter_in(colours.get(line.connection.signal_id or "", "")) in {"r", "R"}
+        ]
+        self._last = SeatState(sight, before, self._emv_id, self._emv_wanted_mps, touched, len(crossed))
+        return self._last

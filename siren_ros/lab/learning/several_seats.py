@@ -11,11 +11,11 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from siren_ros.errors import InputError
-from siren_ros.lab.learning.base_env import BaseEnv, SeatResult
+from siren_ros.lab.learning.environment import BaseEnv, SeatResult
 from siren_ros.lab.learning.options import EnvOptions
 from siren_ros.lab.learning.rollout import Seat
 from siren_ros.lab.learning.top_view import TopView
-from siren_ros.running.generation.recorded_episode import RecordedEpisode
+from siren_ros.running.generation.closed_loop import RecordedEpisode
 
 Results = dict[Seat, SeatResult]
 

@@ -1,6 +1,11 @@
-"""The file of results: figures of each part, with the commands, code and machine that made them."""
+"""Measured figures in files: those of a benchmark (``--json FILE``), and the file of results of all parts.
 
+The file of results has each part's figures with the commands, code and machine that made them.
+"""
+
+import argparse
 import json
+import math
 import os
 import platform
 from collections.abc import Iterator, Mapping
@@ -11,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.base.params import plain_json
+from siren_ros.base.params import plain_files
 from siren_ros.errors import InputError, write_text
 
 Figure = float | int | str
@@ -40,7 +45,7 @@ def read_results(file: Path) -> dict[str, PartResult]:
     if not file.exists():
         return {}
     try:
-        stored = plain_json.read(file)
+        stored = plain_files.read_json(file)
         kinds = {"inputs_sha256": str, "commands": tuple, "machine": dict, "minutes": float, "figures": dict}
         return {
             name: PartResult(**{key: kind(part[key]) for key, kind in kinds.items()})
@@ -126,3 +131,22 @@ def _label(value: Any) -> str:
     if isinstance(value, list) and all(isinstance(text, str) for text in value):
         return "-".join(value)
     return value if isinstance(value, str) else ""
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option."""
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there, too")
+
+
+def write_json(file: Path | None, content: Any) -> None:
+    """Write the figures if the option was given; infinite values and NaN become null. InputError as ``write_text``."""
+    if file is not None:
+        write_text(file, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

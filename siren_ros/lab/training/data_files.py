@@ -8,10 +8,10 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from siren_ros.base.params import plain_json
+from siren_ros.base.params import plain_files
 from siren_ros.base.processes.process_pool import side_by_side
 from siren_ros.errors import InputError, SirenError, whole_file
-from siren_ros.running.studies.workers import attempt_processes
+from siren_ros.running.studies.run_study import attempt_processes
 
 
 class Named(Protocol):
@@ -73,8 +73,8 @@ def read_arrays(path: Path, head: str) -> tuple[Any, dict[str, Any]]:
         InputError: The file cannot be read, is none of these, or is larger than 4 GiB in memory.
     """
     try:
-        arrays = plain_json.read_arrays(path, _MOST_BYTES)
-        return plain_json.load(str(arrays.pop(head))), arrays
+        arrays = plain_files.read_arrays(path, _MOST_BYTES)
+        return plain_files.load_json(str(arrays.pop(head))), arrays
     except (OSError, ValueError, KeyError) as error:
         raise InputError("file", str(path), f"a file of an earlier run ({error})") from error
 

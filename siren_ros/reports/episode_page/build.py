@@ -1,28 +1,37 @@
-"""Builds the page of an episode from its record."""
+"""Builds the page of an episode from its record or bag, with the reasons of drivers' decisions if they are known."""
 
 import base64
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.params.page_files import page_part, page_template
-from siren_ros.data.interfaces.markers import MODE_COLOURS
-from siren_ros.data.record.bag_survey import recording_command
+from siren_ros.base.tables import page_part, page_template
+from siren_ros.data.episode_source import recording_command
+from siren_ros.data.interfaces.boxes import MODE_COLOURS
+from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import SirenError, shown_text
-from siren_ros.reports.episode_page.columns import MEDIUM, QUICK, SMALL, ColumnFile
-from siren_ros.reports.episode_page.parts import add_parts, title_of
-from siren_ros.reports.episode_page.reasons import Decisions, add_reasons
+from siren_ros.reports.episode_page.columns import (
+    MEDIUM,
+    QUICK,
+    SMALL,
+    ColumnFile,
+    Decisions,
+    add_parts,
+    add_reasons,
+    add_shapes,
+    title_of,
+)
 from siren_ros.reports.episode_page.sensed import NOTHING, Sensed, add_sensed
-from siren_ros.reports.episode_page.shapes import add_shapes
-from siren_ros.scoring.judging.predicates import PARAMETER, evaluate_predicate
+from siren_ros.running.generation.replay_check import Decision, decisions_of
+from siren_ros.scoring.judging.outcome import PARAMETER, evaluate_predicate
 from siren_ros.scoring.judging.verdict import Part, Verdict
 from siren_ros.scoring.pictures.birdseye import interaction_steps
-from siren_ros.scoring.pictures.palette import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, MODE_NAMES
+from siren_ros.scoring.pictures.plot_parts import EMV_EVENTS, EMV_MODE_COLOURS, EVENT_STYLES, MODE_NAMES
 from siren_ros.sensing.meshes.mesh import StaticScene
-from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, Mode, Owner
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, Event, EventKind, Mode, Owner
 
 _PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
@@ -213,3 +222,25 @@ def _detail(name: str, value: float | str) -> str:
 def _mark(record: EpisodeRecord, event: Event) -> str:
     shown = event.kind not in EMV_EVENTS or event.actor_id in record.emv_ids
     return _MARKS.get(event.kind, "") if shown else ""
+
+
+def page_of_bag(
+    bag: Path,
+    against: Sequence[Path] = (),
+    complain: Callable[[str], None] = lambda _: None,
+    sensed: Sensed = NOTHING,
+) -> str:
+    """Page of a bag with sensor data, compared with others; ``complain`` gets a line if decisions are unknown.
+
+    Raises:
+        SirenError: A bag cannot be read, or as ``episode_page``.
+    """
+    others = [read_episode(other) for other in against]
+    record = read_episode(bag)
+    decisions: list[tuple[int, Mapping[int, Decision]]] | str
+    try:
+        decisions = list(decisions_of(record))
+    except SirenError as error:
+        complain(f"the page does not say why vehicles drive as they do: {error}")
+        decisions = f"Not known: {error}."
+    return episode_page(record, decisions, others, sensed)

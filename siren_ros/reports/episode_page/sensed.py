@@ -19,10 +19,9 @@ from PIL import Image
 
 from siren_ros.base.numerics.arrays import Matrix, Points
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud
+from siren_ros.data.episode_source import EpisodeSource, MountedSensor, open_source
+from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud, from_tf, matrix_between
 from siren_ros.data.interfaces.topics import TF
-from siren_ros.data.interfaces.transforms import from_tf, matrix_between
-from siren_ros.data.record.episode_source import EpisodeSource, MountedSensor, open_source
 from siren_ros.data.recording.bag_reader import BagMessage, damage_refused
 from siren_ros.data.sensor_messages.sensor_topics import AV, EMV
 from siren_ros.errors import BagError, InputError, shown_text

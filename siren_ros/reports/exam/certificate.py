@@ -1,8 +1,11 @@
-"""The certificate of an exam: tables and moments as a page, the same as JSON, and as JUnit XML for a CI."""
+"""The certificate of an exam: tables and moments as a page, the same as JSON, and as JUnit XML for a CI.
+
+Two drivers are compared by their certificates, in the episodes that both were graded in.
+"""
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,17 +14,15 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from siren_ros import __version__
+from siren_ros.base.numerics.arrays import Brief, data_frame
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables.brief import Brief, data_frame
-from siren_ros.base.tables.interval import Interval, share_interval
-from siren_ros.base.tables.table import Row, Table
-from siren_ros.errors import shown_text
-from siren_ros.reports.exam.grading import Grade, Mark, Sitting, worst_of
+from siren_ros.base.params import plain_files
+from siren_ros.base.tables import Interval, Row, Table, share_interval
+from siren_ros.errors import InputError, shown_text
+from siren_ros.reports.exam.examinee import OTHERS
+from siren_ros.reports.exam.grading import VIOLATED, Grade, Mark, Rulebook, Sitting, worst_of
 from siren_ros.reports.exam.monitors import MONITORS
-from siren_ros.reports.exam.others import OTHERS
-from siren_ros.reports.exam.rulebook import Rulebook
-from siren_ros.reports.study_report.episode_pages import EpisodePages
-from siren_ros.reports.study_report.page import Link, Page, Section, quoted
+from siren_ros.reports.study_report.page import EpisodePages, Link, Page, Section, quoted
 from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
 
 _VIOLATIONS: Final = "violations"
@@ -331,3 +332,63 @@ def _marks(sitting: Sitting) -> Table:
     rows = tuple((mark.clause.title, str(mark.grade), told(mark)) for mark in sitting.marks)
     title = f"{sitting.episode}: {sitting.grade}"
     return Table(sitting.episode, title, ("clause", "grade", "found"), rows, folded=True)
+
+
+Content = Mapping[str, Any]
+
+
+def read_certificate(file: Path) -> Content:
+    """The content of a ``certificate.json``.
+
+    Raises:
+        InputError: It cannot be read, or is none.
+    """
+    try:
+        content: Content = plain_files.load_json(file.read_bytes())
+        content["driver"], content["clauses"], content["episodes"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError("certificate", str(file), f"a certificate.json of siren exam ({error})") from error
+    return content
+
+
+def compared(first: Content, second: Content) -> Table:
+    """Violations of each clause, and the figures of what the drivers do to others, with the differences.
+
+    A clause is compared in the episodes in which it applies to both; a difference is the first driver's less the
+    second's.
+
+    Raises:
+        InputError: The rulebooks differ, no episode is in both, or a certificate is none of this version.
+    """
+    try:
+        return _compared(first, second)
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise InputError("certificate", repr(error), "the content of a certificate.json of siren exam") from error
+
+
+def _compared(first: Content, second: Content) -> Table:
+    if first["rulebook"] != second["rulebook"]:
+        raise InputError("certificate", second["rulebook"], f"one of the rulebook {first['rulebook']}")
+    sides = [{one["episode"]: one for one in content["episodes"] if one["marks"]} for content in (first, second)]
+    both = [(sides[0][name], sides[1][name]) for name in sorted(sides[0].keys() & sides[1].keys())]
+    if not both:
+        raise InputError("certificate", second["driver"], "certificates with common episodes")
+    rows: list[Row] = []
+    for number, clause in enumerate(first["clauses"]):
+        grades = [(a["marks"][number]["grade"], b["marks"][number]["grade"]) for a, b in both]
+        pairs = [(a in VIOLATED, b in VIOLATED) for a, b in grades if Grade.NOT_APPLICABLE.value not in (a, b)]
+        rows.append(_row(f"violated: {clause['title']}", [(float(a), float(b)) for a, b in pairs]))
+    for key, meaning in OTHERS.items():
+        known = [(a["others"][key], b["others"][key]) for a, b in both if a.get("others") and b.get("others")]
+        rows.append(_row(meaning, known))
+    head = ("figure", "episodes", first["driver"], second["driver"], "difference")
+    caption = f"{first['driver']} and {second['driver']}, by the rulebook {first['rulebook']}"
+    return Table("compared", caption, head, tuple(rows), specs={"difference": "+.2f"})
+
+
+def _row(title: str, pairs: list[tuple[float, float]]) -> Row:
+    if not pairs:
+        return title, 0, None, None, None
+    firsts, seconds = zip(*pairs, strict=True)
+    differences = [a - b for a, b in pairs]
+    return title, len(pairs), sum(firsts) / len(pairs), sum(seconds) / len(pairs), mean_of(differences)

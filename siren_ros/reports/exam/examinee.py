@@ -1,5 +1,11 @@
-"""The driver who is examined: what it did at each step, and which emergency vehicles asked it to make way."""
+"""The driver who is examined: what it did at each step, which emergency vehicles asked it to make way, its effects.
 
+What it does to others follows from the same episode with it and with the paper's driver in its place. Conditions over
+the past are those of past-time temporal logic over conditions that are sampled at every step (Lichtenstein, Pnueli and
+Zuck 1985).
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -9,9 +15,10 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
-from siren_ros.data.record.vehicle_location import ALIGNED_RAD, LanePlaces, ahead_and_left_m, common_rows, places_of
 from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.data.tracks import ALIGNED_RAD, LanePlaces, ahead_and_left_m, common_rows, places_of
 from siren_ros.errors import InputError
+from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.evaluation.yielding.encounters import LaneOffsets, lane_offsets
 from siren_ros.scoring.judging.surrogate_safety import (
     Encounters,
@@ -20,10 +27,44 @@ from siren_ros.scoring.judging.surrogate_safety import (
     conflict_series,
     pair_measures,
 )
-from siren_ros.simulation.behaviour.paths.lane_path import road_limits
+from siren_ros.simulation.behaviour.driving.lane_path import road_limits
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.routing import is_leftmost_of_several
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.world.actors import Lights
+
+
+def once(holds: Flags, within: int | None = None) -> Flags:
+    """Whether a condition holds now or held at one of the last ``within`` steps; at any step before without a bound."""
+    last = _last(holds)
+    return np.asarray(last >= 0 if within is None else (last >= 0) & (np.arange(len(holds)) - last <= within))
+
+
+def historically(holds: Flags, within: int | None = None) -> Flags:
+    """Whether a condition holds now and held at the last ``within`` steps, as far as there were any; or at all."""
+    return ~once(~holds, within)
+
+
+def since(holds: Flags, begin: Flags) -> Flags:
+    """Whether a condition has held at every step since ``begin`` was last true; false if ``begin`` never was."""
+    return np.asarray((_last(begin) >= 0) & (_last(begin) >= _last(~holds)))
+
+
+def rises(holds: Flags) -> Flags:
+    """Whether a condition holds and did not hold at the step before."""
+    return np.asarray(holds & ~np.concatenate(([False], holds[:-1])))
+
+
+def held_for(holds: Flags, steps: int) -> Flags:
+    """Whether a condition has held at this step and at so many steps before it, which all were there."""
+    return np.asarray(historically(holds, steps) & (np.arange(len(holds)) >= steps))
+
+
+def _last(holds: Flags) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """The last step, this one included, at which a condition held; −1 where there is none."""
+    steps = np.arange(len(holds))
+    return np.maximum.accumulate(np.where(holds, steps, -1)) if len(holds) else steps
+
 
 ASIDE_M: Final = 8.0
 """An EMV farther to the side is on another road, or beyond two lanes."""
@@ -275,3 +316,59 @@ class Examinee:
     def conflicts(self) -> tuple[PairMeasures, ...]:
         """Surrogate safety measures with everybody else."""
         return pair_measures(*self.conflict_series)
+
+
+PAPER: Final = "siren"
+"""Name of the paper's driver: the model's own, in an episode without an AV."""
+HARD_MPS2: Final = 4.0
+"""Others who brake harder than this were forced to (ISO 15622 allows automatic systems 3.5 m/s² at speed, and 5 m/s²
+below)."""
+_LASTING_S: Final = 0.3
+OTHERS: Final[Mapping[str, str]] = {
+    "emv_delay_s": "later arrival of the first emergency vehicle, s",
+    "braked_hard": f"others who braked harder than {HARD_MPS2:g} m/s²",
+}
+"""The figures by their names in a certificate, with their meaning."""
+
+
+def actor_in_seat(record: EpisodeRecord) -> int:
+    """The civilian that would be the AV under test in an episode without one.
+
+    Raises:
+        InputError: The episode has no civilians around its EMV, or its map cannot be found.
+    """
+    request = EpisodeRequest(**{**record.description.asked, "av": "civilian"})  # type: ignore[arg-type] # its own fields
+    name = set_up_episode(request, record.description.files).plan.av
+    found = [actor_id for actor_id, actor in record.actors.items() if actor.name == name]
+    if not found:
+        raise InputError("episode", record.description.template, f"one with the vehicle {name}")
+    return found[0]
+
+
+def compared_with_paper(record: EpisodeRecord, actor_id: int, paper: EpisodeRecord, paper_id: int) -> dict[str, float]:
+    """The figures of ``OTHERS``: those of an episode less those of the same one with the paper's driver.
+
+    Args:
+        record: The episode with the driver.
+        actor_id: The driver.
+        paper: The same episode with the paper's driver.
+        paper_id: Whom that one drives.
+    """
+    ways = [_way_m(one) for one in (record, paper)]
+    common_m = min(way[-1] for way in ways)
+    here_s, paper_s = (float(np.searchsorted(way, common_m)) * STEP_S for way in ways)
+    braked = braked_hard(record, actor_id) - braked_hard(paper, paper_id)
+    return {"emv_delay_s": here_s - paper_s, "braked_hard": float(braked)}
+
+
+def _way_m(record: EpisodeRecord) -> Floats:
+    """Distance that the first EMV has driven at each of its steps."""
+    track = record.track(record.emv_ids[0])
+    return np.cumsum(np.hypot(np.diff(track.x_m, prepend=track.x_m[:1]), np.diff(track.y_m, prepend=track.y_m[:1])))
+
+
+def braked_hard(record: EpisodeRecord, actor_id: int) -> int:
+    """Number of others, EMVs left out, who braked harder than ``HARD_MPS2`` for 0.3 s."""
+    others = record.actors.keys() - {actor_id, *record.emv_ids, *record.walker_ids}
+    lasting = (lasting_deceleration_mps2(record.track(other), _LASTING_S) for other in others)
+    return sum(bool((one > HARD_MPS2).any()) for one in lasting)

@@ -12,15 +12,13 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.braking import safe_following_mps
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
-from siren_ros.base.tables.interval import Measure
-from siren_ros.data.record.vehicle_location import ahead_and_left_m
-from siren_ros.reports.exam.examinee import Examinee, lasting_deceleration_mps2
-from siren_ros.reports.exam.past_time import held_for, once, rises, since
+from siren_ros.base.tables import Measure
+from siren_ros.data.tracks import ahead_and_left_m
+from siren_ros.reports.exam.examinee import Examinee, held_for, lasting_deceleration_mps2, once, rises, since
 from siren_ros.scoring.judging.surrogate_safety import longest_run_s
-from siren_ros.simulation.roads.rescue_lane import rescue_boundary_m, rescue_sides
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind
-from siren_ros.simulation.world.actors import Lights
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.roads.routing import rescue_boundary_m, rescue_sides
+from siren_ros.simulation.world.actors import Event, EventKind, Lights
 
 Numbers = Mapping[str, float]
 

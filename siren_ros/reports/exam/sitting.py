@@ -10,10 +10,9 @@ from typing import Any, Final, TypeAlias
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError, shown_text
 from siren_ros.reports.exam.certificate import Certificate
-from siren_ros.reports.exam.grading import Sitting, examine
-from siren_ros.reports.exam.others import PAPER, actor_in_seat, compared_with_paper
-from siren_ros.reports.exam.rulebook import Rulebook
-from siren_ros.running.generation.answer_times import AnswerTimes
+from siren_ros.reports.exam.examinee import PAPER, actor_in_seat, compared_with_paper
+from siren_ros.reports.exam.grading import Rulebook, Sitting, examine
+from siren_ros.running.generation.closed_loop import AnswerTimes
 from siren_ros.running.seat.drivers.drivers import driver_of
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import Seat, Study

@@ -12,12 +12,11 @@ from matplotlib.ticker import MaxNLocator
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
-from siren_ros.scoring.evaluation.diversity.summary import GroupDiversity
+from siren_ros.scoring.evaluation.diversity import GroupDiversity
 from siren_ros.scoring.evaluation.prediction.charts import SMALL_PT, TITLE_PT, new_figure, quiet
-from siren_ros.scoring.evaluation.yielding.counterfactual import ALL, Effect
 from siren_ros.scoring.evaluation.yielding.metrics import Metric
-from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode
-from siren_ros.scoring.pictures.palette import FAINT_TEXT, TEXT
+from siren_ros.scoring.evaluation.yielding.scoring import ALL, Effect, ScoredEpisode
+from siren_ros.scoring.pictures.plot_parts import FAINT_TEXT, TEXT
 
 LEVEL_COLOURS: Final = {"L0": "#8a9099", "L1": "#e08e1b", "L2": "#1a86b8", "L3": "#12855f"}
 """Colour of each level in all charts."""

@@ -1,20 +1,26 @@
-"""Building blocks of the study's page (sections, tables, pictures, films, commands), and the page as HTML."""
+"""Building blocks of the study's page (sections, tables, pictures, films, commands), and the page as HTML.
+
+Pages of episodes lie in a folder next to it, for the moments that it links to.
+"""
 
 import base64
 import io
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any, Final
+from urllib.parse import quote as url_quote
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
 
-from siren_ros.base.params.page_files import page_part, page_template
-from siren_ros.base.tables.table import Table
+from siren_ros.base.processes.process_pool import ProcessPool
+from siren_ros.base.tables import Table, page_part, page_template
+from siren_ros.errors import SirenError, write_text, writing
+from siren_ros.reports.episode_page.build import page_of_bag
 from siren_ros.scoring.pictures.video import Coding, Frame, write_video
 
 
@@ -159,3 +165,44 @@ def _draws(asked: Mapping[str, Any] | None) -> Iterator[str]:
     if asked.get("ranges"):
         yield f"--range {' '.join(quote(f'{path}={low:g}:{high:g}') for path, (low, high) in asked['ranges'].items())}"
     yield f"--draw-seed {asked['seed']}"
+
+
+class EpisodePages:
+    """Gives addresses of moments and collects the pages that they need; ``write`` writes these pages."""
+
+    def __init__(self, folder: Path, most: int, bags: Collection[Path]) -> None:
+        """Prepare pages for at most ``most`` episodes, only of bags that a page can show."""
+        self.folder = folder
+        self._most = most
+        self._bags = bags
+        self._asked: dict[Path, Path] = {}
+
+    def address(self, bag: Path, time_s: float, actor_id: int | None = None) -> str:
+        """Address of a moment relative to the report; empty if the episode has no page."""
+        if bag not in self._asked:
+            if bag not in self._bags or len(self._asked) >= self._most:
+                return ""
+            self._asked[bag] = self.folder / f"{bag.name}.html"
+        actor = "" if actor_id is None else f"&v={actor_id}"
+        return f"{url_quote(self.folder.name)}/{url_quote(self._asked[bag].name)}#t={time_s:g}{actor}"
+
+    def write(self, jobs: int) -> tuple[int, int, tuple[str, ...]]:
+        """Write the pages in parallel processes; returns their number, total size, and reasons of missing pages."""
+        if not self._asked:
+            return 0, 0, ()
+        with writing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+        with ProcessPool(min(jobs, len(self._asked))) as pool:
+            results = pool.map(write_page, list(self._asked.items()))
+        sizes = [result for result in results if isinstance(result, int)]
+        return len(sizes), sum(sizes), tuple(result for result in results if isinstance(result, str))
+
+
+def write_page(bag: Path, file: Path) -> int | str:
+    """Write the page of a bag; returns its size in bytes, or why it cannot be made."""
+    try:
+        content = page_of_bag(bag)
+        write_text(file, content)
+    except SirenError as error:
+        return f"{bag.name}: {error}"
+    return len(content.encode())

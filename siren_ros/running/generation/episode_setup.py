@@ -1,30 +1,30 @@
-"""Prepares an episode from a request: everything that is decided before the first step."""
+"""Prepares an episode: everything that is decided before the first step, and what the controllers need of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from siren_ros import __version__
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.units import steps_from_s
-from siren_ros.base.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
 from siren_ros.data.recording.bag_folder import bag_path
 from siren_ros.running.generation.site_choice import plan_at_site, sites_to_try
 from siren_ros.sensing.look import load_look
 from siren_ros.sensing.suite import load_suite
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.maps.map_compiler import (
     CompiledMap,
     compile_map,
     with_shoulders_in_use,
     with_speed_limit,
 )
-from siren_ros.simulation.roads.mirror_image import right_hand_image
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.road_network import RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.sites import Site
 from siren_ros.simulation.scenario.driver_parameters import driver_parameters
 from siren_ros.simulation.scenario.episode import (
@@ -35,13 +35,18 @@ from siren_ros.simulation.scenario.episode import (
     EpisodeRequest,
     values_of,
 )
-from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import DriverPreset, load_preset
 from siren_ros.simulation.scenario.scenario import Template
 from siren_ros.simulation.scenario.templates import load_template, realised
-from siren_ros.simulation.traffic.demand.demand import choose_av
-from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers, with_emv_drivers, with_responses
-from siren_ros.simulation.traffic.demand.sizes import largest, with_sizes
+from siren_ros.simulation.traffic.demand.plan import (
+    TrafficPlan,
+    choose_av,
+    load_drivers,
+    with_emv_drivers,
+    with_responses,
+)
+from siren_ros.simulation.traffic.demand.road_users import largest, with_sizes
 
 
 def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK) -> tuple[InputFile, ...]:
@@ -216,3 +221,34 @@ def _description(
 def present_versions() -> Mapping[str, str]:
     """Versions of this program and of the packages that an episode depends on."""
     return {"siren_ros": __version__, **{package: _version(package) for package in _PACKAGES}}
+
+
+def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWorld:
+    """Constant inputs of the controllers in an episode.
+
+    Args:
+        episode: The description, with the template's values under ``parameters["template"]``.
+        map_xml: The compiled SUMO net.
+
+    Raises:
+        InputError: The preset, the vehicles or the map cannot be used.
+    """
+    files = episode.files
+    values = cast("Mapping[str, float]", episode.parameters["template"])
+    preset = load_preset(episode.preset, files).for_scenario(
+        values["response.response_distance_m"], values["response.extra_delay_s"], values["response.compliance"]
+    )
+    config = driver_parameters(preset.drivers, values)
+    network = parse_road_network(map_xml)
+    return BehaviourWorld(
+        network=right_hand_image(network),
+        policy=LEVEL_POLICIES[episode.level],
+        vehicles=load_vehicle_parameters(files),
+        preset=preset,
+        seed=episode.seed,
+        av_id=episode.av_id,
+        speeds=config.speeds(values["emv.speed_mps"]),
+        config=config,
+        left_hand=network.left_hand,
+        duty=bool(values.get("response.duty", 0)),
+    )

@@ -1,4 +1,4 @@
-"""Simulates a recorded episode again, and finds the first difference between repetition and record."""
+"""Computes a recorded episode again: its states, the first difference from the record, and the drivers' decisions."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,15 +10,28 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.params.input_files import FILES_ON_DISK, files_from_json
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.base.params.parameters import FILES_ON_DISK, files_from_json
+from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.interfaces.messages import json_object, json_text
 from siren_ros.data.interfaces.topics import ACTORS, EPISODE, EVENTS, OUTCOME, TRAFFIC
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.errors import BagError, SirenError
+from siren_ros.errors import BagError, EpisodeError, SirenError
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, driven, record_of
-from siren_ros.running.generation.episode_setup import EpisodeSetup, map_of, present_versions, set_up_episode
+from siren_ros.running.generation.episode_setup import (
+    EpisodeSetup,
+    behaviour_world,
+    map_of,
+    present_versions,
+    set_up_episode,
+)
 from siren_ros.scoring.judging.outcome import outcome_of
+from siren_ros.simulation.behaviour.civilians.yield_manager import SOURCE as YIELD_SOURCE
+from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.simulation.behaviour.driving.driver_states import GuardState, civilian_guards, emv_guards
+from siren_ros.simulation.behaviour.driving.navigator import NavigatorState, SpeedLimit
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import MECHANISMS
+from siren_ros.simulation.behaviour.emv.controller import SOURCE as EMV_SOURCE
+from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, compile_map, name_of_map, source_sha256_of
 from siren_ros.simulation.roads.maps.map_source import SourceKind
 from siren_ros.simulation.scenario.episode import (
@@ -28,8 +41,8 @@ from siren_ros.simulation.scenario.episode import (
     EpisodeRequest,
 )
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.world.commands import AV_SOURCE, Controls, controls_in
-from siren_ros.simulation.world.traffic_state import Event
+from siren_ros.simulation.world.actors import Event, Mode, Owner
+from siren_ros.simulation.world.commands import AV_SOURCE, Controls, VehicleCommands, controls_in
 
 MISSING: Final = "nothing"
 """Stands for a value that one of the two structures does not have."""
@@ -306,3 +319,73 @@ def notes_on(record: EpisodeRecord) -> Iterator[str]:
         return
     if not same:
         yield f"the map {request.map or described.map_name} has changed; the recorded net was used"
+
+
+_SOURCES: Final = (EMV_SOURCE, YIELD_SOURCE)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Why an EMV or a yielding civilian acted as it did at a step."""
+
+    mode: Mode
+    target_mps: float
+    """Target speed of its mode; NaN if SUMO drives."""
+    limits: Mapping[str, SpeedLimit]
+    """Speed limits by mechanism (``MECHANISMS``), without those that limit nothing; empty if SUMO drives."""
+    guards: tuple[GuardState, ...]
+
+
+def decisions_of(record: EpisodeRecord) -> Iterator[tuple[int, Mapping[int, Decision]]]:
+    """Each step with its decisions by actor.
+
+    Raises:
+        EpisodeError: The record does not hold its template's values, or the present code decides otherwise than the
+            record says: another version made the episode.
+    """
+    if not record.description.template_values:
+        raise EpisodeError("the record does not hold the values of its template")
+    world = behaviour_world(record.description, record.map_xml)
+    recorded = {
+        source: {commands.step: commands for commands in record.commands.get(source, ())} for source in _SOURCES
+    }
+    emvs, civilians = EmvState(), YieldState()
+    for traffic in record.traffic:
+        emvs, emv_commands = step_emv(emvs, traffic, world)
+        civilians, yield_commands = step_yield(civilians, traffic, world)
+        modes: dict[int, tuple[Mode, Owner]] = {}
+        for commands in (emv_commands, yield_commands):
+            _check(commands, recorded[commands.source])
+            rows = zip(commands.actor_id.tolist(), commands.mode.tolist(), commands.owner.tolist(), strict=True)
+            modes |= {actor_id: (Mode(mode), Owner(owner)) for actor_id, mode, owner in rows}
+        decided = {}
+        for actor_id, (mode, owner) in modes.items():
+            unit = emvs.units.get(actor_id)
+            if unit is not None:
+                navigator, guards = unit.navigator, emv_guards(unit, traffic.step, world)
+            elif actor_id in civilians.units:
+                civilian = civilians.units[actor_id]
+                navigator, guards = civilian.navigator, civilian_guards(civilian, traffic.step, world)
+            else:
+                continue
+            decided[actor_id] = _decision(mode, navigator if owner is Owner.ROS else NavigatorState(), guards)
+        yield traffic.step, decided
+
+
+def _decision(mode: Mode, navigator: NavigatorState, guards: tuple[GuardState, ...]) -> Decision:
+    allowed = zip(MECHANISMS, navigator.limits, strict=False)
+    limits = {mechanism.name: limit for mechanism, limit in allowed if limit.speed_mps < math.inf}
+    return Decision(mode, navigator.target_mps if navigator.limits else math.nan, limits, guards)
+
+
+def _check(decided: VehicleCommands, recorded: Mapping[int, VehicleCommands]) -> None:
+    """Compare with the recorded commands of the step, if the bag has them."""
+    before = recorded.get(decided.step)
+    if before is None:
+        return
+    difference = first_mismatch(before, replace(decided, events=before.events))  # events have a topic of their own
+    if difference is not None:
+        raise EpisodeError(
+            f"the present version decides otherwise at step {decided.step}: {difference.name} of {decided.source} "
+            f"was {difference.recorded}, is {difference.repeated}"
+        )

@@ -9,17 +9,15 @@ import shapely
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.errors import InputError, MapError
-from siren_ros.simulation.roads.bridges import bridges
-from siren_ros.simulation.roads.movements import quiet_reach_m
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
+from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites
-from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind
+from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind, bridges
 from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
-from siren_ros.simulation.traffic.demand.vehicle_factory import Dimensions
+from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass
 
 _UNREACHABLE: Final = 3

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from siren_ros.base.params.parameter_field import parameter
+from siren_ros.base.params.parameters import parameter
 from siren_ros.data.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
 from siren_ros.simulation.scenario.episode import SHIPPED_DETECTOR, EpisodeRequest, KittiLayout
 from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M

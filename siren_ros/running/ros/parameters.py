@@ -11,7 +11,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from siren_ros.base.params.parameter_field import Value, allowed_text, checked_value, defaults_of
+from siren_ros.base.params.parameters import Value, allowed_text, checked_value, defaults_of
 from siren_ros.errors import InputError
 
 Config = TypeVar("Config")

@@ -7,25 +7,24 @@ import numpy as np
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.conversions import from_actor_states, from_path, from_traffic_state, to_av_control
-from siren_ros.data.interfaces.episode_conversions import from_episode_description
+from siren_ros.data.interfaces.conversions import (
+    from_actor_states,
+    from_episode_description,
+    from_path,
+    from_traffic_state,
+    to_av_control,
+)
 from siren_ros.data.interfaces.topics import Topic
 from siren_ros.errors import InputError
-from siren_ros.running.generation.closed_loop import LoopStep
+from siren_ros.running.generation.closed_loop import Answer, LoopStep
 from siren_ros.running.generation.episode_setup import EpisodeSetup
-from siren_ros.running.generation.recorded_episode import Answer
-from siren_ros.running.seat.drivers.driver import Driver
-from siren_ros.running.seat.drivers.drivers import driver_of
-from siren_ros.running.seat.sight import sight_of
-from siren_ros.running.seat.way import Way
-from siren_ros.simulation.roads.mirror_image import MIRROR, right_hand_image
+from siren_ros.running.seat.drivers.drivers import Driver, driver_of
+from siren_ros.running.seat.sight import Way, sight_of
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.road_network import MIRROR, RoadNetwork, mirror_image, right_hand_image
 from siren_ros.simulation.traffic.demand.demand import av_way
-from siren_ros.simulation.world.actors import ActorDescription, ActorStates
+from siren_ros.simulation.world.actors import ActorDescription, ActorStates, TrafficState
 from siren_ros.simulation.world.commands import AvControl, Controls
-from siren_ros.simulation.world.mirror_image import mirror_image
-from siren_ros.simulation.world.traffic_state import TrafficState
 
 _INPUTS: Final[Mapping[str, Topic]] = {
     topic.name: topic

@@ -11,15 +11,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Final
 
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
 from siren_ros.base.processes.interrupts import ENDS_S, end_program
 from siren_ros.data.interfaces import topics
-from siren_ros.data.interfaces.episode_conversions import from_episode_description, from_episode_outcome
+from siren_ros.data.interfaces.conversions import from_episode_description, from_episode_outcome
 from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.data.recording.bag_writer import BagSummary
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, EpisodeError, InputError, shown_text
-from siren_ros.running.generation.answer_times import AnswerTimes
-from siren_ros.running.generation.recorded_episode import RecordedEpisode
+from siren_ros.running.generation.closed_loop import AnswerTimes, RecordedEpisode
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 _DOMAIN: Final = "ROS_DOMAIN_ID"

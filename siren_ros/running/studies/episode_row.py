@@ -11,8 +11,8 @@ from typing import Any, Final, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.base.params import plain_json
-from siren_ros.base.tables.brief import Brief
+from siren_ros.base.numerics.arrays import Brief
+from siren_ros.base.params import plain_files
 from siren_ros.errors import InputError
 from siren_ros.running.studies.matrix import PlannedEpisode
 from siren_ros.simulation.roads.maps.map_compiler import name_of_map
@@ -179,7 +179,7 @@ def rows_of_manifest(content: bytes) -> tuple[EpisodeRow, ...]:
     try:
         # pyarrow's threads sometimes abort a program that ends soon after reading with them.
         table = pq.read_table(io.BytesIO(content), use_threads=False, pre_buffer=False)
-        entries = [{**entry, "versions": plain_json.load(entry["versions"])} for entry in table.to_pylist()]
+        entries = [{**entry, "versions": plain_files.load_json(entry["versions"])} for entry in table.to_pylist()]
     except (pa.ArrowException, KeyError, ValueError) as error:
         raise InputError("manifest.parquet", f"{len(content)} bytes", f"the table of a study ({error})") from error
     return tuple(EpisodeRow.from_json(entry) for entry in entries)

@@ -15,10 +15,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import random_stream
-from siren_ros.base.params.parameter_field import check_fields
-from siren_ros.base.params.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.base.tables.brief import Brief
+from siren_ros.base.numerics.arrays import Brief, random_stream
+from siren_ros.base.params.parameters import StrictMapping, check_fields, read_strict_yaml
 from siren_ros.errors import InputError
 from siren_ros.running.generation.episode_setup import files_of_request, level_of, map_of, present_versions
 from siren_ros.simulation.roads.maps.map_compiler import name_of_map, source_sha256_of

@@ -17,7 +17,7 @@ _SHORT_S: Final = 1.0
 
 
 def _make_ready() -> None:
-    from siren_ros.running.studies.workers import attempt_episode  # noqa: PLC0415 - as above
+    from siren_ros.running.studies.run_study import attempt_episode  # noqa: PLC0415 - as above
     from siren_ros.simulation.scenario.episode import EpisodeRequest  # noqa: PLC0415 - its loading ends with the program, too
 
     with suppress(SirenError, OSError), TemporaryDirectory() as folder:  # the study's own episodes report what is wrong

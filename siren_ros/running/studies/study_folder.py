@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-from siren_ros.base.params import plain_json
-from siren_ros.base.user_folder import private_folder
+from siren_ros.base.params import plain_files
+from siren_ros.base.params.folders import private_folder
 from siren_ros.data.recording.bag_folder import METADATA_FILE, lock
 from siren_ros.data.recording.bag_reader import storage_files
 from siren_ros.errors import InputError, whole_file, writing
@@ -91,7 +91,7 @@ class StudyFolder(ABC):
         """Row next to a bag; None if there is none or it is damaged, so that the episode is made again."""
         content = self.read(f"{path}.json")
         try:
-            return None if content is None else EpisodeRow.from_json(dict(plain_json.load(content)))
+            return None if content is None else EpisodeRow.from_json(dict(plain_files.load_json(content)))
         except (InputError, ValueError, TypeError, RecursionError):
             return None
 

@@ -8,9 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.params import plain_json
-from siren_ros.base.tables.interval import NOTHING, Bounds, Interval, interval_of_json, share_interval
-from siren_ros.base.tables.table import Row, Table
+from siren_ros.base.params import plain_files
+from siren_ros.base.tables import NOTHING, Bounds, Interval, Row, Table, interval_of_json, share_interval
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.scoring import FAMILIES
 from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER
@@ -20,7 +19,7 @@ from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_
 from siren_ros.scoring.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass
-from siren_ros.scoring.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.scoring.evaluation.risk.report import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet
 from siren_ros.scoring.evaluation.statistics import (
     RANKED_MIN,
@@ -134,7 +133,7 @@ def stored(folder: Path) -> Mapping[str, Any] | None:
     if not file.is_file():
         return None
     try:
-        content = plain_json.read(file)
+        content = plain_files.read_json(file)
     except (OSError, ValueError) as error:
         raise InputError("scores", str(file), f"the scores that `siren evaluate` wrote ({error})") from error
     if not isinstance(content, dict):

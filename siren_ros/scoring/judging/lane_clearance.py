@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.geometry import wrap_angle
-from siren_ros.data.record.vehicle_location import Drive, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
 from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.data.tracks import Drive, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
 from siren_ros.scoring.judging.verdict import Moment, Verdict, at_least, listed, verdict_of
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.world.actors import Lights

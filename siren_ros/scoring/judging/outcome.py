@@ -1,27 +1,253 @@
-"""The outcome of an episode: verdict of the predicate, residuals, the AV's response, and figures of the episode."""
+"""The outcome of an episode: the verdict of its predicate, its people, residuals, the AV's response, and other figures.
 
-from dataclasses import dataclass
-from typing import Any, Final
+The predicates decide from the record alone whether a template's interaction happened.
+
+People (pedestrians, cyclists, motorcyclists) are counted: how many are near, how many interact. A person *meets* a
+driver where their ways cross with a post-encroachment time (PET) of at most 5 s, or where they would touch within 1.5 s
+if both went on as they do now (TTC). These are the limits of the surrogate safety assessment model (Gettman et al.,
+FHWA-HRT-08-051, 2008); PETs up to 5 s are also the interactions of Zangenehpour et al., Accident Analysis and
+Prevention 86 (2016) 161. An encounter counts with an EMV, and with a civilian while that one makes way.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Self
 
 import numpy as np
 
+from siren_ros.base.numerics.arrays import Floats, Ids, Points
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing
-from siren_ros.data.record.vehicle_location import ahead_and_left_m, common_rows
-from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.data.recording.record_builder import RecordBuilder
-from siren_ros.errors import SirenError
-from siren_ros.scoring.judging.people import people_measures
-from siren_ros.scoring.judging.predicates import evaluate_predicate, verdicts_of_others
+from siren_ros.data.interfaces.conversions import EpisodeClosing
+from siren_ros.data.recording.episode_record import EpisodeRecord, RecordBuilder, StateRows
+from siren_ros.data.tracks import ahead_and_left_m, common_rows
+from siren_ros.errors import BagError, SirenError
+from siren_ros.scoring.judging.corridor_templates import queues_split, rescue_lane
+from siren_ros.scoring.judging.junction_templates import (
+    find_traversals,
+    red_crossing,
+    red_same_direction,
+    shoulder_turn,
+    stop_crossing,
+    stop_same_direction,
+)
+from siren_ros.scoring.judging.lane_clearance import lane_cleared
+from siren_ros.scoring.judging.surrogate_safety import encounters_of, post_encroachment, predicted_contacts
+from siren_ros.scoring.judging.verdict import Moment, Verdict, at_least, verdict_of, with_sides_exchanged
 from siren_ros.simulation.roads.sites import middle_of_site
+from siren_ros.simulation.scenario import scenario as declared
 from siren_ros.simulation.scenario.episode import EpisodeOutcome
-from siren_ros.simulation.world.actors import NO_ACTOR, Owner
-from siren_ros.simulation.world.traffic_state import EventKind
+from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, EventKind, Mode, Owner, rows_of_ids
+
+Predicate = Callable[[EpisodeRecord, Mapping[str, float]], Verdict]
+
+PREDICATES: Final[dict[str, Predicate]] = {
+    declared.QUEUES_SPLIT.name: queues_split,
+    declared.LANE_CLEARED.name: lane_cleared,
+    declared.RED_SAME_DIRECTION.name: red_same_direction,
+    declared.RED_CROSSING.name: red_crossing,
+    declared.STOP_SAME_DIRECTION.name: stop_same_direction,
+    declared.STOP_CROSSING.name: stop_crossing,
+    declared.SHOULDER_TURN.name: shoulder_turn,
+    declared.RESCUE_LANE.name: rescue_lane,
+}
+"""Predicates by the name in a template's file."""
+PARAMETER: Final = "predicate"
+"""Key of ``EpisodeDescription.parameters`` that holds ``{"name": …, "thresholds": {…}}``."""
+
+
+def predicate_of(record: EpisodeRecord) -> tuple[str, Mapping[str, float]]:
+    """Name and thresholds of the record's predicate, or else those of the episode's template.
+
+    Raises:
+        BagError: The record names an unknown predicate, or a threshold is missing or not a number.
+        InputError: The record names none, and its template is unknown here.
+    """
+    stored = record.description.parameters.get(PARAMETER)
+    if stored is None:
+        predicate = load_template(record.description.template).predicate
+        return predicate.name, predicate.thresholds
+    name = stored.get("name") if isinstance(stored, Mapping) else None
+    thresholds = stored.get("thresholds") if isinstance(stored, Mapping) else None
+    numbers = isinstance(thresholds, Mapping) and all(isinstance(value, int | float) for value in thresholds.values())
+    if name not in PREDICATES or not isinstance(thresholds, Mapping) or not numbers:
+        raise BagError(f"predicate {stored!r}", f"one of {', '.join(PREDICATES)}, with numbers as thresholds")
+    for threshold in declared.DECLARED_PREDICATES[str(name)].thresholds:
+        if threshold not in thresholds:
+            raise BagError(f"predicate {name}", f"a threshold named {threshold}")
+    return str(name), {str(key): float(value) for key, value in thresholds.items()}
+
+
+def evaluate_predicate(record: EpisodeRecord) -> Verdict:
+    """Decide whether the interaction of the episode's template happened; raises as ``predicate_of``.
+
+    It has to happen to the first EMV. Those that cross its way have to pass the junction at which they do. Where
+    traffic keeps left, the mirror image is judged, and the verdict's words are mirrored again.
+    """
+    name, thresholds = predicate_of(record)
+    verdict = _judged(record, name, thresholds)
+    crossing = [_crossing(record, emv_id) for emv_id in record.description.crossed_junctions]
+    if not crossing:
+        return verdict
+    parts = (*verdict.parts, *(part for other in crossing for part in other.parts))
+    return verdict_of(parts, "; ".join((verdict.text, *(other.text for other in crossing))))
+
+
+def verdicts_of_others(record: EpisodeRecord) -> dict[int, Verdict]:
+    """Verdict for each EMV except the first, by its id.
+
+    Of one that crosses the first one's way it is whether it passed the junction, of others the template's interaction.
+    """
+    name, thresholds = predicate_of(record)
+    crossed = record.description.crossed_junctions
+    return {
+        emv_id: _crossing(seen, emv_id) if emv_id in crossed else _judged(seen, name, thresholds)
+        for emv_id, seen in list(zip(record.emv_ids, record.by_emv(), strict=True))[1:]
+    }
+
+
+def _judged(record: EpisodeRecord, name: str, thresholds: Mapping[str, float]) -> Verdict:
+    verdict = PREDICATES[name](record.right_hand, thresholds)
+    return with_sides_exchanged(verdict) if record.network.left_hand else verdict
+
+
+def _crossing(record: EpisodeRecord, emv_id: int) -> Verdict:
+    """Verdict whether an EMV has passed, and left, the junction at which it crosses the first one's path."""
+    junction, last = record.description.crossed_junctions[emv_id], record.states[-1].step if record.states else 0
+    passed = [
+        one
+        for one in find_traversals(record)
+        if one.actor_id == emv_id and record.network.connections[one.connection].junction == junction
+        if one.leave_step <= last
+    ]
+    when = ", ".join(f"from {one.enter_step * STEP_S:.1f} s to {one.leave_step * STEP_S:.1f} s" for one in passed)
+    out = [Moment(one.leave_step, emv_id) for one in passed]
+    part = at_least(f"crossing_emv_{emv_id}", len(out), 1, when, *out)
+    return verdict_of((part,), f"EMV {emv_id} {'passed' if passed else 'did not pass'} junction {junction}")
+
+
+NAMES: Final = {
+    ActorClass.PEDESTRIAN: "pedestrians",
+    ActorClass.BICYCLE: "cyclists",
+    ActorClass.MOTORCYCLE: "motorcycles",
+}
+"""Names of the classes of people in a template's demand."""
+PEOPLE_NEAR_M: Final = 150.0
+"""A person is near an EMV within this distance of the centres; the demand places people up to this far."""
+_BODIES_M: Final = 10.0
+"""Larger than half the diagonals of two bodies together."""
+PET_MAX_S: Final = 5.0
+TTC_MAX_S: Final = 1.5
+
+
+@dataclass(frozen=True)
+class PeopleOfClass:
+    """Counts of people of one class in an episode."""
+
+    near: int
+    """Number of people that come within ``PEOPLE_NEAR_M`` of an EMV."""
+    near_median: int
+    """Number of people present at once, as median over the steps."""
+    with_emv: int
+    """Number of people that meet an EMV."""
+    with_yielding: int
+    """Number of people that meet a yielding civilian."""
+    met: int
+    """Number of people that meet an EMV or a yielding civilian."""
+
+
+def people_of(record: EpisodeRecord) -> dict[ActorClass, PeopleOfClass]:
+    """Counts by class; empty for an episode without people."""
+    people = _People.of(record)
+    if people is None:
+        return {}
+    with_emv, with_yielding = set[int](), set[int]()
+    near = np.zeros((len(people.ids), record.steps), np.bool_)
+    for emv_id in record.emv_ids:
+        if len(track := record.track(emv_id)):
+            pairs = encounters_of(record, emv_id, people.ids.tolist())
+            close = pairs.select(pairs.distance_m <= PEOPLE_NEAR_M)
+            near[rows_of_ids(people.ids, close.actor_id), close.step - record.states[0].step] = True
+            with_emv |= people.met_by(emv_id, track)
+    for actor_id in sorted(record.actors.keys() - set(record.emv_ids)):
+        track = record.track(actor_id)
+        yields = (track.mode >= Mode.YIELD_REACTING) & (track.mode <= Mode.YIELD_HOLD)
+        if yields.any():
+            with_yielding |= people.met_by(actor_id, track.select(yields))
+    found = {}
+    for kind in NAMES:
+        of_kind = np.array([record.actors[key].actor_class is kind for key in people.ids.tolist()])
+        own = set(people.ids[of_kind].tolist())
+        found[kind] = PeopleOfClass(
+            near=int(near[of_kind].any(axis=1).sum()),
+            near_median=int(np.median(near[of_kind].sum(axis=0))),
+            with_emv=len(own & with_emv),
+            with_yielding=len(own & with_yielding),
+            met=len(own & (with_emv | with_yielding)),
+        )
+    return found
+
+
+def people_measures(record: EpisodeRecord) -> dict[str, int]:
+    """Counts as an episode's outcome stores them; empty for an episode without people."""
+    found = people_of(record)
+    measures = {f"people.{NAMES[kind]}.{name}": n for kind, own in found.items() for name, n in asdict(own).items()}
+    return measures | ({"people.met": sum(own.met for own in found.values())} if found else {})
+
+
+@dataclass(frozen=True)
+class _People:
+    """All people of a record, with each one's bounding box and top speed."""
+
+    record: EpisodeRecord
+    ids: Ids
+    low_m: Points
+    high_m: Points
+    top_mps: Floats
+
+    @classmethod
+    def of(cls, record: EpisodeRecord) -> Self | None:
+        """Collect the people of a record; None if there are none."""
+        rows = record.rows.select(np.isin(record.rows.actor_id, record.people_ids))
+        ids, first = np.unique(rows.actor_id, return_index=True)
+        if not len(ids):
+            return None
+        low, high = (function.reduceat(rows.xy_m, first) for function in (np.minimum, np.maximum))
+        return cls(record, ids, low, high, np.maximum.reduceat(rows.speed_mps, first))
+
+    def met_by(self, subject_id: int, mine: StateRows) -> set[int]:
+        """People whom a driver meets on a part of its own track."""
+        body = self.record.actors[subject_id]
+        size_m, xy = (body.length_m, body.width_m), mine.xy_m
+        gap_m = np.maximum(xy.min(axis=0) - self.high_m, self.low_m - xy.max(axis=0)).max(axis=1)
+        way_m = (self.top_mps + mine.speed_mps.max()) * TTC_MAX_S
+        around = (gap_m <= _BODIES_M + way_m) & (self.ids != subject_id)
+        if not around.any():
+            return set()
+        pairs = encounters_of(self.record, subject_id, self.ids[around].tolist())
+        on_course = pairs.distance_m <= pairs.reach_m + pairs.fastest_mps * TTC_MAX_S
+        course = pairs.select(on_course & np.isin(pairs.step, mine.step))
+        met = set(course.actor_id[predicted_contacts(course).time_s <= TTC_MAX_S].tolist())
+        moves = _moving(mine)
+        for actor_id in set(self.ids[around & (gap_m <= _BODIES_M)].tolist()) - met:
+            other = self.record.actors[actor_id]
+            track = _moving(self.record.track(actor_id))
+            pet = post_encroachment(moves, track, size_m, (other.length_m, other.width_m))
+            if pet is not None and pet.time_s <= PET_MAX_S:
+                met.add(actor_id)
+        return met
+
+
+def _moving(track: StateRows) -> StateRows:
+    """A track without the inner steps of each standstill, which add no new position."""
+    moved = np.hypot(np.diff(track.x_m), np.diff(track.y_m)) > 0.0
+    return track.select(np.append(True, moved) | np.append(moved, True))
+
 
 HEARD_M: Final = 40.0
 """The AV hears the siren within this distance between the centres (paper: response distance)."""
 STANDING_MPS: Final = 1.0
-NEAR_M: Final = 30.0
+ARRIVAL_M: Final = 30.0
 """An EMV that never comes nearer than this to the conflict point does not arrive."""
 QUEUE_RANGE_M: Final = 50.0
 """Standing vehicles within this radius of the EMV are its queue (paper: outer radius of the interaction region)."""
@@ -122,7 +348,7 @@ def realisation_of(record: EpisodeRecord) -> Realisation:
     conflict = middle_of_site(record.network, record.description.site)
     distance = np.hypot(*(track.xy_m - conflict).T) if conflict is not None else np.full(len(track), np.inf)
     nearest = int(np.argmin(distance))
-    arrives = bool(distance[nearest] < NEAR_M)
+    arrives = bool(distance[nearest] < ARRIVAL_M)
     counted = max(nearest - steps_from_s(BEFORE_ARRIVAL_S), 0)
     states = record.states[int(track.step[counted]) - record.states[0].step]
     near = np.hypot(states.x_m - track.x_m[counted], states.y_m - track.y_m[counted]) < QUEUE_RANGE_M

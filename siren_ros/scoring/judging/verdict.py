@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.base.numerics.arrays import Brief
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables.brief import Brief
-from siren_ros.simulation.roads.mirror_image import OTHER_SIDE
-from siren_ros.simulation.world.traffic_state import Event
+from siren_ros.simulation.roads.road_network import OTHER_SIDE
+from siren_ros.simulation.world.actors import Event
 
 
 @dataclass(frozen=True, order=True)

@@ -1,4 +1,8 @@
-"""Checks of a recorded episode: continuity, ownership, message counts, stamps, hashes, and the predicate."""
+"""Checks of a recorded episode: physics, people, continuity, ownership, message counts, stamps, hashes, the predicate.
+
+Physics: the extremes of the recorded motion, and their limits. People: contacts with unprotected people, and speeds
+near people on crossings.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -6,21 +10,271 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
-from siren_ros.base.numerics.arrays import Floats
-from siren_ros.base.numerics.geometry import wrap_angle
+from siren_ros.base.numerics.arrays import Brief, Flags, Floats, Points, Rows
+from siren_ros.base.numerics.compiled import COS, SIN, X, Y, compiled
+from siren_ros.base.numerics.geometry import footprint_corners, overlapping_pairs, wrap_angle
 from siren_ros.base.numerics.units import STEP_NS, STEP_S
-from siren_ros.base.tables.brief import Brief
 from siren_ros.data.interfaces import topics
 from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
 from siren_ros.errors import EpisodeError
-from siren_ros.scoring.judging.near_people import check_people
-from siren_ros.scoring.judging.outcome import summarise_residuals
-from siren_ros.scoring.judging.physics import VerifyLimits, check_physics
-from siren_ros.scoring.judging.predicates import evaluate_predicate, verdicts_of_others
+from siren_ros.scoring.judging.outcome import evaluate_predicate, summarise_residuals, verdicts_of_others
 from siren_ros.scoring.judging.verdict import Moment, Part, Verdict, at_least, at_most, equals, listed, moments_of
-from siren_ros.simulation.world.actors import Owner
-from siren_ros.simulation.world.traffic_state import EventKind, hash_state
+from siren_ros.simulation.world.actors import ActorStates, Event, EventKind, Mode, Owner, hash_state
+
+LATERAL_PERCENTILE: Final = 99.9
+EMV_PERCENTILES: Final = (1.0, 99.0)
+CIVILIAN_PERCENTILES: Final = (0.5, 99.5)
+MOVING_MPS: Final = 0.3
+"""Slower vehicles count as standing; their deceleration is not braking."""
+PAPER_PRESET: Final = "paper"
+"""The preset in which every driver reacts."""
+
+
+@dataclass(frozen=True)
+class VerifyLimits:
+    """Limits of the checks."""
+
+    jump_m: float = 0.05
+    """Largest change of position between two steps beyond ``v · dt``."""
+    turn_rad: float = 0.01
+    """Largest change of yaw between two steps beyond the limits of steering and grip."""
+    steer_max_rad: float = 0.7
+    """Largest road-wheel angle of any class (40°)."""
+    wheelbase_share: float = 0.5
+    """Smallest wheelbase of any class relative to its length: that of buses and fire engines."""
+    walker_turn_radps: float = 4.5
+    """Largest turn rate of a pedestrian: a turn on the spot within a step."""
+    lateral_accel_mps2: float = 12.0
+    """Largest lateral acceleration: dry tyres give 1 g, plus a margin for transients."""
+    speed_error_mps: float = 0.5
+    """Largest difference between the mean velocity of two steps and the change of position between them."""
+    residual_p99_m: float = 0.5
+    """Limit for the 99th percentile of an actor's residual (SUMO's pose against the simulated pose)."""
+    residual_max_m: float = 2.0
+    """Limit for the largest residual of an actor."""
+    overlap_m: float = 0.3
+    """Largest overlap of two footprints: real bodies deform by as much at walking speed."""
+    impact_speed_mps: float = 2.0
+    """Largest impact speed: the paper's drivers all react, so that vehicles touch only while they manoeuvre."""
+    comfort_lateral_mps2: float = 4.0
+    """Limit for the 99.9th percentile of all vehicles' lateral acceleration: the most that drivers use in urban bends
+    (Hugemann and Nickel, "Longitudinal and lateral accelerations in normal day driving", ITAI 2003)."""
+    emv_brake_mps2: float = 4.0
+    """Limit for the 1st percentile of an EMV's braking: that of an anticipating driver (same source, urban roads)."""
+    emv_accel_mps2: float = 2.5
+    """Limit for the 99th percentile of an EMV's acceleration: a brisk start of a van (same source)."""
+    civilian_brake_mps2: float = 4.0
+    """Limit for the 0.5th percentile of moving civilians' braking: what drivers use in traffic (same source). Emergency
+    braking may be harder, but is rare."""
+    civilian_accel_mps2: float = 3.0
+    """Limit for the 99.5th percentile of moving civilians' acceleration: a brisk start of a car (same source)."""
+    civilian_lateral_mps2: float = 5.0
+    """Largest lateral acceleration of a civilian at any time: half of what dry tyres give, more than drivers use on
+    roads."""
+
+
+@dataclass(frozen=True)
+class PhysicsSummary:
+    """Measured extremes over all actors and steps of an episode; zeros if there is nothing to measure."""
+
+    contacts: int = 0
+    impact_mps: float = 0.0
+    """Largest impact speed."""
+    overlap_m: float = 0.0
+    """Largest penetration of two footprints."""
+    overlap_moment: Moment | None = None
+    """Step and actors of the largest overlap."""
+    lateral_accel_mps2: float = 0.0
+    """99.9th percentile of lateral acceleration over all vehicles."""
+    emv_accel_low_mps2: float = 0.0
+    """1st percentile of the longitudinal acceleration of all EMVs."""
+    emv_accel_high_mps2: float = 0.0
+    """99th percentile of the longitudinal acceleration of all EMVs."""
+    civilian_accel_low_mps2: float = 0.0
+    """0.5th percentile of the longitudinal acceleration of moving civilians."""
+    civilian_accel_high_mps2: float = 0.0
+    """99.5th percentile of the longitudinal acceleration of moving civilians."""
+    civilian_lateral_mps2: float = 0.0
+    """Largest lateral acceleration of moving civilians."""
+
+
+def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
+    """Measure contacts, overlap and accelerations of an episode."""
+    rows = record.rows
+    speeds = [float(event.detail["impact_speed_mps"]) for event in record.events_of(EventKind.COLLISION)]
+    lateral = np.abs(rows.lateral_accel_mps2)
+    is_emv = np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
+    low, high = _extremes(rows.accel_mps2[is_emv], EMV_PERCENTILES)
+    overlaps = (deepest_overlap(state, record) for state in record.states)
+    overlap_m, overlap_moment = max(overlaps, key=lambda overlap: overlap[0], default=(0.0, None))
+    walks = np.isin(rows.actor_id, record.walker_ids)
+    driven = ~is_emv & ~walks & (rows.speed_mps > MOVING_MPS) & (rows.mode != Mode.STOPPED)
+    civilian_low, civilian_high = _extremes(rows.accel_mps2[driven], CIVILIAN_PERCENTILES)
+    return PhysicsSummary(
+        contacts=len(speeds),
+        impact_mps=max(speeds, default=0.0),
+        overlap_m=overlap_m,
+        overlap_moment=overlap_moment,
+        lateral_accel_mps2=float(np.percentile(lateral, LATERAL_PERCENTILE)) if len(lateral) else 0.0,
+        emv_accel_low_mps2=low,
+        emv_accel_high_mps2=high,
+        civilian_accel_low_mps2=civilian_low,
+        civilian_accel_high_mps2=civilian_high,
+        civilian_lateral_mps2=float(lateral[driven].max(initial=0.0)),
+    )
+
+
+def _extremes(values: Floats, percentiles: tuple[float, float]) -> tuple[float, float]:
+    low, high = np.percentile(values, percentiles) if len(values) else (0.0, 0.0)
+    return float(low), float(high)
+
+
+def deepest_overlap(state: ActorStates, record: EpisodeRecord) -> tuple[float, Moment | None]:
+    """Largest penetration depth of two footprints at a step (separating axis theorem), 0 if none overlap, and whose.
+
+    People who pass each other on foot do not count: they turn their shoulders.
+    """
+    sizes = np.array([(record.actors[int(i)].length_m, record.actors[int(i)].width_m) for i in state.actor_id])
+    if len(sizes) < 2:
+        return 0.0, None
+    length, width = sizes.T
+    first, second, depth_m = overlapping_pairs(state.x_m, state.y_m, state.yaw_rad, length, width)
+    walks = np.isin(state.actor_id, record.walker_ids)
+    counts = ~(walks[first] & walks[second])
+    if not counts.any():
+        return 0.0, None
+    deepest = int(np.argmax(np.where(counts, depth_m, -np.inf)))
+    return float(depth_m[deepest]), Moment(state.step, int(state.actor_id[first[deepest]]))
+
+
+def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ...]:
+    """Compare the summary with its limits; drawn drivers may crash at any speed."""
+    summary = summarise_physics(record)
+    impact_mps = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
+    contacts = record.events_of(EventKind.COLLISION)
+    hardest = sorted(contacts, key=lambda event: float(event.detail["impact_speed_mps"]))[-1:]
+    return (
+        at_most("overlap_m", summary.overlap_m, limits.overlap_m, "", *filter(None, [summary.overlap_moment])),
+        at_most(
+            "impact_speed_mps", summary.impact_mps, impact_mps, f"{summary.contacts} contacts", *moments_of(hardest)
+        ),
+        at_most("lateral_accel_p99_9_mps2", summary.lateral_accel_mps2, limits.comfort_lateral_mps2),
+        at_least("emv_accel_p1_mps2", summary.emv_accel_low_mps2, -limits.emv_brake_mps2),
+        at_most("emv_accel_p99_mps2", summary.emv_accel_high_mps2, limits.emv_accel_mps2),
+        at_least("civilian_accel_p0_5_mps2", summary.civilian_accel_low_mps2, -limits.civilian_brake_mps2),
+        at_most("civilian_accel_p99_5_mps2", summary.civilian_accel_high_mps2, limits.civilian_accel_mps2),
+        at_most("civilian_lateral_mps2", summary.civilian_lateral_mps2, limits.civilian_lateral_mps2),
+    )
+
+
+WALKING_PACE_MPS: Final = 2.0
+"""Largest speed at which vehicles should pass people on a crossing, 7 km/h."""
+NEAR_WAY_M: Final = 2.0
+"""A person on a crossing is near a vehicle within this distance of the area that it sweeps there."""
+
+
+@dataclass(frozen=True)
+class NearPass:
+    """A vehicle's passage over a crossing with a person near its path, at the vehicle's fastest step."""
+
+    actor_id: int
+    walker_id: int
+    step: int
+    speed_mps: float
+
+
+def contacts_with_people(record: EpisodeRecord) -> tuple[Event, ...]:
+    """Contacts of vehicles with pedestrians, cyclists and motorcyclists."""
+    people = set(record.people_ids.tolist())
+    return tuple(event for event in record.events_of(EventKind.COLLISION) if {event.actor_id, event.other_id} & people)
+
+
+def near_passes(record: EpisodeRecord) -> tuple[NearPass, ...]:
+    """Find every passage of a vehicle over a crossing with a pedestrian within 2 m of the area that it sweeps."""
+    if not len(record.walker_ids):
+        return ()
+    rows = record.rows
+    walks = np.isin(rows.actor_id, record.walker_ids)
+    walkers, vehicles = np.flatnonzero(walks), np.flatnonzero(~walks)
+    half_m = np.array([(0.5 * actor.length_m, 0.5 * actor.width_m) for actor in record.actors.values()])
+    sizes_m = half_m[np.searchsorted(np.array(list(record.actors), np.uint32), rows.actor_id)]
+    found: list[NearPass | None] = []
+    for outline in record.network.crossings:
+        area = shapely.Polygon(outline)
+        across = walkers[shapely.contains_xy(area, rows.x_m[walkers], rows.y_m[walkers])]
+        across = across[np.argsort(rows.step[across], kind="stable")]
+        passages = _passages(record, area, vehicles, sizes_m) if len(across) else ()
+        found += [_fastest(record, passage, across, sizes_m) for passage in passages]
+    return tuple(near for near in found if near is not None)
+
+
+def _passages(record: EpisodeRecord, area: shapely.Polygon, vehicles: Rows, sizes_m: Points) -> Iterator[Rows]:
+    """Rows of each vehicle's consecutive steps on a crossing."""
+    rows, (half_length, half_width) = record.rows, sizes_m[vehicles].T
+    west, south, east, north = area.bounds
+    around = np.hypot(half_length, half_width)
+    x, y = rows.x_m[vehicles], rows.y_m[vehicles]
+    inside = (x > west - around) & (x < east + around) & (y > south - around) & (y < north + around)
+    near = vehicles[inside]
+    corners = footprint_corners(rows.x_m[near], rows.y_m[near], rows.yaw_rad[near], *(2.0 * sizes_m[near].T))
+    shapely.prepare(area)
+    near = near[shapely.intersects(area, shapely.polygons(corners))]
+    same = (np.diff(rows.actor_id[near]) == 0) & (np.diff(rows.step[near]) == 1)
+    yield from np.split(near, np.flatnonzero(~same) + 1) if len(near) else ()
+
+
+def _fastest(record: EpisodeRecord, passage: Rows, across: Rows, sizes_m: Points) -> NearPass | None:
+    """The fastest step of a passage with a person near; ``across`` are people on the crossing, by step."""
+    rows = record.rows
+    first, last = np.searchsorted(rows.step[across], (rows.step[passage[0]], rows.step[passage[-1]] + 1))
+    people = across[first:last]
+    poses = rows.x_m[passage], rows.y_m[passage], np.cos(rows.yaw_rad[passage]), np.sin(rows.yaw_rad[passage])
+    half_length_m, half_width_m = sizes_m[passage[0]].tolist()
+    near = _near(np.stack(poses), rows.xy_m[people], half_length_m, half_width_m, NEAR_WAY_M)
+    if not near.any():
+        return None
+    people = people[near]
+    at = passage[rows.step[people] - rows.step[passage[0]]]
+    most = int(np.argmax(rows.speed_mps[at]))
+    ids = int(rows.actor_id[at[most]]), int(rows.actor_id[people[most]])
+    return NearPass(*ids, int(rows.step[at[most]]), float(rows.speed_mps[at[most]]))
+
+
+@compiled
+def _near(poses: Floats, points: Points, half_length_m: float, half_width_m: float, near_m: float) -> Flags:
+    """Which points ``(P, 2)`` are near a box in one of some poses: x, y, cosine and sine of the yaw, ``(4, K)``."""
+    near = np.zeros(len(points), np.bool_)
+    for p in range(len(points)):
+        for k in range(poses.shape[1]):
+            dx, dy = points[p, X] - poses[X, k], points[p, Y] - poses[Y, k]
+            ahead = max(abs(dx * poses[COS, k] + dy * poses[SIN, k]) - half_length_m, 0.0)
+            left = max(abs(dy * poses[COS, k] - dx * poses[SIN, k]) - half_width_m, 0.0)
+            if ahead * ahead + left * left <= near_m * near_m:
+                near[p] = True
+                break
+    return near
+
+
+def check_people(record: EpisodeRecord) -> tuple[Part, Part]:
+    """Checks: no contact with unprotected people, and walking pace near people on crossings.
+
+    Drawn drivers may crash.
+    """
+    contacts = contacts_with_people(record)
+    places = ", ".join(f"actors {event.actor_id} and {event.other_id} at step {event.step}" for event in contacts)
+    passes = near_passes(record)
+    worst = max(passes, key=lambda item: item.speed_mps, default=NearPass(0, 0, 0, 0.0))
+    faster = sum(item.speed_mps > WALKING_PACE_MPS for item in passes)
+    detail = f"actor {worst.actor_id} near {worst.walker_id} at step {worst.step}, {faster} of {len(passes)} passes"
+    allowed = 0 if record.description.preset == PAPER_PRESET else np.inf
+    fastest = (Moment(worst.step, worst.actor_id),) if passes else ()
+    return (
+        at_most("contacts_with_people", len(contacts), allowed, places, *moments_of(contacts)),
+        at_most("speed_near_people_mps", worst.speed_mps, WALKING_PACE_MPS, detail if passes else "", *fastest),
+    )
+
 
 CHECKS: Final = {
     "steps": "The episode ended as planned, after at least the number of steps of its description",

@@ -18,14 +18,20 @@ from PIL import Image, ImageDraw, ImageFont
 from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.base.numerics.geometry import footprint_corners
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.data.interfaces.markers import MODE_COLOURS
+from siren_ros.data.interfaces.boxes import MODE_COLOURS
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
-from siren_ros.scoring.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, TEXT, colour_of
-from siren_ros.scoring.pictures.plot_parts import draw_roads, title_of
+from siren_ros.scoring.pictures.plot_parts import (
+    CIVILIAN,
+    EMV_MODE_COLOURS,
+    STATE_NAMES,
+    TEXT,
+    colour_of,
+    draw_roads,
+    title_of,
+)
 from siren_ros.simulation.roads.road_network import Lane, RoadNetwork
-from siren_ros.simulation.world.actors import NO_ACTOR, ActorDescription, ActorStates, Lights, Mode
-from siren_ros.simulation.world.traffic_state import SignalState
+from siren_ros.simulation.world.actors import NO_ACTOR, ActorDescription, ActorStates, Lights, Mode, SignalState
 
 SignalBar = tuple[str, int, Points]
 """Bar of a signal: its id, the link, and the bar's corners in the map image."""

@@ -21,7 +21,7 @@ from siren_ros.sensing.rig import Observations, SensorRig
 from siren_ros.sensing.scene.kerbside import scene_config_of
 from siren_ros.sensing.specification import Mount, optical_from_map
 from siren_ros.sensing.suite import SensorSuite
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 _PANEL: Final = (800, 600)
 _COLUMNS: Final = 2

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 
 from siren_ros.base.numerics.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
+from siren_ros.data.episode_source import FRONT_CAMERA, MountedCamera, open_source
 from siren_ros.data.interfaces.measurements import from_compressed_image
 from siren_ros.data.interfaces.topics import IMAGE_COMPRESSED
-from siren_ros.data.record.episode_source import FRONT_CAMERA, MountedCamera, open_source
 from siren_ros.data.recording.bag_reader import BagMessage, damage_refused, open_bag, read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import BagError, InputError, whole_file

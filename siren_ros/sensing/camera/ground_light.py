@@ -13,8 +13,7 @@ from siren_ros.sensing.camera.shaders import included
 from siren_ros.sensing.camera.static_geometry import StaticGeometry
 from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, LIGHT_TEXELS
 from siren_ros.sensing.camera.vehicle_geometry import Casters, VehicleGeometry
-from siren_ros.sensing.meshes.mesh import Material, Mesh
-from siren_ros.sensing.meshes.placement import VehiclePlacement
+from siren_ros.sensing.meshes.mesh import Material, Mesh, VehiclePlacement
 from siren_ros.simulation.world.actors import Lights
 
 UNIT_FROM_CLIP: Final = np.array(

@@ -12,7 +12,14 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import Floats, Rows
 from siren_ros.base.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.sensing.camera import shaders
-from siren_ros.sensing.camera.occlusion import Horizon, bounding_circles
+from siren_ros.sensing.camera.culling import (
+    Horizon,
+    IndexedMesh,
+    bounding_circles,
+    chunks_in_view,
+    index_mesh,
+    visible_triangles,
+)
 from siren_ros.sensing.camera.surface_light import (
     STATIC_FORMAT,
     STATIC_NAMES,
@@ -22,7 +29,6 @@ from siren_ros.sensing.camera.surface_light import (
     shading_of,
     static_vertices,
 )
-from siren_ros.sensing.camera.vertices import IndexedMesh, chunks_in_view, index_mesh, visible_triangles
 from siren_ros.sensing.look import Look
 from siren_ros.sensing.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, SignalLamp, StaticScene
 

@@ -12,11 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Floats32, Rows
+from siren_ros.sensing.camera.culling import VERTEX, IndexedMesh, index_mesh
 from siren_ros.sensing.camera.shaders import included
 from siren_ros.sensing.camera.surface_light import defined
-from siren_ros.sensing.camera.vertices import VERTEX, IndexedMesh, index_mesh
-from siren_ros.sensing.meshes.mesh import SEMANTIC_CLASS_OF_MATERIAL, VehicleShape, semantic_class_of_actor
-from siren_ros.sensing.meshes.placement import VehiclePlacement
+from siren_ros.sensing.meshes.mesh import (
+    SEMANTIC_CLASS_OF_MATERIAL,
+    VehiclePlacement,
+    VehicleShape,
+    semantic_class_of_actor,
+)
 from siren_ros.simulation.world.actors import ActorClass
 
 _VERTEX: Final = np.dtype([("base", VERTEX), ("hub", "<f2", 4)])

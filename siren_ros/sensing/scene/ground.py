@@ -22,8 +22,8 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.sensing.meshes.mesh import Material, Mesh
 from siren_ros.sensing.meshes.solids import Rgb, flat_polygons, walls
 from siren_ros.sensing.scene.surfaces import SceneConfig, Surfaces, difference, intersection, polygons, union
-from siren_ros.simulation.roads.movements import opposite_edges
 from siren_ros.simulation.roads.road_network import Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import opposite_edges
 
 _ARROW_BEFORE_END_M: Final = 8.0
 _SIDE_GAP_M: Final = 0.15

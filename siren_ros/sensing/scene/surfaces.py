@@ -16,7 +16,7 @@ from siren_ros.base.numerics.arrays import Flags, Points
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
+from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.conflicts.yielding import Rank, rank_inside, rank_of
 from siren_ros.simulation.conflicts.zones import CUT, HALF_LENGTH, HALF_WIDTH, LEFT, PLACE, SPACING, TRACK_M, Ways
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
-from siren_ros.simulation.world.traffic_state import Indices, TrafficState
+from siren_ros.simulation.world.actors import Indices, TrafficState
 
 # These are no parameters: compiled loops and caches contain the resolution and length of courses.
 SPACING_M: Final = 1.0

@@ -12,8 +12,7 @@ import shapely
 from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import box_gap_m, compiled
 from siren_ros.base.numerics.geometry import footprint_corners, separation_m
-from siren_ros.simulation.dynamics.parameters import ParameterTable
-from siren_ros.simulation.dynamics.vehicle_model import BodyState
+from siren_ros.simulation.dynamics.vehicle_model import BodyState, ParameterTable
 
 SEPARATION_GAP_M: Final = 0.1
 """A contact ends when the boxes are this far apart."""

@@ -6,8 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids
-from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, changed
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
@@ -20,9 +19,7 @@ from siren_ros.simulation.dynamics.collisions import (
     find_contacts,
     overlapping,
 )
-from siren_ros.simulation.dynamics.orders import Orders, merge_commands, stopped_orders
-from siren_ros.simulation.dynamics.parameters import ParameterTable, VehicleParameters
-from siren_ros.simulation.dynamics.tracker import (
+from siren_ros.simulation.dynamics.controls import (
     DEFAULT_GAINS,
     NEXT_ACCEL,
     NEXT_PACE,
@@ -31,9 +28,13 @@ from siren_ros.simulation.dynamics.tracker import (
     SMOOTH_ACCEL,
     SPEED,
     SUMO_ACCEL,
+    Orders,
     TrackerGains,
     TrackerState,
     follow,
+    merge_commands,
+    stopped_orders,
+    walk,
 )
 from siren_ros.simulation.dynamics.vehicle_model import (
     ACCEL,
@@ -48,23 +49,26 @@ from siren_ros.simulation.dynamics.vehicle_model import (
     QUICKNESS,
     YAW_RATE,
     BodyState,
+    ParameterTable,
     Records,
+    VehicleParameters,
     advance,
     substeps,
 )
-from siren_ros.simulation.dynamics.walkers import walk
+from siren_ros.simulation.roads.road_network import mirror_image
 from siren_ros.simulation.world.actors import (
     ACTOR_STATE_DTYPES,
     ActorClass,
     ActorDescription,
     ActorStates,
+    Event,
+    EventKind,
     Lights,
     Owner,
+    TrafficState,
     rows_of_ids,
 )
 from siren_ros.simulation.world.commands import VehicleCommands
-from siren_ros.simulation.world.mirror_image import mirror_image
-from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficState
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from defusedxml.ElementTree import fromstring
 from siren_ros.base.numerics.arrays import Points
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
-from siren_ros.simulation.roads.map_projection import geodetic_from_projected
 from siren_ros.simulation.roads.road_network import (
     MAPS_KEPT,
     Connection,
@@ -26,6 +25,7 @@ from siren_ros.simulation.roads.road_network import (
     Lane,
     LaneKind,
     RoadNetwork,
+    geodetic_from_projected,
 )
 
 LONGEST_VIA: Final = 100

@@ -9,15 +9,25 @@ import numpy as np
 
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.errors import MapError
-from siren_ros.simulation.roads.mirror_image import right_hand_image
-from siren_ros.simulation.roads.movements import (
+from siren_ros.simulation.roads.road_network import (
+    MAPS_KEPT,
+    Connection,
+    JunctionKind,
+    Lane,
+    LaneKind,
+    RoadNetwork,
+    right_hand_image,
+)
+from siren_ros.simulation.roads.routing import (
+    TOWN_LIMIT_MPS,
+    EdgeGraph,
+    civilian_movements,
     comes_from_the_side,
     crossing_connections,
+    driving_lanes,
     quiet_reach_m,
     same_direction_connections,
 )
-from siren_ros.simulation.roads.road_network import MAPS_KEPT, Connection, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, driving_lanes
 from siren_ros.simulation.roads.sites import (
     APPROACH_M,
     ENOUGH_M,
@@ -29,7 +39,6 @@ from siren_ros.simulation.roads.sites import (
     SHORTEST_QUEUE_M,
     SHORTEST_ROAD_M,
     SHORTEST_SHOULDER_M,
-    TOWN_LIMIT_MPS,
     NoSite,
     Site,
     SiteKind,

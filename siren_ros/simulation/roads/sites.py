@@ -1,20 +1,29 @@
 """A site: the place on a map where an interaction happens, and the EMV's route through it.
 
-Each kind of site has its requirements. The route is the approach to the site and the way on after it.
+Each kind of site has its requirements. The route is the approach to the site and the way on after it. No site is near a
+bridge: because this world is flat, vehicles of both roads meet there.
 """
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, connections_between, driving_lanes
+from siren_ros.base.numerics.arrays import Points
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import (
+    TOWN_LIMIT_MPS,
+    EdgeGraph,
+    civilian_movements,
+    connections_between,
+    driving_lanes,
+)
 
 SHORTEST_ROAD_M: Final = 60.0
 """Least length of a road of two lanes: 4 s at 50 km/h, enough for a yield lane change and a pass."""
@@ -24,8 +33,6 @@ SHORTEST_SHOULDER_M: Final = 10.0
 """Least length of a shoulder before and after a right turn."""
 SHORTEST_MOTORWAY_M: Final = 450.0
 """Least length of a motorway stretch: a queue of 300 m and a way of 150 m up to it."""
-TOWN_LIMIT_MPS: Final = 17.0
-"""Roads with a higher limit lead out of town: towns have 50 km/h, and up to 60 km/h on their main roads."""
 ENOUGH_M: Final = 250.0
 """A site that is longer than this is not better for it."""
 
@@ -239,3 +246,13 @@ def _exit(graph: EdgeGraph, before: Sequence[int]) -> tuple[int, ...]:
         visits[way_on] += 1
         route.append(way_on)
     return tuple(route[len(before) :])
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def bridges(network: RoadNetwork) -> Points:
+    """The places where driving lanes of two roads cross outside junctions, shape ``(N, 2)``."""
+    lanes = [lane for lane in network.lanes if lane.kind is LaneKind.DRIVING]
+    centres = [shapely.LineString(lane.centre.points) for lane in lanes]
+    pairs = shapely.STRtree(centres).query(centres, predicate="crosses").T.tolist()
+    crossed = [(a, b) for a, b in pairs if lanes[a].edge < lanes[b].edge]
+    return shapely.get_coordinates([shapely.intersection(centres[a], centres[b]) for a, b in crossed])

@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, Final
 
-from siren_ros.base.params.parameter_field import parameter
+from siren_ros.base.params.parameters import parameter
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.paper import PAPER_SPEEDS, TargetSpeeds
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters, check_driver_value
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, TypeVar
 
-from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.base.params.resources import names_in_params
-from siren_ros.base.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.base.params.folders import names_in_params
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping, read_strict_yaml
 from siren_ros.errors import InputError, SirenError
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
 from siren_ros.simulation.roads.sites import SiteKind

@@ -18,8 +18,16 @@ from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, L
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan
 from siren_ros.simulation.traffic.sumo.readings import Readings, ahead_on_route, intent_flags
-from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, ActorStates, Owner
-from siren_ros.simulation.world.traffic_state import Event, EventKind, Indices, TrafficFlags, TrafficState
+from siren_ros.simulation.world.actors import (
+    RESIDUAL_LIMIT_M,
+    ActorStates,
+    Event,
+    EventKind,
+    Indices,
+    Owner,
+    TrafficFlags,
+    TrafficState,
+)
 
 _BY_SUMO: Final = int(Owner.SUMO)
 _ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)

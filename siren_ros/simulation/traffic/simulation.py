@@ -1,8 +1,13 @@
-"""SUMO in lockstep with the simulated world: poses in, the traffic's state out."""
+"""SUMO in lockstep with the simulated world: poses in, the traffic's state out.
 
+For comparison SUMO also runs alone, with its own bluelight device on the EMVs: nobody tells SUMO's drivers how to
+move.
+"""
+
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -16,26 +21,36 @@ from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError, MapError
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, mirrored_map
-from siren_ros.simulation.roads.mirror_image import right_hand_image
-from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork, mirror_image, right_hand_image
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.simulation.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.simulation.traffic.sumo.mirror import Mirror
-from siren_ros.simulation.traffic.sumo.nearby import Point
+from siren_ros.simulation.traffic.sumo.orders import time_signal
 from siren_ros.simulation.traffic.sumo.population import (
+    MIRRORS_M,
     REPLACEMENT_DISTANCE_M,
+    Point,
     SumoPopulation,
     route_id,
     vehicle_types_xml,
 )
 from siren_ros.simulation.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
 from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Rule, Setting, acts_of
-from siren_ros.simulation.traffic.sumo.signal_timing import time_signal
 from siren_ros.simulation.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
-from siren_ros.simulation.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
-from siren_ros.simulation.world.mirror_image import mirror_image
-from siren_ros.simulation.world.traffic_state import EmvAdvice, Event, EventKind, Indices, SignalState, TrafficState
+from siren_ros.simulation.world.actors import (
+    ActorDescription,
+    ActorStates,
+    EmvAdvice,
+    Event,
+    EventKind,
+    Indices,
+    Lights,
+    Owner,
+    SignalState,
+    TrafficState,
+    rows_of_ids,
+)
 
 _LARGEST_SEED: Final = 2**31 - 1
 _EXCHANGE_STEPS: Final = round(2.0 / STEP_S)
@@ -462,3 +477,22 @@ def _simulated(
             for column in range(4):
                 values[column, row] = poses[column][row]
     return values, owner
+
+
+_OURS: Final = re.compile(rb' lcMaxSpeedLat(Standing|Factor)="[^"]*"')
+"""Finds the parameters of lateral motion, because SUMO's own values let vehicles move sideways while they stand."""
+_EMV_TYPE: Final = re.compile(rb'(vClass="emergency"[^>]*latAlignment=)"center"')
+"""Finds the alignment in an EMV's type, because an EMV with the device needs the whole width of its lane."""
+
+
+class BluelightSimulation(SumoSimulation):
+    """Runs an episode's plan in SUMO alone, which also drives the EMVs and forms their corridor."""
+
+    _rules = tuple(rule for rule in RULES if rule.moment in {Moment.ORDERS, Moment.CORRECTION})
+
+    def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
+        bare = [v if v.is_emv else replace(v, width_m=v.width_m - MIRRORS_M) for v in vehicles]
+        return _EMV_TYPE.sub(rb'\1"arbitrary"', _OURS.sub(b"", super()._types(bare)))
+
+    def _more_options(self) -> Mapping[str, str]:
+        return {"--device.bluelight.explicit": ",".join(vehicle.name for vehicle in self._plan.emvs)}

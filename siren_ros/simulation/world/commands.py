@@ -7,11 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Codes, Floats, Ids, dtypes_of
-from siren_ros.base.tables.brief import Brief
+from siren_ros.base.numerics.arrays import Brief, Codes, Floats, Ids, dtypes_of
 from siren_ros.errors import EpisodeError
-from siren_ros.simulation.world.actors import LEFTWARD, PARTS, SIDED, Lights, Mode, Owner
-from siren_ros.simulation.world.traffic_state import Event
+from siren_ros.simulation.world.actors import LEFTWARD, PARTS, SIDED, Event, Lights, Mode, Owner
 
 CommandRow = tuple[int, int, float, float, float, bool, int, int]
 """Id, owner, throttle, brake, wheel angle, hand brake, mode and lights of one actor."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from siren_ros.base.tables.interval import Measure
+from siren_ros.base.tables import Measure
 from siren_ros.cli.evaluation import yielding
 from siren_ros.cli.main import main
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS

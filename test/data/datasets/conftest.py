@@ -13,11 +13,11 @@ from synthetic_episode import NET_XML
 
 from siren_ros.cli.main import main
 from siren_ros.data.datasets import export_job
-from siren_ros.data.record.episode_source import open_source
-from siren_ros.data.record.tracks import Track, tracks_of
+from siren_ros.data.episode_source import open_source
+from siren_ros.data.tracks import Track, tracks_of
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import RoadNetwork
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import Split
 
 
 @pytest.fixture(scope="session")

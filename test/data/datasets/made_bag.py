@@ -16,13 +16,25 @@ from synthetic_episode import NET_XML
 from siren_ros.base.numerics.units import time_ns_of_step
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth
-from siren_ros.data.interfaces.conversions import to_actor_states, to_events, to_traffic_state
-from siren_ros.data.interfaces.episode_conversions import to_episode_description, to_episode_outcome
-from siren_ros.data.interfaces.measurements import to_camera_info, to_compressed_image, to_point_cloud
+from siren_ros.data.interfaces.conversions import (
+    to_actor_states,
+    to_episode_description,
+    to_episode_outcome,
+    to_events,
+    to_traffic_state,
+)
+from siren_ros.data.interfaces.measurements import (
+    Transform,
+    quaternion_of_matrix,
+    quaternion_of_yaw,
+    to_camera_info,
+    to_compressed_image,
+    to_point_cloud,
+    to_tf,
+)
 from siren_ros.data.interfaces.messages import encode_cdr, make_message
 from siren_ros.data.interfaces.topics import IMAGE_COMPRESSED as IMAGE
 from siren_ros.data.interfaces.topics import Topic
-from siren_ros.data.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw, to_tf
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.data.sensor_messages.sensor_topics import AV, Carrier
@@ -30,10 +42,15 @@ from siren_ros.data.sensor_messages.sensor_topics import EMV as EMV_CARRIER
 from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraTruth, GroundTruth
-from siren_ros.simulation.world.measurements import CameraIntrinsics
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState
+from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, Event, EventKind, TrafficState
+from siren_ros.simulation.world.carrier import (
+    BASE_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
+    CameraIntrinsics,
+    CameraTruth,
+    GroundTruth,
+)
 
 Export = Callable[..., Path]
 """Exports bags: format, bag or bags, options; gives the dataset, which is made once for all tests."""

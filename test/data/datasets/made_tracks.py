@@ -5,10 +5,9 @@ from dataclasses import replace
 from evaluation.made_records import moving, record_with
 from hand_made_record import STRAIGHT, crossing, traffic_of
 
-from siren_ros.data.record.tracks import Track, tracks_of
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.traffic_state import TrafficState
+from siren_ros.data.tracks import Track, tracks_of
+from siren_ros.simulation.world.actors import ActorClass, TrafficState
 
 FRAMES = 21
 """The car is there from frame 5 on, the bus up to frame 9."""

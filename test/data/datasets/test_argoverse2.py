@@ -18,9 +18,9 @@ from synthetic_episode import NET_XML
 from siren_ros.cli.main import main
 from siren_ros.data.datasets import argoverse2
 from siren_ros.data.datasets.lane_graph import lane_graph, without_holes
-from siren_ros.data.record.tracks import Track, whole_windows
-from siren_ros.simulation.roads.mirror_image import mirrored_network
+from siren_ros.data.tracks import Track, whole_windows
 from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import mirrored_network
 
 DATASET = ("argoverse2", "tracked_bag", "--population", "all")
 MADE_DATASET = ("argoverse2", "made_drive", "--population", "all", "--stride", "4", "--split", "val")

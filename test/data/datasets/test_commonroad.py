@@ -26,16 +26,17 @@ from siren_ros.data.datasets.commonroad import (
     obstacle_type,
     scenario_root,
 )
-from siren_ros.data.datasets.commonroad_surface import (
+from siren_ros.data.datasets.files import document
+from siren_ros.data.datasets.lane_graph import (
     BORDER_M,
     Bounds,
     border_strips,
     junction_surfaces,
+    lane_graph,
     lanelet_bounds,
+    without_holes,
 )
-from siren_ros.data.datasets.files import document
-from siren_ros.data.datasets.lane_graph import lane_graph, without_holes
-from siren_ros.data.record.tracks import Track, tracks_of
+from siren_ros.data.tracks import Track, tracks_of
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
 

@@ -1,5 +1,7 @@
-"""What a bag holds as exporters see it: its sensors, how they stand, steps, and what is asked of it."""
+"""What a bag holds as exporters see it: its sensors, how they stand, steps, what is asked of it, and its licence."""
 
+import re
+import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -25,12 +27,22 @@ from datasets.made_bag import (
     write_made_bag,
     yaw_of,
 )
+from repository import REPOSITORY
 from synthetic_episode import NET_XML
 
 from siren_ros.base.numerics.units import step_of_time_ns
+from siren_ros.data.episode_source import (
+    LICENCE,
+    LICENCE_URL,
+    EpisodeSource,
+    Need,
+    check_needs,
+    lidar_frames,
+    lidar_of,
+    open_source,
+    recording_command,
+)
 from siren_ros.data.interfaces.topics import ACTORS, GROUND_TRUTH, MAP, TRAFFIC
-from siren_ros.data.record.bag_survey import Need, check_needs, recording_command
-from siren_ros.data.record.episode_source import EpisodeSource, lidar_frames, lidar_of, open_source
 from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
 from siren_ros.errors import BagError
@@ -173,3 +185,17 @@ def test_a_recording_is_told_with_its_map_unless_it_is_the_default():
     asked = {"site": "north", "values": "emv.speed_mps=12.5", "look": "clear", "av": "", "seed": 9}
     drawn = replace(description, parameters={"request": asked})
     assert recording_command(drawn, "full") == f"{command} -p site:=north -p values:=emv.speed_mps=12.5"
+
+
+def test_one_licence_is_stated_everywhere():
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    packages = [REPOSITORY / "package.xml", REPOSITORY / "msg_defs" / "package.xml"]
+    stated = [
+        project["license"]["text"],
+        *(re.search("<license>(.*)</license>", path.read_text())[1] for path in packages),
+        re.search("^license: (.*)$", (REPOSITORY / "CITATION.cff").read_text(), re.MULTILINE)[1],
+    ]
+    assert stated == [LICENCE] * 4
+    text = (REPOSITORY / "LICENSE").read_text()
+    assert "Apache License" in text
+    assert LICENCE_URL.rsplit("/", 1)[0].removeprefix("https://www.") in text

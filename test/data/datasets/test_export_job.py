@@ -27,12 +27,10 @@ from siren_ros.data.datasets.formats import (
     format_named,
     load_exporter,
 )
-from siren_ros.data.datasets.trajectory_csv import CsvExporter
-from siren_ros.data.record.bag_survey import BagSurvey, Need, episode_name, in_dataset_order
-from siren_ros.data.record.episode_source import EpisodeSource
-from siren_ros.data.record.licences import LICENCE
+from siren_ros.data.datasets.trajectory_tables import CsvExporter
+from siren_ros.data.episode_source import LICENCE, BagSurvey, EpisodeSource, Need, episode_name, in_dataset_order
 from siren_ros.errors import InputError
-from siren_ros.simulation.scenario.splits import EpisodeIdentity
+from siren_ros.simulation.scenario.episode import EpisodeIdentity
 
 FORMAT = Format(
     "made",

@@ -5,8 +5,7 @@ import pytest
 from hand_made_record import RIGHT, SHOULDER_RIGHT, STRAIGHT, crossing
 
 from siren_ros.data.datasets.lane_graph import lane_graph, offset_line
-from siren_ros.simulation.roads.mirror_image import MIRROR, mirrored_network
-from siren_ros.simulation.roads.road_network import LaneKind
+from siren_ros.simulation.roads.road_network import MIRROR, LaneKind, mirrored_network
 
 GRAPH = lane_graph(crossing())
 SHOULDER, RIGHT_LANE, LEFT_LANE, N_RIGHT, N_LEFT, E_SHOULDER, E_LANE = range(7)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from datasets.made_bag import sweep_of, truth_of
 
-from siren_ros.data.datasets.openpcdet import NAME_OF_CLASS, label_lines
-from siren_ros.data.record.episode_source import lidar_frames, open_source
+from siren_ros.data.datasets.kitti import NAME_OF_CLASS, openpcdet_lines
+from siren_ros.data.episode_source import lidar_frames, open_source
 from siren_ros.simulation.world.actors import ActorClass
 
 DATASET = ("openpcdet", "sensed_bag")
@@ -84,13 +84,13 @@ def test_a_label_is_centre_size_heading_and_name(made_dataset):
 
 def test_who_has_fewer_returns_than_asked_for_is_left_out():
     truth = truth_of(0)
-    assert [len(label_lines(truth, least)) for least in (0, 1, 5, 6)] == [2, 1, 1, 0]
-    bus = label_lines(truth, 0)[1].split()
+    assert [len(openpcdet_lines(truth, least)) for least in (0, 1, 5, 6)] == [2, 1, 1, 0]
+    bus = openpcdet_lines(truth, 0)[1].split()
     assert bus == ["-15.0000", "-4.0000", "-0.5000", "12.0000", "2.5000", "3.0000", "-2.0000", "Bus"]
 
 
 def test_headings_lie_within_half_a_turn_and_zero_has_no_sign():
     turned = replace(truth_of(0), yaw_rad=np.array([3.5, -3.5]), y_m=np.array([-1e-9, 0.0]))
-    lines = [line.split() for line in label_lines(turned, 0)]
+    lines = [line.split() for line in openpcdet_lines(turned, 0)]
     assert [float(line[6]) for line in lines] == pytest.approx([3.5 - 2.0 * np.pi, 2.0 * np.pi - 3.5], abs=1e-4)
     assert [line[1] for line in lines] == ["0.0000", "0.0000"]

@@ -6,7 +6,7 @@ from datasets.made_bag import Export
 
 from siren_ros.cli.main import main
 from siren_ros.data.datasets.publication import CROISSANT_FILE, check_copy, datasheet, files_of
-from siren_ros.data.record.licences import LICENCE, LICENCE_URL, UNKNOWN, licence_of_map
+from siren_ros.data.episode_source import LICENCE, LICENCE_URL, UNKNOWN, licence_of_map
 from siren_ros.errors import InputError
 
 

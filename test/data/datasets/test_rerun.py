@@ -25,7 +25,7 @@ from reader_environments import read_with
 
 from siren_ros.cli.main import main
 from siren_ros.data.datasets.files import FileWriter
-from siren_ros.data.record.episode_source import open_source
+from siren_ros.data.episode_source import open_source
 
 
 class Recording:

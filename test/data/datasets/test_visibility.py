@@ -8,8 +8,7 @@ from synthetic_episode import SyntheticEpisode
 
 from siren_ros.data.datasets.visibility import box_corners, image_boxes, lidar_visibility, points_in_boxes
 from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
-from siren_ros.simulation.world.carrier import GroundTruth
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics, GroundTruth
 
 CAMERA = CameraIntrinsics(801, 601, 400.0, 400.0, 400.0, 300.0)
 CAMERA_FROM_FRAME = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from siren_ros.data.interfaces import topics
-from siren_ros.data.interfaces.boxes import SpaceBoxes, boxes_of, from_boxes, to_boxes
-from siren_ros.data.interfaces.markers import (
+from siren_ros.data.interfaces.boxes import (
     EMV_COLOUR,
     LIFETIME_NS,
     MODE_COLOURS,
     MarkerShape,
+    SpaceBoxes,
+    boxes_of,
+    from_boxes,
     from_markers,
+    to_boxes,
     to_markers,
     vehicle_markers,
 )

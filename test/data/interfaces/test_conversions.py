@@ -13,24 +13,27 @@ from rclpy.serialization import deserialize_message
 from repository import REPOSITORY
 
 from siren_ros.base.numerics.geometry import Polyline
-from siren_ros.data.interfaces import boxes, conversions, episode_conversions
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing, Phase, StepReport
+from siren_ros.data.interfaces import boxes, conversions
+from siren_ros.data.interfaces.conversions import EpisodeClosing, Phase, StepReport
 from siren_ros.data.interfaces.messages import plain_message, stamp, typestore
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.running.ros.transport.endpoints import message_class
 from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
-from siren_ros.simulation.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth, PredictedPaths
-from siren_ros.simulation.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands, av_commands
-from siren_ros.simulation.world.traffic_state import (
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
     TRAFFIC_STATE_DTYPES,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
     EmvAdvice,
     Event,
     EventKind,
     SignalState,
     TrafficState,
 )
+from siren_ros.simulation.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth, PredictedPaths
+from siren_ros.simulation.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands, av_commands
 
 STORE = typestore()
 
@@ -110,7 +113,7 @@ PAIRS = {SignalState: ("siren_msgs/msg/SignalState", plain_message)}
 for module, *classes in (
     (conversions, ActorStates, VehicleCommands, TrafficState, Event, ActorDescription),
     (boxes, GroundTruth),
-    (episode_conversions, StepReport, EpisodeClosing, EpisodeDescription, EpisodeOutcome),
+    (conversions, StepReport, EpisodeClosing, EpisodeDescription, EpisodeOutcome),
 ):
     for cls in classes:
         name = OTHER_NAMES.get(cls, cls.__name__)
@@ -210,8 +213,8 @@ def test_a_stamp_is_the_simulated_time_of_its_step(value):
 def test_the_end_of_an_episode_has_the_time_of_its_last_step(steps, time_ns):
     closing = EpisodeClosing(steps, EpisodeEnd.COMPLETE, "")
     outcome = EpisodeOutcome(EpisodeEnd.COMPLETE, "", steps, None)
-    assert stamp_ns(episode_conversions.to_episode_end(closing)) == time_ns
-    assert stamp_ns(episode_conversions.to_episode_outcome(outcome)) == time_ns
+    assert stamp_ns(conversions.to_episode_end(closing)) == time_ns
+    assert stamp_ns(conversions.to_episode_outcome(outcome)) == time_ns
 
 
 pedals = st.tuples(st.floats(0.0, 1.0), st.booleans()).map(lambda it: (it[0], 0.0) if it[1] else (0.0, it[0]))

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from siren_ros.data.interfaces import measurements
 from siren_ros.data.interfaces.boxes import from_camera_truth, to_camera_truth, to_image_boxes
-from siren_ros.data.interfaces.topics import ODOMETRY, TF
-from siren_ros.data.interfaces.transforms import (
+from siren_ros.data.interfaces.measurements import (
     Transform,
     from_odometry,
     from_tf,
@@ -23,12 +22,20 @@ from siren_ros.data.interfaces.transforms import (
     to_tf,
     yaw_of_quaternion,
 )
+from siren_ros.data.interfaces.topics import ODOMETRY, TF
 from siren_ros.errors import InputError
 from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.sensing.specification import rotation_from_rpy
 from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.carrier import CAMERA_TRUTH_DTYPES, CameraTruth, Odometry
-from siren_ros.simulation.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
+from siren_ros.simulation.world.carrier import (
+    CAMERA_TRUTH_DTYPES,
+    AudioChunk,
+    CameraIntrinsics,
+    CameraTruth,
+    GnssFix,
+    ImuSample,
+    Odometry,
+)
 
 
 @pytest.mark.parametrize(

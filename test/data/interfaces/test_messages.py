@@ -10,8 +10,16 @@ from repository import REPOSITORY
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.data.interfaces import measurements, messages, topics
-from siren_ros.data.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
-from siren_ros.data.interfaces.markers import to_markers, vehicle_markers
+from siren_ros.data.interfaces.boxes import (
+    boxes_of,
+    to_boxes,
+    to_camera_truth,
+    to_ground_truth,
+    to_image_boxes,
+    to_markers,
+    vehicle_markers,
+)
+from siren_ros.data.interfaces.measurements import Transform, quaternion_of_yaw, to_odometry, to_tf
 from siren_ros.data.interfaces.messages import (
     decode_cdr,
     encode_cdr,
@@ -19,7 +27,6 @@ from siren_ros.data.interfaces.messages import (
     stamp,
     step_of_cdr,
 )
-from siren_ros.data.interfaces.transforms import Transform, quaternion_of_yaw, to_odometry, to_tf
 from siren_ros.data.interfaces.wire import step_of_message
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
@@ -27,11 +34,14 @@ from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, Ac
 from siren_ros.simulation.world.carrier import (
     CAMERA_TRUTH_DTYPES,
     GROUND_TRUTH_DTYPES,
+    AudioChunk,
+    CameraIntrinsics,
     CameraTruth,
+    GnssFix,
     GroundTruth,
+    ImuSample,
     Odometry,
 )
-from siren_ros.simulation.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
 
 
 @pytest.mark.parametrize("time_ns", [0, 50_000_000, 1_000_000_000, 2_999_999_999])

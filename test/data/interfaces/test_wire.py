@@ -6,14 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.data.interfaces import wire
-from siren_ros.data.interfaces.boxes import SpaceBoxes, to_boxes
-from siren_ros.data.interfaces.cdr import CdrWriter, Layout, stamped, text
-from siren_ros.data.interfaces.conversions import from_actor_states, to_actor_states
-from siren_ros.data.interfaces.episode_conversions import Phase, StepReport, from_step_done, to_step_done
-from siren_ros.data.interfaces.markers import Marker, MarkerShape, to_markers
+from siren_ros.data.interfaces.boxes import Marker, MarkerShape, SpaceBoxes, to_boxes, to_markers
+from siren_ros.data.interfaces.conversions import (
+    Phase,
+    StepReport,
+    from_actor_states,
+    from_step_done,
+    to_actor_states,
+    to_step_done,
+)
+from siren_ros.data.interfaces.measurements import Transform, to_tf
 from siren_ros.data.interfaces.messages import encode_cdr
 from siren_ros.data.interfaces.topics import ACTORS, BOXES, CLOCK, MARKERS, STEP_DONE, TF
-from siren_ros.data.interfaces.transforms import Transform, to_tf
+from siren_ros.data.interfaces.wire import CdrWriter, Layout, stamped, text
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates
 
 NAMES = st.text("abcé_/", max_size=9)

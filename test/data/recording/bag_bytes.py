@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from siren_ros.data.recording.mcap_scan import PackedChunk, read_chunks
+from siren_ros.data.recording.mcap_files import PackedChunk, read_chunks
 
 
 def chunks_of(file: Path) -> list[PackedChunk]:

@@ -17,17 +17,16 @@ from mcap.reader import make_reader
 from recording.bag_bytes import chunks_of, flip_bit, rewrite
 from synthetic_episode import EMV, Scene, SyntheticEpisode
 
+from siren_ros.data.episode_source import open_source
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.messages import make_message
 from siren_ros.data.interfaces.topics import ACTORS, MAP
-from siren_ros.data.record.episode_source import open_source
 from siren_ros.data.recording import bag_reader
 from siren_ros.data.recording.bag_folder import METADATA_FILE
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
-from siren_ros.data.recording.mcap_scan import DamageError
+from siren_ros.data.recording.mcap_files import DamageError
 from siren_ros.errors import BagError, InputError
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES
-from siren_ros.simulation.world.traffic_state import EventKind
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, EventKind
 
 STEP_NS = 50_000_000
 

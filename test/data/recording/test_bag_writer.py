@@ -29,8 +29,15 @@ from siren_ros.data.recording import bag_writer
 from siren_ros.data.recording.bag_folder import WorkingFolder
 from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.data.recording.bag_writer import BackgroundWorker, BagOptions, BagSummary, EpisodeBagWriter
-from siren_ros.data.recording.mcap_scan import DamageError, parse_content, read_chunks, unpack
-from siren_ros.data.recording.mcap_stream import ChunkContent, McapStream, plain_bytes
+from siren_ros.data.recording.mcap_files import (
+    ChunkContent,
+    DamageError,
+    McapStream,
+    parse_content,
+    plain_bytes,
+    read_chunks,
+    unpack,
+)
 from siren_ros.errors import BagError, EpisodeError
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")

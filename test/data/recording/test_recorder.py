@@ -12,12 +12,12 @@ from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.base.numerics.units import STEP_NS
 from siren_ros.data.interfaces import topics
-from siren_ros.data.interfaces.episode_conversions import EpisodeClosing, from_episode_end
+from siren_ros.data.interfaces.conversions import EpisodeClosing, from_episode_end
 from siren_ros.data.interfaces.messages import decode_cdr, encode_cdr, typestore
 from siren_ros.data.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME, PREDICTIONS
 from siren_ros.data.recording import recorder as recorder_module
 from siren_ros.data.recording.bag_reader import open_bag
-from siren_ros.data.recording.record_builder import RecordBuilder
+from siren_ros.data.recording.episode_record import RecordBuilder
 from siren_ros.data.recording.recorder import MAX_STEPS_AHEAD, EpisodeRecorder, StepCollector
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome

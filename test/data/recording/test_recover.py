@@ -17,7 +17,7 @@ from siren_ros.cli.main import main
 from siren_ros.data.interfaces.messages import make_message, stamp
 from siren_ros.data.recording.bag_reader import open_bag, read_episode
 from siren_ros.data.recording.bag_writer import BagOptions, EpisodeBagWriter
-from siren_ros.data.recording.mcap_scan import parse_content, unpack
+from siren_ros.data.recording.mcap_files import parse_content, unpack
 from siren_ros.data.recording.recover import recover_bag
 from siren_ros.errors import BagError
 from siren_ros.scoring.judging.verify import verify_episode

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.measurements import Transform, from_tf
 from siren_ros.data.interfaces.messages import decode_cdr, typestore
-from siren_ros.data.interfaces.transforms import Transform, from_tf
 from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing
 from siren_ros.data.sensor_messages.sensor_topics import AV, EMV, Carrier, row_of_carrier
 from siren_ros.errors import EpisodeError

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.data.interfaces.transforms import Transform, matrix_of_quaternion
+from siren_ros.data.interfaces.measurements import Transform, matrix_of_quaternion
 from siren_ros.data.sensor_messages.sensor_topics import AV, EMV, frames_of, motion_of, noise_seed, row_of_carrier
 from siren_ros.sensing.navigation import VehicleMotion
 from siren_ros.sensing.specification import map_from_base, transform

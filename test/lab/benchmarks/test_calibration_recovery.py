@@ -5,8 +5,7 @@ import pytest
 from siren_ros.lab.benchmarks import calibration_recovery
 from siren_ros.lab.benchmarks.calibration_recovery import TOLERANCE, drawn_truth, main, recovery_table
 from siren_ros.lab.calibration.fit import Fitted
-from siren_ros.lab.calibration.parameters import parameters_named
-from siren_ros.lab.calibration.targets import WHOLE
+from siren_ros.lab.calibration.problem import WHOLE, parameters_named
 
 SPEED, ACCEL = parameters_named(["emv.speed_mps", "emv_driver.driving.comfort_accel_mps2"])
 

@@ -7,8 +7,8 @@ from recorded_episode import quick_template
 
 from siren_ros.lab.benchmarks.drivers import main, record_with, requests_of, sittings_in
 from siren_ros.lab.benchmarks.faulty_drivers import LAWFUL, broken_by, written_down
-from siren_ros.reports.exam.others import PAPER
-from siren_ros.reports.exam.rulebook import load_rulebook
+from siren_ros.reports.exam.examinee import PAPER
+from siren_ros.reports.exam.grading import load_rulebook
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 SHORT_S = 4.0

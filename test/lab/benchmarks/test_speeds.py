@@ -21,13 +21,13 @@ from siren_ros.lab.benchmarks.episode import shares_of
 from siren_ros.lab.benchmarks.evaluation import main as evaluation_main
 from siren_ros.lab.benchmarks.exports import export_time_s
 from siren_ros.lab.benchmarks.exports import main as exports_main
-from siren_ros.lab.benchmarks.json_figures import add_json, write_json
 from siren_ros.lab.benchmarks.prediction import SAMPLES, Taken
 from siren_ros.lab.benchmarks.prediction import main as prediction_main
 from siren_ros.lab.benchmarks.steps import GRIDS, street_grid, with_vehicles
 from siren_ros.lab.benchmarks.steps import main as steps_main
 from siren_ros.lab.benchmarks.study_sizes import sizes_of
-from siren_ros.running.ros.programs.progress import time_table
+from siren_ros.lab.reproduction.results import add_json, write_json
+from siren_ros.running.ros.programs.episode_program import time_table
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.templates import load_template

@@ -44,11 +44,10 @@ from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.judging.outcome import Realisation
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import mirror_image
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.templates import available_templates, load_template
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, Owner
-from siren_ros.simulation.world.mirror_image import mirror_image
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, Event, EventKind, Owner
 
 
 def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tuple[str, ...] = ()) -> EpisodeFigures:

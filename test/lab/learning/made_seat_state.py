@@ -4,7 +4,7 @@ from typing import Any
 
 from seen_on_crossing import EMV, seen
 
-from siren_ros.lab.learning.seat_state import SeatState
+from siren_ros.lab.learning.rollout import SeatState
 
 WANTED_MPS = 15.0
 

@@ -1,4 +1,8 @@
-"""The environments of Gymnasium, on short episodes."""
+"""The environments of Gymnasium, on short episodes, with left-hand traffic too."""
+
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 
 import subprocess
 import sys
@@ -7,10 +11,6 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
-import pytest
-
-gymnasium = pytest.importorskip("gymnasium", reason="the extra learn is not installed")
-
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv
@@ -18,10 +18,13 @@ from recorded_episode import quick_template
 
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.lab.learning.environment import YieldEnv
-from siren_ros.lab.learning.registration import ENVIRONMENTS
+from siren_ros.lab.learning import ENVIRONMENTS
+from siren_ros.lab.learning.environment import EmergencyEnv, YieldEnv
 from siren_ros.running.generation.replay_check import repeat_episode
+from siren_ros.running.seat.policy import Manoeuvre
 from siren_ros.scoring.judging.verify import check_message_counts, check_state_hashes
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.maps.map_formats import mirrored_net
 from siren_ros.simulation.traffic.observation import check_residual
 
 SHORT = {"template": quick_template("S2"), "level": 2, "duration_s": 2.0}
@@ -279,3 +282,37 @@ def test_the_documented_order_of_imports_finds_the_name_and_warns_of_nothing(ord
 def test_options_that_cannot_be_used_are_named(options: dict[str, object], names: str) -> None:
     with pytest.raises(InputError, match=names):
         YieldEnv(**options)
+
+
+MANOEUVRES = [Manoeuvre.KEEP, Manoeuvre.LEFT, Manoeuvre.LEFT, Manoeuvre.PULL_OVER, Manoeuvre.PULL_OVER, Manoeuvre.STOP]
+
+
+@pytest.fixture(scope="module")
+def towns(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maps")
+    net = compile_map(None).read_bytes()
+    for name, content in (("right", net), ("left", mirrored_net(net))):
+        (folder / f"{name}.net.xml").write_bytes(content)
+    return {name: str(folder / f"{name}.net.xml") for name in ("right", "left")}
+
+
+@pytest.mark.parametrize("kind", [YieldEnv, EmergencyEnv])
+@pytest.mark.parametrize("action", ["manoeuvre", "continuous"])
+def test_the_same_actions_give_the_same_observations_and_rewards(towns, kind, action) -> None:
+    given = [int(manoeuvre) for manoeuvre in MANOEUVRES]
+    if action == "continuous":
+        given = list(np.random.default_rng(0).uniform(-1.0, 1.0, (6, 3)).astype(np.float32))
+    seen, sides = {}, {}
+    for side, town in towns.items():
+        env = kind(map=town, template="S2", level=2, action=action, decision_s=0.5)
+        first, _ = env.reset(seed=7)
+        results = [env.step(one)[:4] for one in given]
+        sides[side] = env.rollout.setup.network.left_hand
+        env.close()
+        seen[side] = [first, *results]
+    assert sides == {"right": False, "left": True}
+    assert np.array_equal(seen["right"][0], seen["left"][0])
+    for right, left in zip(seen["right"][1:], seen["left"][1:], strict=True):
+        assert np.array_equal(right[0], left[0])
+        assert right[1:] == left[1:]
+    assert any((one[0] != other[0]).any() for one, other in zip(seen["right"][1:], seen["right"][2:], strict=False))

@@ -1,10 +1,57 @@
+"""Pictures of a step from above: as an observation, and for people."""
+
 import pytest
 
+pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 pytest.importorskip("pygame", reason="the extra learn is not installed")
 
-import numpy as np
+from dataclasses import replace
 
-from siren_ros.lab.learning.top_view import Window
+import numpy as np
+from hand_made_record import NORTHBOUND, SOUTHBOUND, Driven, at_speed
+from made_seat_state import state_of
+from seen_on_crossing import NETWORK
+
+from siren_ros.lab.learning.top_view import RASTER_SHAPE, RasterView, Window
+
+VIEW = RasterView(NETWORK)
+
+
+def test_the_own_heading_is_up_and_the_emv_behind_is_below() -> None:
+    picture = VIEW.draw(state_of(own_m=50.0, emv_m=30.0))
+    assert picture.shape == RASTER_SHAPE
+    assert picture.dtype == np.uint8
+    assert picture[32, 32, 2] == 120
+    assert picture[52, 32, 2] == 255
+    assert picture[12, 32, 2] == 0
+    assert (picture[:, :, 1] == 0).all()
+
+
+def test_roads_and_the_way_ahead_are_in_the_first_channel() -> None:
+    picture = VIEW.draw(state_of(own_m=50.0))
+    assert picture[20, 32, 0] == 180
+    assert picture[45, 32, 0] == 90, "the way behind is road"
+    assert picture[20, 35, 0] == 90, "the shoulder"
+    assert picture[20, 5, 0] == 0, "27 m to the left there is no road"
+
+
+def test_others_are_where_they_are() -> None:
+    others = {3: Driven(NORTHBOUND, at_speed(70.0, 10.0, 2)), 4: Driven(SOUTHBOUND, at_speed(170.0, 10.0, 2))}
+    picture = VIEW.draw(state_of(others=others))
+    assert picture[12, 32, 1] == 255
+    assert picture[22, 25, 1] == 255
+    assert picture[22, 39, 1] == 0
+
+
+def test_the_picture_turns_with_the_own_heading() -> None:
+    state = state_of(own_m=50.0, emv_m=30.0)
+    yaw = state.sight.states.yaw_rad + np.array([0.0, np.pi / 2.0])
+    states = replace(state.sight.states, yaw_rad=yaw)
+    turned = VIEW.draw(replace(state, sight=replace(state.sight, states=states)))
+    # The own vehicle now looks west: the EMV, to the south, is on its left.
+    assert turned[32, 12, 2] == 255
+    assert turned[52, 32, 2] == 0
+    assert turned[32, 20, 0] == 90, "the road to the south is on its left"
 
 
 def test_a_window_shows_a_picture_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

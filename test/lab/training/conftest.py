@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from datasets.made_bag import BagSpec, write_made_bag
 from evaluation.made_video_sets import draw_films, small_video_set
-from hand_made import made_record
+from made_training_data import made_record
 from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
 from siren_ros.lab.training.prediction.samples import features_of_record, write_features
 from siren_ros.scoring.evaluation.risk.video_set import write_set
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import Split
 
 # CUDA builds of torch import triton with the first optimizer. Its LLVM crashes where Mesa's is loaded already, as by
 # the tests of the cameras in the same process; nothing here runs on a GPU.

@@ -1,8 +1,8 @@
 """Decisions from formulas."""
 
-from siren_ros.running.generation.decisions import Decision
-from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
-from siren_ros.simulation.behaviour.guards import GuardState
+from siren_ros.running.generation.replay_check import Decision
+from siren_ros.simulation.behaviour.driving.driver_states import GuardState
+from siren_ros.simulation.behaviour.driving.navigator import SpeedLimit
 from siren_ros.simulation.world.actors import Mode
 
 NO_GAP = GuardState("gap", False, "none is free")

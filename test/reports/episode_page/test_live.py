@@ -1,12 +1,20 @@
-"""A running episode's data, from messages in the order in which they come."""
+"""A running episode as data, its server, and its page in a browser."""
 
-from collections.abc import Iterable
+import base64
+import http.client
+import re
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browser_pages import OpenedPage, PageBrowser
+from episode_page.looked_at import pictures, until
 from episode_page.unpacked import unpacked
 from synthetic_episode import Scene, SyntheticEpisode
 
@@ -14,11 +22,12 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.conversions import to_actor_description, to_traffic_state
 from siren_ros.data.interfaces.topics import Topic
-from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.data.recording.record_builder import RecordBuilder
-from siren_ros.reports.episode_page.live import LIVE_TOPICS, LiveEpisode, Place
-from siren_ros.running.ros.transport.copies import StepCopies, happens
-from siren_ros.simulation.world.traffic_state import SignalState
+from siren_ros.data.recording.episode_record import EpisodeRecord, RecordBuilder
+from siren_ros.errors import InputError
+from siren_ros.reports.episode_page import live
+from siren_ros.reports.episode_page.live import LIVE_TOPICS, NO_WHY, LiveEpisode, LiveFeed, LiveServer, Place
+from siren_ros.running.ros.transport.endpoints import StepCopies, happens
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, SignalState
 
 Messages = list[tuple[Topic, int, Any]]
 
@@ -221,3 +230,330 @@ def test_the_next_episode_begins_with_its_description_or_map(messages: Messages)
     for topic, _, message in messages:
         episode.add(topic.name, message)
     assert [topic for topic in LIVE_TOPICS if not episode.belongs(topic)] == [topics.EPISODE.name, topics.MAP.name]
+
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def feed() -> LiveFeed:
+    return LiveFeed()
+
+
+@pytest.fixture
+def server(feed: LiveFeed) -> Iterator[LiveServer]:
+    opened = LiveServer(feed)
+    yield opened
+    opened.close()
+
+
+def tell(feed: LiveFeed, first: int, last: int, seed: int = 0) -> None:
+    """Steps of an episode, with what is said once before the first step or after the last one."""
+    for topic, step, message in SyntheticEpisode(Scene(duration_s=1.0, seed=seed)).messages():
+        if topic.name in LIVE_TOPICS and first <= step <= last:
+            feed.add(topic.name, message)
+
+
+def answer(server: LiveServer, path: str, **headers: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)
+    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    return connection.getresponse()
+
+
+def events(response: http.client.HTTPResponse) -> Iterator[tuple[str, bytes]]:
+    """The events of a stream as a browser understands them."""
+    kind = ""
+    for line in response:
+        name, _, value = line.decode().rstrip("\n").partition(": ")
+        if name == "event":
+            kind = value
+        elif name == "data":
+            yield kind, base64.b64decode(value)
+
+
+def frames(content: bytes) -> list[int]:
+    return unpacked(content)[1]["frame.step"].astype(int).tolist()
+
+
+def test_the_page_allows_its_own_script_and_its_own_stream_alone(server: LiveServer) -> None:
+    response = answer(server, f"/{server.secret}/")
+    page = response.read().decode()
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
+    rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
+    assert response.status == 200
+    assert rules["default-src"] == "'none'"
+    assert rules["connect-src"] == "'self'"
+    assert re.fullmatch(r"'sha256-\S+'", rules["script-src"])
+    assert response.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+    assert "Access-Control-Allow-Origin" not in response.headers
+
+
+@pytest.mark.parametrize("name", ["", "stream"])
+def test_without_the_secret_there_is_nothing(server: LiveServer, name: str) -> None:
+    for folder in ("", "nonsense/", server.secret[:-1] + "/"):
+        assert answer(server, f"/{folder}{name}").status == 404
+    assert answer(server, f"/{server.secret}/other").status == 404
+
+
+@pytest.mark.parametrize("name", ["", "stream"])
+def test_other_hosts_and_other_sites_get_nothing(server: LiveServer, name: str) -> None:
+    path, port = f"/{server.secret}/{name}", server.server_port
+    for host in ("example.org", f"example.org:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}"):
+        assert answer(server, path, Host=host).status == 403
+    for site in ("cross-site", "same-site"):
+        assert answer(server, path, Sec_Fetch_Site=site).status == 403
+    assert answer(server, f"/{server.secret}/", Host=f"localhost:{port}").status == 200
+
+
+def test_the_file_that_leads_to_the_page_belongs_to_the_user_alone(server: LiveServer, tmp_path: Path) -> None:
+    door = server.write_door(tmp_path)
+    assert door.stat().st_mode & 0o777 == 0o600
+    assert f"url={server.address}" in door.read_text(encoding="utf-8")
+    assert server.secret not in door.as_uri()
+    with pytest.raises(FileExistsError):
+        server.write_door(tmp_path)
+
+
+def test_the_file_may_open_the_page_and_nothing_else(server: LiveServer) -> None:
+    """Browsers call a page that a file opens one of another site."""
+    opened = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Dest": "document"}
+    assert answer(server, f"/{server.secret}/", **opened).status == 200
+    assert answer(server, f"/{server.secret}/stream", **opened).status == 403
+    assert answer(server, f"/{server.secret}/", **{**opened, "Sec_Fetch_Dest": "iframe"}).status == 403
+
+
+def test_it_listens_on_this_machine_alone(server: LiveServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    with pytest.raises(InputError, match="a free port"):
+        LiveServer(LiveFeed(), server.server_port)
+
+
+def test_a_browser_gets_the_beginning_and_then_what_is_new(feed: LiveFeed, server: LiveServer) -> None:
+    tell(feed, 0, 9)
+    stream = events(answer(server, f"/{server.secret}/stream"))
+    kind, begin = next(stream)
+    assert (kind, frames(begin)) == ("begin", list(range(10)))
+    tell(feed, 10, 10)
+    kind, more = next(stream)
+    assert (kind, frames(more)) == ("more", [10])
+    late = events(answer(server, f"/{server.secret}/stream"))
+    assert next(late) == ("begin", begin)
+    assert frames(next(late)[1]) == [10]
+
+
+def test_a_slow_browser_gets_more_at_once_and_delays_nobody(feed: LiveFeed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "BATCH_S", 0.0)
+    tell(feed, 0, 0)
+    source = feed.events()
+    assert frames(next(source)[1]) == [0]
+    for step in range(1, 18):
+        tell(feed, step, step)
+    assert frames(next(source)[1]) == list(range(1, 18))
+
+
+def test_the_next_episode_is_announced_and_ends_the_stream(feed: LiveFeed, server: LiveServer) -> None:
+    tell(feed, 0, 100)
+    stream = events(answer(server, f"/{server.secret}/stream"))
+    assert next(stream)[0] == "begin"
+    tell(feed, 0, 3, seed=1)
+    assert [kind for kind, _ in stream] == ["more", "next"]  # the end of the first one comes before
+    kind, begin = next(events(answer(server, f"/{server.secret}/stream")))
+    assert (kind, frames(begin)) == ("begin", [0, 1, 2, 3])
+
+
+def test_who_waits_for_an_episode_sees_its_begin(feed: LiveFeed, server: LiveServer) -> None:
+    got: list[tuple[str, bytes]] = []
+    stream = events(answer(server, f"/{server.secret}/stream"))
+    waiting = threading.Thread(target=lambda: got.append(next(stream)))
+    waiting.start()
+    tell(feed, 0, 2)
+    waiting.join(PATIENCE_S)
+    assert got[0][0] == "begin"
+
+
+def test_waiting_readers_get_signs_of_life_and_the_end(feed: LiveFeed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "SIGN_OF_LIFE_S", 0.01)
+    source = feed.events()
+    assert next(source) == ("", b"")
+    feed.close()
+    assert list(source) == []
+
+
+HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
+STEPS = 60
+GAP = range(22, 26)
+"""These steps are not heard."""
+LATER = 3
+"""This actor comes in the middle of the episode."""
+
+
+def episode(seed: int = 0) -> list[tuple[str, int, Any]]:
+    """Three seconds; names and map try to be markup, and one actor comes later than the others."""
+    messages = SyntheticEpisode(Scene(duration_s=STEPS * STEP_S, seed=seed)).messages()
+    heard = [row for row in messages if row[0].name in LIVE_TOPICS]
+    actors = [actor for topic, _, message in heard if topic == topics.TRAFFIC for actor in message.spawned]
+    hostile = [replace(actor, name=f"{actor.name}{HOSTILE}") for actor in actors]
+    return [(topic.name, step, changed(topic, step, message, hostile)) for topic, step, message in heard]
+
+
+def changed(topic: Topic, step: int, message: Any, actors: list[Any]) -> Any:
+    if topic == topics.EPISODE:
+        return replace(message, map_name=HOSTILE)
+    if topic == topics.TRAFFIC:
+        coming = {0: [actor for actor in actors if actor.actor_id != LATER], STEPS // 2: actors}
+        return replace(message, spawned=coming.get(step, []))
+    if topic == topics.ACTORS and step < STEPS // 2:
+        there = message.actor_id != LATER
+        return replace(message, **{name: getattr(message, name)[there] for name in ACTOR_STATE_DTYPES})
+    return message
+
+
+@pytest.fixture(scope="module")
+def shown_record() -> EpisodeRecord:
+    builder = RecordBuilder()
+    for name, _, message in episode():
+        builder.add(name, message)
+    return builder.build()
+
+
+class Running:
+    """An episode that a test lets go on."""
+
+    def __init__(self, page: OpenedPage, feed: LiveFeed) -> None:
+        self.page = page
+        self.actors_before = 0
+        self._feed = feed
+
+    def go_on(self, first: int, last: int, seed: int = 0) -> None:
+        for name, step, message in episode(seed):
+            at_end = name in {topics.EPISODE_END.name, topics.OUTCOME.name}
+            if last >= STEPS if at_end else first <= step <= last:
+                self._feed.add(name, message)
+
+    def drawn(self, step: int) -> dict[int, tuple[float, float]]:
+        script = "time => { episodePage.seek(time); return episodePage.drawn(); }"
+        rows = self.page.page.evaluate(script, step * STEP_S)
+        return {row["id"]: (row["x"], row["y"]) for row in rows}
+
+    def until(self, condition: str) -> None:
+        until(self.page, condition)
+
+    def text(self, css: str) -> str:
+        return self.page.page.locator(css).inner_text()
+
+
+@contextmanager
+def opened(browser: PageBrowser) -> Iterator[Running]:
+    """A page that waits for an episode."""
+    feed = LiveFeed()
+    server = LiveServer(feed)
+    with browser.served(server.address) as page:
+        yield Running(page, feed)
+        assert all(url.startswith((server.address, "data:")) for url in page.requests)
+    server.close()
+
+
+@pytest.fixture
+def running(browser: PageBrowser) -> Iterator[Running]:
+    with opened(browser) as page:
+        yield page
+
+
+def until_end_at(step: int) -> str:
+    return f"Math.abs(episodePage.tracks.end - {step * STEP_S}) < 1e-6"
+
+
+def check_places(running: Running, shown_record: EpisodeRecord, steps: Iterable[int]) -> None:
+    for step in steps:
+        state, drawn = shown_record.states[step], running.drawn(step)
+        assert sorted(drawn) == state.actor_id.tolist()
+        for row, actor in enumerate(state.actor_id.tolist()):
+            assert drawn[actor] == pytest.approx((state.x_m[row], state.y_m[row]), abs=0.01)
+
+
+@pytest.fixture(scope="module")
+def seen(browser: PageBrowser, shown_record: EpisodeRecord) -> Iterator[Running]:
+    """A page that has followed an episode from its begin to its end; some steps it has not heard."""
+    with opened(browser) as running:
+        assert running.text("#wait") == "Waiting for an episode …"
+        running.go_on(0, 20)
+        running.until("window.episodePage !== undefined")
+        assert running.text("#state") == "live"
+        running.actors_before = running.page.page.locator("#actor option").count()
+        for begin, end in ((21, 21), (26, 40), (41, STEPS - 1)):
+            running.go_on(begin, end)
+            running.until(until_end_at(end))
+            check_places(running, shown_record, [step for step in range(0, end + 1, 4) if step not in GAP])
+        running.go_on(STEPS, STEPS)
+        running.until("document.getElementById('state').textContent === 'ended'")
+        running.until("!episodePage.moment.playing")
+        yield running
+        assert running.page.problems == []
+
+
+def test_between_two_steps_that_are_there_vehicles_are_between_their_places(
+    seen: Running, shown_record: EpisodeRecord
+) -> None:
+    before, after = shown_record.states[GAP.start - 1], shown_record.states[GAP.stop]
+    share = (GAP[1] - before.step) / (after.step - before.step)
+    drawn = seen.drawn(GAP[1])
+    assert seen.page.page.evaluate("episodePage.moment.time") == pytest.approx(GAP[1] * STEP_S)
+    pictures(seen.page)
+    assert seen.text("#clock").startswith(f"{GAP[1] * STEP_S:.2f}")
+    for row, actor in enumerate(before.actor_id.tolist()):
+        between = before.x_m[row] + share * (after.x_m[row] - before.x_m[row])
+        assert drawn[actor][0] == pytest.approx(between, abs=0.01)
+
+
+def test_the_end_is_told_and_what_was_seen_stays(seen: Running, shown_record: EpisodeRecord) -> None:
+    assert not seen.page.page.evaluate("episodePage.moment.playing")
+    assert shown_record.outcome is not None
+    assert seen.text("#facts").endswith(shown_record.outcome.end.value)
+    assert seen.page.page.locator("#verdict").is_visible()
+    check_places(seen, shown_record, range(0, STEPS, 10))
+
+
+def test_names_stay_text(seen: Running) -> None:
+    assert "taken" not in seen.page.page.title()[:6]
+    assert seen.page.page.locator("img").count() == 0
+    assert HOSTILE[:20] in seen.text("h1")
+    assert seen.page.page.locator("#actor option").last.inner_text().endswith(HOSTILE)
+
+
+def test_actors_and_events_join_the_lists(seen: Running, shown_record: EpisodeRecord) -> None:
+    assert seen.page.page.locator("#actor option").count() == seen.actors_before + 1
+    script = "() => episodePage.episode.head.events.map(event => event[0])"
+    assert seen.page.page.evaluate(script) == [event.step for event in shown_record.events]
+
+
+def test_the_page_says_that_it_does_not_know_why(seen: Running) -> None:
+    assert seen.text("#why-not") == NO_WHY
+
+
+def test_it_stays_with_the_present_until_somebody_looks_back(running: Running) -> None:
+    running.go_on(0, 20)
+    running.until("window.episodePage && episodePage.atEnd && episodePage.following")
+    running.go_on(21, 30)
+    running.until(f"episodePage.moment.time > {29.9 * STEP_S}")
+    running.page.page.evaluate("() => { episodePage.play(false); episodePage.seek(0.5); }")
+    running.go_on(31, 40)
+    running.until(until_end_at(40))
+    assert running.page.page.evaluate("episodePage.moment.time") == 0.5
+    running.page.page.click("#live")
+    running.until(f"episodePage.following && episodePage.moment.time > {39.9 * STEP_S}")
+    running.until("document.getElementById('live').hidden")
+
+
+@pytest.mark.parametrize("looks_back", [False, True])
+def test_the_next_episode_is_shown_or_offered(running: Running, looks_back: bool) -> None:
+    running.go_on(0, STEPS)
+    running.until("window.episodePage && episodePage.atEnd")
+    if looks_back:
+        running.page.page.evaluate("() => { episodePage.play(false); episodePage.seek(0.5); }")
+    running.go_on(0, 10, seed=1)
+    if looks_back:
+        running.until("document.getElementById('live').textContent === 'Next episode'")
+        running.page.page.click("#live")
+    running.page.page.locator("h1", has_text="seed 1").wait_for()
+    running.until("window.episodePage && episodePage.following")
+    assert "seed 1" in running.text("h1")

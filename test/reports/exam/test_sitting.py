@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.reports.exam.grading import Sitting
-from siren_ros.reports.exam.rulebook import load_rulebook
+from siren_ros.reports.exam.grading import Sitting, load_rulebook
 from siren_ros.reports.exam.sitting import certificate_of, make_exam
-from siren_ros.running.generation.answer_times import AnswerTimes
+from siren_ros.running.generation.closed_loop import AnswerTimes
 from siren_ros.running.studies.episode_row import Status
 from siren_ros.running.studies.matrix import Seat, Study
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.base.tables.interval import Interval
+from siren_ros.base.tables import Interval
 from siren_ros.reports.study_report.build import assembled
 from siren_ros.reports.study_report.page import html_of
 from siren_ros.reports.study_report.study import PageOptions, measure_study, read_rows
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import PlannedEpisode, Study
 from siren_ros.running.studies.study_folder import LocalFolder, write_study, write_table
-from siren_ros.scoring.evaluation.detection.devkit_score import ERRORS, DevkitScore
+from siren_ros.scoring.evaluation.detection.metrics import ERRORS, DevkitScore
 from siren_ros.scoring.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json
+from siren_ros.scoring.evaluation.risk.report import scores_as_json as risk_scores_as_json
 from siren_ros.scoring.evaluation.risk.scoring import ModelScores
-from siren_ros.scoring.evaluation.risk.tables import scores_as_json as risk_scores_as_json
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from evaluation.diversity.made_profiles import profile
+from evaluation.made_profiles import profile
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from siren_ros.base.tables.interval import Interval, Measure
+from siren_ros.base.tables import Interval, Measure
 from siren_ros.reports.study_report.charts import (
     LEVEL_COLOURS,
     draw_coverage,
@@ -17,12 +17,11 @@ from siren_ros.reports.study_report.charts import (
 )
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import PlannedEpisode
-from siren_ros.scoring.evaluation.diversity.summary import DrawnRange, diversity
+from siren_ros.scoring.evaluation.diversity import DrawnRange, diversity
 from siren_ros.scoring.evaluation.statistics import PairedDifference
-from siren_ros.scoring.evaluation.yielding.counterfactual import ALL, Effect
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
-from siren_ros.scoring.pictures.palette import TEXT
+from siren_ros.scoring.evaluation.yielding.scoring import ALL, DriverMarks, Effect, ScoredEpisode, YieldScores
+from siren_ros.scoring.pictures.plot_parts import TEXT
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 

@@ -1,12 +1,15 @@
-"""What an episode's setup makes of the map."""
+"""What an episode's setup makes of the map, and what all levels of a seed have in common."""
 
+from contextlib import closing
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.running.generation.behaviour_setup import behaviour_world
-from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.running.generation.closed_loop import LoopStep, closed_loop
+from siren_ros.running.generation.episode_setup import EpisodeSetup, behaviour_world, plan_length, set_up_episode
+from siren_ros.simulation.behaviour.driving.driver_states import draw_driver
 from siren_ros.simulation.roads.road_network import LaneKind
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters
 from siren_ros.simulation.scenario.episode import EpisodeRequest, values_of
@@ -38,3 +41,50 @@ def test_parameters_of_drivers_reach_the_controllers_and_the_record() -> None:
     assert replace(setup.plan, emvs=()) == replace(usual.plan, emvs=())
     with pytest.raises(InputError, match="tight_gap_m"):
         set_up_episode(EpisodeRequest("S2", sensors="none", values="emv_driver.corridor.tight_gap_m=0.9"))
+
+
+LEVELS = ("L0", "L1", "L2", "L3")
+PRIVILEGED_MPS = 10.0
+"""Well above the limit of 30 km/h, well below the EMV's 45 km/h and more."""
+
+
+@pytest.mark.parametrize(("level", "above_the_limit"), [("L0", False), ("L1", True)])
+def test_an_emv_keeps_to_the_limit_unless_it_is_privileged(level: str, above_the_limit: bool) -> None:
+    setup = set_up_episode(EpisodeRequest("S6", level=level, seed=2, sensors="none"))
+    assert setup.plan.emvs[0].spot.speed_mps > setup.network.lanes[setup.plan.emvs[0].spot.lane].speed_limit_mps
+    speeds = [float(step.states.speed_mps[0]) for step in closed_loop(setup, 120)]
+    assert (np.max(speeds) > PRIVILEGED_MPS) == above_the_limit
+
+
+@pytest.mark.parametrize("template", ["S1", "S2", "S3", "S4", "S5", "S6", "S7"])
+def test_levels_of_a_seed_begin_alike(template: str) -> None:
+    """All that is drawn is the same: values, site, plan, drivers, signals, who is where."""
+    nominal, *others = (_beginning(EpisodeRequest(template, level, 3, sensors="none")) for level in LEVELS)
+    for setup, first in others:
+        assert setup.plan == nominal[0].plan
+        assert setup.site == nominal[0].site
+        assert setup.preset == nominal[0].preset
+        assert setup.compiled_map.sha256 == nominal[0].compiled_map.sha256
+        assert setup.description.parameters["template"] == nominal[0].description.parameters["template"]
+        lower, higher = first.traffic, nominal[1].traffic
+        assert lower.signals == higher.signals
+        for name in ("actor_id", "sumo_x_m", "sumo_y_m", "sumo_yaw_rad", "lane", "lane_position_m", "route_edges"):
+            np.testing.assert_array_equal(getattr(lower, name), getattr(higher, name), err_msg=name)
+        civilian = lower.actor_id > len(setup.plan.emvs)
+        np.testing.assert_array_equal(lower.sumo_speed_mps[civilian], higher.sumo_speed_mps[civilian])
+
+
+@pytest.mark.parametrize("preset", ["paper", "realistic"])
+def test_a_driver_responds_alike_at_all_levels(preset: str) -> None:
+    """What a driver's response is drawn from knows the seed and the driver, and no level."""
+    setups = [set_up_episode(EpisodeRequest("S1", level, 5, sensors="none", preset=preset)) for level in LEVELS]
+    worlds = [behaviour_world(setup.description, setup.compiled_map.read_bytes()) for setup in setups]
+    for actor_id in range(2, 30):
+        drawn = {draw_driver(world.preset, world.seed, actor_id) for world in worlds}
+        assert len(drawn) == 1
+
+
+def _beginning(request: EpisodeRequest) -> tuple[EpisodeSetup, LoopStep]:
+    setup = set_up_episode(request)
+    with closing(closed_loop(setup, 1)) as steps:
+        return setup, next(steps)

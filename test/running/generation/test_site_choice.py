@@ -19,7 +19,7 @@ from siren_ros.running.generation.site_choice import (
     shortcomings,
     sites_to_try,
 )
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import Edge, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import find_sites

@@ -1,3 +1,5 @@
+"""Parameters of the nodes: declared from dataclasses, checked, and written down in the parameter file."""
+
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -5,13 +7,16 @@ from typing import Any
 
 import pytest
 import rclpy
+import yaml
 from dds_domains import shared_domain
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from repository import REPOSITORY
 
-from siren_ros.base.params.parameter_field import parameter
+from siren_ros.base.params.parameters import parameter
 from siren_ros.errors import EXIT_BAD_INPUT, InputError
-from siren_ros.running.ros.parameters import check_names, checked_value, declare_config
+from siren_ros.running.ros import node_configs
+from siren_ros.running.ros.parameters import allowed_text, check_names, checked_value, declare_config, defaults_of
 
 
 @dataclass(frozen=True)
@@ -92,3 +97,31 @@ def test_misspelt_names_are_refused() -> None:
 
 def test_an_empty_list_in_a_parameter_file_is_an_empty_list() -> None:
     assert checked_value(FIELDS["names"], ["a"], None) == []
+
+
+PARAMS = yaml.safe_load((REPOSITORY / "params" / "nodes.yaml").read_text(encoding="utf-8"))
+CONFIGS = {
+    "".join(part.capitalize() for part in node.split("_")): node
+    for node in (*node_configs.DEFAULT_PARTICIPANTS, "kitti_exporter", "detector", "player", "viewer", "cosim")
+}
+
+
+@pytest.mark.parametrize("node", CONFIGS.values())
+def test_the_file_holds_every_default_and_nothing_else(node: str) -> None:
+    name = next(prefix for prefix, value in CONFIGS.items() if value == node)
+    config_type = getattr(node_configs, f"{name}Config")
+    assert PARAMS[node]["ros__parameters"] == defaults_of(config_type)
+
+
+def test_the_file_has_no_other_nodes() -> None:
+    assert set(PARAMS) == set(CONFIGS.values())
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_parameter_is_described(name: str) -> None:
+    config_type = getattr(node_configs, f"{name}Config")
+    defaults = defaults_of(config_type)
+    for field in dataclasses.fields(config_type):
+        assert field.metadata["description"].endswith(".")
+        assert allowed_text(field, type(defaults[field.name]))
+        assert dataclasses.is_dataclass(config_type)

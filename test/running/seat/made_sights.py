@@ -6,9 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from siren_ros.base.numerics.geometry import Polyline
-from siren_ros.running.seat.lanes import LanesBeside
-from siren_ros.running.seat.sight import Other, Sight, Siren
-from siren_ros.running.seat.way import Way
+from siren_ros.running.seat.sight import LanesBeside, Other, Sight, Siren, Way
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
 LENGTH_M = 300.0

@@ -9,8 +9,7 @@ import numpy as np
 from hand_made_record import NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
 
 from siren_ros.base.numerics.geometry import Polyline
-from siren_ros.running.seat.sight import Sight, sight_of
-from siren_ros.running.seat.way import Way
+from siren_ros.running.seat.sight import Sight, Way, sight_of
 from siren_ros.simulation.world.actors import Lights
 
 EMV, OWN = 1, 2

@@ -1,12 +1,36 @@
-"""What a driver in the seat sees where its way comes back to a road."""
+"""The lanes beside a path, and what a driver sees along it."""
 
 import numpy as np
 import pytest
+from hand_made_record import IN_TURN_LANE, LEFT_X_M, line
 from seen_on_crossing import NETWORK, OWN, WAY, seen
 
 from siren_ros.base.numerics.geometry import Polyline
-from siren_ros.running.seat.sight import sight_of
-from siren_ros.running.seat.way import Way
+from siren_ros.running.seat.sight import Way, sight_of
+
+
+def test_the_right_lane_of_two_has_one_to_its_left_also_across_the_junction() -> None:
+    assert (WAY.lanes.left == 1.0).all()
+    assert (WAY.lanes.right == 0.0).all()
+    assert [WAY.lanes.offset_m(50, lane) for lane in (-1, 0, 1, 2)] == [0.0, 0.0, 3.5, 3.5]
+    assert [WAY.lanes.lane_there(50, lane) for lane in (-1, 0, 1, 2)] == [0, 0, 1, 1]
+    assert [WAY.lanes.lane_at(50, offset_m) for offset_m in (-3.0, -1.0, 1.0, 2.5)] == [-1, 0, 0, 1]
+
+
+def test_the_left_lane_has_one_to_its_right() -> None:
+    way = Way.of(NETWORK, Polyline.through(line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))))
+    lanes = way.lanes
+    assert [lanes.offset_m(20, lane) for lane in (-2, -1, 0, 1)] == [-3.5, -3.5, 0.0, 0.0]
+
+
+def test_a_lane_that_ends_at_a_junction_comes_nearer_on_the_way_across() -> None:
+    lanes = Way.of(NETWORK, Polyline.through(IN_TURN_LANE)).lanes
+    offsets = np.array([lanes.offset_m(row, 1) for row in range(len(lanes.left))])
+    assert offsets[90] == 3.5
+    assert offsets[140] == 0.0
+    across = offsets[102:120]
+    assert (np.diff(across) < 0.0).all()
+    assert ((across > 0.0) & (across < 3.5)).all()
 
 
 def test_a_way_that_comes_back_to_its_road_is_followed_from_where_the_vehicle_was():

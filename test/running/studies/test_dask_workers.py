@@ -12,12 +12,17 @@ from recorded_episode import quick_template
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.running.studies.dask_workers import DaskWorkers, connected, make_on_worker
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import Study, plan_study
-from siren_ros.running.studies.run_study import StudyObserver, run_study
+from siren_ros.running.studies.run_study import (
+    DaskWorkers,
+    StudyObserver,
+    WorkerOptions,
+    connected,
+    make_on_worker,
+    run_study,
+)
 from siren_ros.running.studies.study_folder import LocalFolder, read_table
-from siren_ros.running.studies.workers import WorkerOptions
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore"),

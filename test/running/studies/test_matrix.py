@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.base.params.input_files import files_from_json
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.parameters import files_from_json
 from siren_ros.errors import InputError
 from siren_ros.running.generation.episode_setup import files_of_request, set_up_episode
 from siren_ros.running.studies import matrix

@@ -12,9 +12,8 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError
 from siren_ros.running.studies.episode_row import Status
 from siren_ros.running.studies.matrix import Study
-from siren_ros.running.studies.run_study import run_study
+from siren_ros.running.studies.run_study import LocalWorkers, run_study
 from siren_ros.running.studies.study_folder import LocalFolder, RemoteFolder, folder_at, read_table
-from siren_ros.running.studies.workers import LocalWorkers
 
 STUDY = Study((quick_template("S2"),), ("L0", "own"), duration_s=0.5)
 

@@ -1,8 +1,12 @@
-"""Studies of episodes of a second: made, resumed, verified, and with workers that die."""
+"""Studies of episodes of a second: made, resumed, verified, tried again, and with workers that die."""
 
+import os
 import signal
+import subprocess
+import sys
+import time
 from collections import Counter
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import replace
 from pathlib import Path
 from threading import Lock
@@ -11,15 +15,15 @@ from typing import Any
 import pytest
 from recorded_episode import quick_template
 
-from siren_ros.base.processes.process_pool import ProcessPool
+from siren_ros.base.processes.process_pool import CrashError, ProcessPool
 from siren_ros.data.recording.bag_reader import read_episode
-from siren_ros.errors import InputError
+from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
-from siren_ros.running.studies.matrix import PlannedEpisode, Study
-from siren_ros.running.studies.run_study import StudyResult, run_study
+from siren_ros.running.studies.matrix import PlannedEpisode, Study, plan_study
+from siren_ros.running.studies.run_study import LocalWorkers, StudyResult, WorkerOptions, make_episode, run_study
 from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
 from siren_ros.running.studies.study_folder import STUDY as STUDY_FILE
-from siren_ros.running.studies.workers import LocalWorkers, WorkerOptions
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 STUDY = Study((quick_template("S2"), quick_template("S5")), ("L0", "own"), duration_s=1.0)
 
@@ -193,3 +197,96 @@ ONE_ROAD = """<net version="1.20">
 <junction id="B" type="dead_end" x="300.00" y="0.00" incLanes="east_0" intLanes="" shape="300,7 300,-7"/>
 </net>
 """
+
+
+PLANNED = PlannedEpisode("S2_L2_seed3", "S2_L2", EpisodeRequest("S2", "L2", 3), -1, "ab" * 32)
+
+
+def answering(errors: list[SirenError]) -> Callable[..., Any]:
+    """Stands in for the calls of processes: each raises the next of the errors."""
+
+    def call(*_: Any, **__: Any) -> Any:
+        raise errors.pop(0)
+
+    return call
+
+
+@pytest.mark.parametrize(("retries", "deaths", "attempts"), [(0, 3, 1), (1, 3, 2), (2, 3, 3), (2, 1, 2), (2, 0, 1)])
+def test_an_attempt_that_died_is_made_again_as_often_as_may_be(tmp_path, retries, deaths, attempts) -> None:
+    reasons = [f"signal {number}" for number in range(deaths)]
+    call = answering([*map(CrashError, reasons), EpisodeError("SUMO failed")])
+    row = make_episode(PLANNED, LocalFolder(tmp_path), WorkerOptions(retries=retries), call)
+    assert row.attempts == attempts
+    assert list(row.retry_reasons) == reasons[: attempts - 1]
+    assert (row.status, row.reason) == (
+        (Status.FAILED, "SUMO failed") if attempts > deaths else (Status.CRASHED, f"signal {attempts - 1}")
+    )
+    assert LocalFolder(tmp_path).row_of(row.path) == row
+
+
+def test_attempts_of_workers_that_are_gone_count(tmp_path: Path) -> None:
+    call = answering([CrashError("signal 9"), CrashError("signal 11")])
+    row = make_episode(PLANNED, LocalFolder(tmp_path), WorkerOptions(retries=2), call, earlier=("gone",))
+    assert (row.attempts, list(row.retry_reasons), row.reason) == (3, ["gone", "signal 9"], "signal 11")
+
+
+class OtherError(SirenError):
+    exit_code = 3
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (InputError("map", "x", "a site"), Status.REFUSED),
+        (EpisodeError("no such map"), Status.FAILED),
+        (OtherError("no such map"), Status.FAILED),
+    ],
+)
+def test_what_is_refused_is_not_tried_again(tmp_path: Path, error: SirenError, status: Status) -> None:
+    errors = [error, CrashError("not asked for")]
+    row = make_episode(PLANNED, LocalFolder(tmp_path), WorkerOptions(), answering(errors))
+    assert (row.status, row.reason, row.attempts) == (status, str(error), 1)
+    assert len(errors) == 1
+
+
+def test_a_study_that_is_stopped_leaves_no_row_of_what_was_under_way(tmp_path: Path) -> None:
+    planned = plan_study(Study(("S2",), seeds=(0, 1, 2), duration_s=0.5))
+    endless = plan_study(Study(("S5",), seeds=(0,), duration_s=3000.0))
+    rows = LocalWorkers(2).rows([*endless, *planned], LocalFolder(tmp_path), WorkerOptions())
+    assert next(rows).episode == planned[0].name
+    rows.close()
+    assert not (tmp_path / "episodes" / endless[0].group).exists()
+    assert not list(tmp_path.glob(".work/*"))
+
+
+PROGRAM = """
+from siren_ros.running.studies.run_study import attempt_processes
+loops = (
+    "sum(bool(getattr(one, 'signatures', 0)) for one in "
+    "vars(__import__('sys').modules['siren_ros.simulation.dynamics.fleet']).values())"
+)
+with attempt_processes(1) as pool:
+    print(pool.call(eval, loops))
+"""
+
+
+def test_processes_of_attempts_begin_with_their_loops_at_hand() -> None:
+    """In a program of its own: a process has one server for all of its pools, with what the first of them asked for."""
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 0
+
+
+def test_a_server_that_gets_ready_ends_with_its_program_and_leaves_no_folder(tmp_path: Path) -> None:
+    """It makes an episode for seconds, in which it does not look for its program."""
+    load = f"{sys.executable} -c 'import siren_ros.running.studies.ready_worker; print(\"ready\")' & echo $!; wait"
+    variables = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(["/bin/sh", "-c", load], env=variables, stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        server = int(program.stdout.readline())
+        while not list(tmp_path.glob("tmp*/.bag.partial/*.mcap")):
+            assert program.poll() is None
+            time.sleep(0.01)
+        program.send_signal(signal.SIGKILL)
+        assert program.stdout.read() == "", "until the server, which has the same pipe, is gone"
+    assert not Path(f"/proc/{server}/cmdline").exists() or not Path(f"/proc/{server}/cmdline").read_bytes()
+    assert not list(tmp_path.iterdir())

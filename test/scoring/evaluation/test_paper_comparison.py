@@ -8,9 +8,9 @@ import pytest
 from made_scores import episode_scores, model_scores
 from made_video_sets import small_video_set
 
-from siren_ros.base.tables.interval import NOTHING, Interval
+from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.detection.devkit_score import ERRORS
+from siren_ros.scoring.evaluation.detection.metrics import ERRORS
 from siren_ros.scoring.evaluation.paper_comparison import (
     BALANCE,
     FAMILY,

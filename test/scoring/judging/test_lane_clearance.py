@@ -18,11 +18,11 @@ from hand_made_record import (
 )
 from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
-from siren_ros.data.record.vehicle_location import lanes_ahead, locate
 from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.data.tracks import lanes_ahead, locate
 from siren_ros.errors import BagError
 from siren_ros.scoring.judging.lane_clearance import BODY_MARGIN_M, find_clearings, lane_cleared
-from siren_ros.scoring.judging.predicates import evaluate_predicate
+from siren_ros.scoring.judging.outcome import evaluate_predicate
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.world.actors import ActorStates, Lights
 

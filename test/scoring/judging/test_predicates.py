@@ -1,7 +1,11 @@
-"""Predicates, and what their verdicts say; the junction that an EMV crosses, the rescue lane."""
+"""Predicates, and what their verdicts say; the junction that an EMV crosses, the rescue lane.
+
+Predicates, checks and measures find the same in a turned record, and in its mirror image where traffic keeps left.
+"""
 
 from dataclasses import replace
 
+import hand_made_record as hand
 import numpy as np
 import pytest
 from hand_made_record import (
@@ -29,25 +33,41 @@ from hand_made_record import (
 )
 from made_jam import AT_SIDE_M, CAR_WIDTH_M, EMV_WIDTH_M, LENGTH_M, TURN_RAD, WIDTH_M, at, jam, motorway
 
-from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.geometry import Polyline, rotate, wrap_angle
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.running.generation.closed_loop import closed_loop
 from siren_ros.running.generation.closed_loop import record_of as record_of_loop
 from siren_ros.running.generation.episode_setup import set_up_episode
-from siren_ros.scoring.judging.junction_traversal import Traversal, find_traversals
-from siren_ros.scoring.judging.predicates import PREDICATES, evaluate_predicate, predicate_of, verdicts_of_others
-from siren_ros.scoring.judging.rescue_lane import (
+from siren_ros.scoring.judging.corridor_templates import (
     BODY_M,
     ON_SHOULDER_M,
     Bodies,
     RoadView,
     bodies_at,
     free_width_m,
+    queues_split,
     rescue_lane,
+)
+from siren_ros.scoring.judging.junction_templates import (
+    Traversal,
+    find_traversals,
+    red_crossing,
+    red_same_direction,
+    shoulder_turn,
+    stop_crossing,
+)
+from siren_ros.scoring.judging.lane_clearance import lane_cleared
+from siren_ros.scoring.judging.outcome import (
+    PREDICATES,
+    av_response,
+    evaluate_predicate,
+    predicate_of,
+    verdicts_of_others,
 )
 from siren_ros.scoring.judging.verdict import (
     Moment,
+    Part,
     at_least,
     at_most,
     closest_of,
@@ -55,10 +75,14 @@ from siren_ros.scoring.judging.verdict import (
     first_reaching,
     more_than,
     verdict_of,
+    with_sides_exchanged,
 )
+from siren_ros.scoring.judging.verify import VerifyLimits, check_states, summarise_physics
+from siren_ros.simulation.roads.road_network import JunctionKind, RoadNetwork
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.simulation.scenario.templates import available_templates, load_template
+from siren_ros.simulation.world.actors import Mode
 
 
 def test_templates_may_name_exactly_the_predicates_that_exist():
@@ -446,3 +470,141 @@ def test_bodies_are_those_of_civilians_on_this_road():
     assert bodies.to_m - bodies.from_m == pytest.approx(CAR_LENGTH_M)
     assert bodies.left_m - bodies.right_m == pytest.approx(CAR_WIDTH_M)
     assert EMV_LENGTH_M > CAR_LENGTH_M
+
+
+ANGLES = np.radians([33.0, 118.0, -76.0])
+SHIFT = np.array([12.0, -7.0])
+
+
+def turned(record, angle):
+    network = record.network
+    lanes = tuple(
+        replace(lane, centre=Polyline.through(rotate(lane.centre.points, angle) + SHIFT)) for lane in network.lanes
+    )
+
+    def state_of(state):
+        x, y = (rotate(np.stack((state.x_m, state.y_m), axis=-1), angle) + SHIFT).T
+        vx, vy = rotate(np.stack((state.vx_mps, state.vy_mps), axis=-1), angle).T
+        return replace(state, x_m=x, y_m=y, vx_mps=vx, vy_mps=vy, yaw_rad=wrap_angle(state.yaw_rad + angle))
+
+    return replace(
+        record,
+        network=RoadNetwork(lanes, network.edges, network.connections, network.junctions, (0.0, 0.0), "!"),
+        states=tuple(state_of(state) for state in record.states),
+    )
+
+
+def queues():
+    mode = np.where(np.arange(300) < 40, Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD).astype(np.uint8)
+    vehicles = {hand.EMV: hand.Driven(hand.line((3.7, -120.0), (3.7, 110.0)), hand.at_speed(5.12, 7.0, 300))}
+    for first, x in ((10, hand.LEFT_X_M - 0.7), (20, hand.RIGHT_X_M + 0.7)):
+        for number in range(3):
+            vehicles[first + number] = hand.Driven(
+                hand.line((x, -120.0), (x, -20.0)), np.full(300, 30.0 + 8.0 * number), mode
+            )
+    record = hand.hand_made(hand.crossing(), vehicles)
+    return replace(record, description=replace(record.description, site={"stretch": ["s_in"]}))
+
+
+def at_junction(kind=JunctionKind.SIGNAL):
+    vehicles = {
+        hand.EMV: hand.Driven(hand.NORTHBOUND, hand.at_speed(60.0, 10.0, 180)),
+        2: hand.Driven(hand.EASTBOUND, hand.at_speed(75.0, 8.0, 180)),
+        3: hand.Driven(hand.line((hand.LEFT_X_M, -120.0), (hand.LEFT_X_M, 110.0)), hand.at_speed(80.0, 8.0, 180)),
+    }
+    return hand.hand_made(hand.crossing(kind), vehicles, lambda _: "rrrrGrr")
+
+
+def on_shoulder():
+    return hand.hand_made(hand.crossing(), {hand.EMV: hand.Driven(hand.ON_SHOULDER, hand.at_speed(40.0, 8.0, 300))})
+
+
+def measures_of(verdict):
+    return {name: pytest.approx(value, abs=0.06) for name, value in verdict.measures().items()}
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize(
+    ("record", "predicate", "thresholds"),
+    [
+        (queues(), queues_split, {"holding_min": 6, "overtaken_min": 6, "lateral_max_m": 1.0}),
+        (at_junction(), red_same_direction, {}),
+        (at_junction(), red_crossing, {}),
+        (at_junction(JunctionKind.PRIORITY_STOP), stop_crossing, {"speed_min_mps": 1.0}),
+        (on_shoulder(), shoulder_turn, {"shoulder_min_s": 2.0}),
+    ],
+    ids=["S1", "S3", "S4", "S6", "S7"],
+)
+def test_a_predicate_finds_the_same_in_a_turned_record(record, predicate, thresholds, angle):
+    plain, other = predicate(record, thresholds), predicate(turned(record, angle), thresholds)
+    assert plain.holds
+    assert other.holds
+    assert other.measures() == measures_of(plain)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_lane_changes_are_the_same_in_a_turned_record(record_of, angle):
+    record = record_of(duration_s=12.0)
+    thresholds = {"lane_changes_min": 3, "passed_min": 3}
+    assert lane_cleared(turned(record, angle), thresholds).measures() == lane_cleared(record, thresholds).measures()
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_checks_and_numbers_are_the_same_in_a_turned_record(record_of, angle):
+    record = record_of(duration_s=9.0)
+    other = turned(record, angle)
+    values, expected = ([part.value for part in check_states(either, VerifyLimits())] for either in (other, record))
+    assert values == pytest.approx(expected, abs=1e-6)
+    assert vars(summarise_physics(other)) == pytest.approx(vars(summarise_physics(record)), abs=1e-6)
+    parameters = {**record.description.parameters, "av": {"actor_id": 2, "sensors": "none"}}
+    description = replace(record.description, parameters=parameters)
+    responses = [av_response(replace(either, description=description)) for either in (record, other)]
+    # A step more or less: the two are exactly abreast at a step.
+    assert vars(responses[1]) == pytest.approx(vars(responses[0]), abs=0.051)
+
+
+def judged_by(record, name):
+    thresholds = {key: low for key, (low, _) in DECLARED_PREDICATES[name].thresholds.items()}
+    about = {"predicate": {"name": name, "thresholds": thresholds}}
+    return replace(record, description=replace(record.description, parameters=about))
+
+
+@pytest.mark.parametrize(
+    ("record", "name"),
+    [(queues(), "queues_split"), (at_junction(), "red_crossing"), (at_junction(), "red_same_direction")],
+    ids=["S1", "S4", "S3"],
+)
+def test_verdicts_are_the_same(record, name):
+    own = judged_by(record, name)
+    verdict, image = evaluate_predicate(own), evaluate_predicate(own.mirrored())
+    assert image.measures() == verdict.measures()
+    assert image.holds is verdict.holds
+
+
+def test_a_turn_to_the_left_on_the_shoulder_counts_where_traffic_keeps_left():
+    way = np.arange(600) * 0.25
+    record = hand.hand_made(hand.crossing(), {hand.EMV: hand.Driven(hand.ON_SHOULDER, way)})
+    verdict = evaluate_predicate(judged_by(record.mirrored(), "shoulder_turn"))
+    assert verdict.holds
+    assert "to the left" in verdict.text
+    assert verdict.measures() == evaluate_predicate(judged_by(record, "shoulder_turn")).measures()
+
+
+def test_words_for_sides_change_places_and_verbs_stay():
+    part = Part("queue", 1.0, 1.0, True, ">=", "3 on the left, 2 on the right")
+    verdict = with_sides_exchanged(verdict_of((part,), "6 civilians left the lane; the EMV turned right nowhere"))
+    assert verdict.parts[0].detail == "3 on the right, 2 on the left"
+    assert verdict.text == "6 civilians left the lane; the EMV turned left nowhere"
+
+
+def test_the_avs_way_to_the_kerb_is_to_the_left():
+    x_m = hand.RIGHT_X_M
+    aside = hand.line((x_m, -120.0), (x_m, -86.0), (x_m + 2.0, -82.0), (x_m + 2.0, 110.0))
+    vehicles = {
+        hand.EMV: hand.Driven(hand.line((3.5, -120.0), (3.5, 110.0)), hand.at_speed(0.0, 10.0, 300)),
+        2: hand.Driven(aside, hand.at_speed(30.0, 3.0, 300)),
+    }
+    record = hand.hand_made(hand.crossing(), vehicles)
+    record = replace(record, description=replace(record.description, parameters={"av": {"actor_id": 2, "name": "v2"}}))
+    assert av_response(record).moved_right_m > 0.5
+    assert av_response(record.mirrored()) == av_response(record)

@@ -12,23 +12,24 @@ from matplotlib.figure import Figure
 from PIL import Image
 from repository import REPOSITORY
 
-from siren_ros.data.interfaces.markers import EMV_COLOUR
+from siren_ros.data.interfaces.boxes import EMV_COLOUR
 from siren_ros.errors import InputError
 from siren_ros.running.generation.site_choice import good_sites, shortcomings
 from siren_ros.scoring.pictures.birdseye import (
+    Survey,
     draw_episode,
+    draw_site_map,
     interaction_box,
     interaction_steps,
     save_episode_picture,
+    save_site_map,
     snapshot_steps,
 )
 from siren_ros.scoring.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
-from siren_ros.scoring.pictures.site_map import Survey, draw_site_map, save_site_map
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.roads.site_finder import places_without_site
 from siren_ros.simulation.scenario.templates import available_templates, load_template
-from siren_ros.simulation.world.actors import Mode
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.world.actors import Event, EventKind, Mode
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ from PIL import Image
 
 from siren_ros.base.numerics.units import time_ns_of_step
 from siren_ros.cli.main import main
-from siren_ros.data.interfaces.markers import EMV_COLOUR
+from siren_ros.data.episode_source import MountedCamera
+from siren_ros.data.interfaces.boxes import EMV_COLOUR
 from siren_ros.data.interfaces.measurements import to_compressed_image
 from siren_ros.data.interfaces.topics import IMAGE_COMPRESSED
-from siren_ros.data.record.episode_source import MountedCamera
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
 from siren_ros.errors import BagError, InputError
 from siren_ros.scoring.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm, paint_polygons, rgb_of
@@ -31,7 +31,7 @@ from siren_ros.scoring.pictures.video import (
     write_video,
 )
 from siren_ros.simulation.world.actors import Mode
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
 OFF_CENTRE_PX = 90.0

@@ -1,4 +1,4 @@
-"""Light on the ground by day and at night, its projections, and rain."""
+"""Light on the ground by day and at night, its projections, rain, and which walls lie in the sun."""
 
 from dataclasses import replace
 
@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from siren_ros.sensing.camera import ground_light
-from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M
+from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, Shading, shading_of
 from siren_ros.sensing.look import Look
-from siren_ros.sensing.meshes.mesh import Mesh, SemanticClass
-from siren_ros.sensing.meshes.placement import EgoVehicle
-from siren_ros.sensing.scene.signals import street_lamp, turned
+from siren_ros.sensing.meshes.mesh import EgoVehicle, Material, Mesh, SemanticClass
+from siren_ros.sensing.scene.kerbside import street_lamp, turned
 from siren_ros.sensing.specification import transform
 from siren_ros.simulation.world.actors import ActorClass, Lights
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
 SEDAN = ActorClass.SEDAN
@@ -137,3 +136,17 @@ def test_the_view_along_the_sun_holds_the_square_and_what_shades_it(direction):
     unit = ground_light.UNIT_FROM_CLIP @ view @ np.array([*CENTRE, 0.0, 1.0])
     assert unit[:2] == pytest.approx([0.5, 0.5])
     assert unit[2] == pytest.approx(0.5 + 0.5 * seen((*CENTRE, 0.0))[2])
+
+
+def test_walls_that_face_away_from_the_sun_are_shady_unless_lamps_are_lit():
+    """Normals at 60°, 89°, 91° and 120° from the sun's direction, turned about the vertical."""
+    look = Look()
+    x, y, _ = look.towards_sun
+    azimuth = np.arctan2(y, x)
+    turned = np.deg2rad([60.0, 89.0, 91.0, 120.0])
+    normals = np.column_stack((np.cos(azimuth + turned), np.sin(azimuth + turned), np.zeros(4))).astype(np.float32)
+    walls = np.full(4, Material.BUILDING_WALL, dtype=np.uint8)
+    sunny, shady = Shading.WALL_SUNNY, Shading.WALL_SHADY
+    assert shading_of(walls, normals, look).tolist() == [sunny, sunny, shady, shady]
+    assert shading_of(walls, normals, replace(look, sun_elevation_rad=-0.2)).tolist() == [sunny] * 4
+    assert shading_of(np.full(4, Material.ASPHALT, dtype=np.uint8), normals, look).max() not in {sunny, shady}

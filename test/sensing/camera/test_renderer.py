@@ -8,7 +8,7 @@ from siren_ros.sensing.lidar.embree import RaycastWorld
 from siren_ros.sensing.meshes.mesh import SemanticClass
 from siren_ros.sensing.specification import map_from_base, optical_from_map, transform
 from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS

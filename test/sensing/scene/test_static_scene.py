@@ -8,7 +8,7 @@ from shapely.geometry import LineString, Point, Polygon
 from solids import areas, gap_m2, volume
 
 from siren_ros.sensing.meshes.mesh import LampColour, Material, Mesh
-from siren_ros.sensing.scene.signals import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, street_lamp, turned
+from siren_ros.sensing.scene.kerbside import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, street_lamp, turned
 from siren_ros.sensing.scene.static_scene import (
     Lot,
     broadleaf,
@@ -22,9 +22,8 @@ from siren_ros.sensing.scene.static_scene import (
 )
 from siren_ros.sensing.scene.surfaces import SceneConfig
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.mirror_image import mirrored_network
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import LaneKind
+from siren_ros.simulation.roads.road_network import LaneKind, mirrored_network
 
 GROUND = [
     Material.GROUND, Material.GRASS, Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.MARKING_WHITE,

@@ -11,7 +11,7 @@ from shapely.geometry import LineString, Point, box
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
 from siren_ros.sensing.scene.ground import arrow, ribbon, road_markings
-from siren_ros.sensing.scene.signals import clear_pole
+from siren_ros.sensing.scene.kerbside import clear_pole
 from siren_ros.sensing.scene.surfaces import (
     FreeSpace,
     SceneConfig,

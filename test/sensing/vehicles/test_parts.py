@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solids import volume
 
-from siren_ros.base.params.strict_yaml import parse_strict_yaml
+from siren_ros.base.params.parameters import parse_strict_yaml
 from siren_ros.errors import InputError
 from siren_ros.sensing.meshes.mesh import Material, Mesh
 from siren_ros.sensing.vehicles.parts import load_finishes, solids

@@ -10,14 +10,27 @@ from siren_ros.base.numerics.geometry import Polyline, footprint_corners, separa
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable, BehaviourWorld, StepView, Surroundings
 from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
-from siren_ros.simulation.dynamics.parameters import ParameterTable, load_vehicle_parameters
-from siren_ros.simulation.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.simulation.dynamics.vehicle_model import (
+    BodyState,
+    Controls,
+    ParameterTable,
+    load_vehicle_parameters,
+    step_bodies,
+)
 from siren_ros.simulation.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import load_preset
-from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
-from siren_ros.simulation.world.traffic_state import EmvAdvice, TrafficFlags, TrafficState
+from siren_ros.simulation.world.actors import (
+    ActorClass,
+    ActorDescription,
+    EmvAdvice,
+    Lights,
+    Mode,
+    Owner,
+    TrafficFlags,
+    TrafficState,
+)
 
 vehicles = load_vehicle_parameters()
 WIDTH = 3.3

@@ -12,7 +12,7 @@ from siren_ros.simulation.conflicts.course import SPACING_M, Course, CourseBook,
 from siren_ros.simulation.conflicts.yielding import Rank
 from siren_ros.simulation.conflicts.zones import TRACK_M
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
 
 
 def lane(index, edge, points, limit=13.89, position=0, kind=LaneKind.DRIVING):

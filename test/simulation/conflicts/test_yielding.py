@@ -1,16 +1,18 @@
-"""Ranks of movements by their signal, stop sign and road."""
+"""Ranks of movements, who waits, and how far a vehicle may go into the hand-made crossing."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_record import EAST, STRAIGHT, STRAIGHT_LEFT, crossing
 from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.simulation.conflicts.yielding import (
     Approach,
     Bends,
+    JunctionRoom,
     Margins,
     Rank,
     approach_time_s,
@@ -78,7 +80,7 @@ CONFIG = Margins()
 INF = math.inf
 
 
-def crossing(own_in, other_in, width=6.0, blocked=INF):
+def crossing_zone(own_in, other_in, width=6.0, blocked=INF):
     return Zone(own_in, own_in + width, other_in, other_in + width, 0.0, blocked)
 
 
@@ -129,20 +131,20 @@ def test_who_brakes_to_be_later_is_at_the_place_when_the_time_is_over_or_stands_
 
 
 def test_who_has_no_right_of_way_waits_slowly_enough_to_stop():
-    zone = crossing(30.0, 25.0)
+    zone = crossing_zone(30.0, 25.0)
     wait = waiting(zone, car(12.0, Rank.RED), car(10.0))
     assert wait.speed_mps >= math.sqrt(2.0 * CONFIG.brake_mps2 * (30.0 - CONFIG.standoff_m)) - 1e-9
     clear_s = 31.0 / 10.0 + CONFIG.after_s
     assert 12.0 * clear_s - 0.5 * wait.brake_mps2 * clear_s**2 == pytest.approx(29.0)
-    slow = waiting(crossing(30.0, 5.0), car(12.0, Rank.RED), car(1.5))
+    slow = waiting(crossing_zone(30.0, 5.0), car(12.0, Rank.RED), car(1.5))
     assert slow.brake_mps2 == pytest.approx(stop_brake_mps2(12.0, 29.0))
     assert wait_for(zone, car(12.0), car(10.0, Rank.GIVES_WAY), CONFIG) is None
 
 
 def test_who_cannot_stop_any_more_is_let_through_whatever_the_right_of_way():
-    assert wait_for(crossing(14.0, 6.0), car(10.0), car(9.0, Rank.RED), CONFIG) is not None
+    assert wait_for(crossing_zone(14.0, 6.0), car(10.0), car(9.0, Rank.RED), CONFIG) is not None
     assert wait_for(Zone(6.0, 12.0, 30.0, 36.0, 0.0, INF), car(5.0, Rank.RED), car(14.0), CONFIG) is not None
-    assert wait_for(crossing(6.0, 20.0), car(9.0, Rank.RED), car(10.0), CONFIG) is None
+    assert wait_for(crossing_zone(6.0, 20.0), car(9.0, Rank.RED), car(10.0), CONFIG) is None
 
 
 def test_who_stands_in_the_zone_leaves_it_unless_the_way_is_blocked():
@@ -231,7 +233,7 @@ def mirrored(zone):
     ranks=st.tuples(st.sampled_from(Rank), st.sampled_from(Rank)),
 )
 def test_of_two_that_would_meet_at_least_one_waits(ways, speeds, ranks):
-    zone = crossing(*ways)
+    zone = crossing_zone(*ways)
     first, second = car(speeds[0], ranks[0]), car(speeds[1], ranks[1])
     arrivals = [(way / speed, (way + 6.0) / speed) for way, speed in zip(ways, speeds, strict=True)]
     meet = arrivals[0][0] < arrivals[1][1] and arrivals[1][0] < arrivals[0][1]
@@ -312,12 +314,12 @@ def test_who_has_a_bend_ahead_arrives_later_than_its_speed_says(bend_s, waits):
     """30 m at 10 m/s and 35 m at 10 m/s, of equal rank: without the bend the own vehicle is first."""
     own = Approach(10.0, 10.0, 0.0, Rank.PRIORITY, Bends(np.array([0.0, bend_s / 30.0]), 1.0, 0.0))
     assert approach_time_s(own, 30.0) == pytest.approx(max(3.0, bend_s))
-    assert (wait_for(crossing(30.0, 35.0), own, car(10.0), CONFIG) is not None) is waits
+    assert (wait_for(crossing_zone(30.0, 35.0), own, car(10.0), CONFIG) is not None) is waits
 
 
 def test_waiting_speeds_in_closed_form():
     """The larger of a gentle stop's speed and of arriving when the other one has left."""
-    zone = crossing(30.0, 5.0)
+    zone = crossing_zone(30.0, 5.0)
     wait = wait_for(zone, car(12.0, Rank.RED), car(4.0), CONFIG)
     free, free_s = 30.0 - CONFIG.standoff_m, 11.0 / 4.0 + CONFIG.after_s
     assert wait.free_m == pytest.approx(free)
@@ -332,7 +334,7 @@ def test_waiting_speeds_in_closed_form():
 
 def test_more_room_is_kept_by_gentle_braking_alone():
     """The speed is that of a wait farther before the zone; how hard one must brake, and what is free, stay."""
-    zone = crossing(30.0, 5.0)
+    zone = crossing_zone(30.0, 5.0)
     near, far = (wait_for(zone, car(12.0, Rank.RED), car(4.0), CONFIG._replace(room_m=room)) for room in (0.0, 2.0))
     wanted, free_s = 28.0 - CONFIG.standoff_m, 11.0 / 4.0 + CONFIG.after_s
     assert far.speed_mps == pytest.approx(max(wanted / free_s, math.sqrt(2.0 * CONFIG.brake_mps2 * wanted)))
@@ -342,7 +344,7 @@ def test_more_room_is_kept_by_gentle_braking_alone():
 @pytest.mark.parametrize(("way", "speed", "stops"), [(16.1, 9.0, True), (13.9, 9.0, False)])
 def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
     """From 9 m/s a stop at 3 m/s² takes 13.5 m, and a metre is kept."""
-    zone = crossing(way, way - 1.0)
+    zone = crossing_zone(way, way - 1.0)
     other = wait_for(mirrored(zone), car(speed, Rank.PRIORITY), car(speed, Rank.RED), CONFIG)
     assert (other is None) is stops
 
@@ -369,7 +371,7 @@ def test_braking_to_be_later(way, speed, time, brake):
 )
 def test_the_rank_decides_and_among_equals_who_comes_first(own, other, own_in, waits):
     """Both at 10 m/s and able to stop; the other one has 30 m to the zone."""
-    assert (wait_for(crossing(own_in, 30.0), car(10.0, own), car(10.0, other), CONFIG) is not None) is waits
+    assert (wait_for(crossing_zone(own_in, 30.0), car(10.0, own), car(10.0, other), CONFIG) is not None) is waits
 
 
 def test_who_merges_stays_behind_however_late_it_comes():
@@ -382,7 +384,7 @@ def test_who_merges_stays_behind_however_late_it_comes():
 
 @pytest.mark.parametrize("own_in", [0.2, 0.9, 1.0])
 def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
-    wait = waiting(crossing(own_in, 10.0), car(0.5, Rank.RED), car(8.0))
+    wait = waiting(crossing_zone(own_in, 10.0), car(0.5, Rank.RED), car(8.0))
     assert (wait.speed_mps, wait.free_m) == (0.0, 0.0)
     assert wait.brake_mps2 == stop_brake_mps2(0.5, 0.0)
 
@@ -391,28 +393,28 @@ def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
     ("zone", "own", "other", "waits"),
     [
         # Nobody waits for a vehicle that stands, comes late, is gone in time or can stop at a red signal.
-        (crossing(35.0, 25.0), car(12.0, Rank.RED), car(0.0), False),
-        (crossing(35.0, 80.0), car(12.0, Rank.RED), car(8.0), False),
-        (crossing(35.0, 5.0), car(12.0, Rank.RED), car(14.0), False),
-        (crossing(35.0, 30.0), car(12.0, Rank.RED), car(10.0, Rank.RED), False),
+        (crossing_zone(35.0, 25.0), car(12.0, Rank.RED), car(0.0), False),
+        (crossing_zone(35.0, 80.0), car(12.0, Rank.RED), car(8.0), False),
+        (crossing_zone(35.0, 5.0), car(12.0, Rank.RED), car(14.0), False),
+        (crossing_zone(35.0, 30.0), car(12.0, Rank.RED), car(10.0, Rank.RED), False),
         # From 6 m/s with 2 m/s² a vehicle stands after 9 m: out of touch in each case, a metre away only in the last.
-        (crossing(9.1, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), True),
-        (crossing(9.9, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), True),
-        (crossing(10.1, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), False),
+        (crossing_zone(9.1, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), True),
+        (crossing_zone(9.9, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), True),
+        (crossing_zone(10.1, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), False),
         # At 5 m/s the zone of 6 m is left after 5.98 s or 6.02 s; the other vehicle comes after 7 s, a second is kept.
-        (crossing(23.9, 70.0), car(5.0, Rank.RED), car(10.0), False),
-        (crossing(24.1, 70.0), car(5.0, Rank.RED), car(10.0), True),
+        (crossing_zone(23.9, 70.0), car(5.0, Rank.RED), car(10.0), False),
+        (crossing_zone(24.1, 70.0), car(5.0, Rank.RED), car(10.0), True),
         # The other vehicle leaves after (20 + 6) / 10 = 2.6 s; 0.4 s later nobody waits for it.
-        (crossing(29.9, 20.0), car(10.0, Rank.RED), car(10.0), True),
-        (crossing(30.1, 20.0), car(10.0, Rank.RED), car(10.0), False),
+        (crossing_zone(29.9, 20.0), car(10.0, Rank.RED), car(10.0), True),
+        (crossing_zone(30.1, 20.0), car(10.0, Rank.RED), car(10.0), False),
         # A vehicle that stands in the zone leaves it at 0.5 m/s at the earliest, the own one comes after 2.5 s.
         # One that stands before the zone stays there.
         (Zone(25.0, 31.0, 0.0, 6.0, 0.0, INF), car(10.0, Rank.RED), car(0.0), True),
         (Zone(25.0, 31.0, 0.1, 6.0, 0.0, INF), car(10.0, Rank.RED), car(0.0), False),
         (Zone(25.0, 31.0, 5.0, 6.0, 0.0, INF), car(10.0, Rank.RED), car(0.0), False),
         # Faster than the limit: 20 m and 6 m at the limit of 8 m/s take 3.25 s, and 0.4 s more; at 12 m/s 2.2 s.
-        (crossing(36.0, 20.0), car(10.0, Rank.RED), Approach(12.0, 8.0, 0.0, Rank.PRIORITY), True),
-        (crossing(37.0, 20.0), car(10.0, Rank.RED), Approach(12.0, 8.0, 0.0, Rank.PRIORITY), False),
+        (crossing_zone(36.0, 20.0), car(10.0, Rank.RED), Approach(12.0, 8.0, 0.0, Rank.PRIORITY), True),
+        (crossing_zone(37.0, 20.0), car(10.0, Rank.RED), Approach(12.0, 8.0, 0.0, Rank.PRIORITY), False),
         # A vehicle that comes later than in 8 s does not count yet.
         (Zone(78.0, 86.0, 79.0, 85.0, 0.0, INF), car(10.0, Rank.RED), car(10.0), True),
         (Zone(78.0, 86.0, 81.0, 87.0, 0.0, INF), car(10.0, Rank.RED), car(10.0), False),
@@ -427,3 +429,35 @@ def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
 )
 def test_waiting_in_time_and_space(zone, own, other, waits):
     assert (wait_for(zone, own, other, CONFIG) is not None) is waits
+
+
+NETWORK = crossing()
+ROOM = JunctionRoom(NETWORK)
+EDGE_M = 14.75 - 0.5 * 3.5 - 1.0
+"""A metre before the way of those who go east."""
+
+
+def lights(east):
+    state = ["r"] * 7
+    state[EAST] = east
+    return {"J": "".join(state)}
+
+
+@pytest.mark.parametrize("movement", [STRAIGHT, STRAIGHT_LEFT])
+@pytest.mark.parametrize("east", "Ggy")
+def test_the_room_ends_a_metre_before_the_way_of_those_who_may_come(movement, east):
+    room_m = ROOM.beyond_line_m(NETWORK.connections[movement], lights(east), frozenset())
+    assert EDGE_M < room_m <= EDGE_M + 0.5, "the ways are looked at each half a metre"
+
+
+def test_nobody_comes_where_all_others_have_red_and_nobody_is_on_the_junction():
+    assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), frozenset()) == math.inf
+    inside = frozenset(NETWORK.connections[EAST].via)
+    assert EDGE_M < ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), inside) <= EDGE_M + 0.5
+
+
+def test_the_same_approach_and_ways_that_do_not_meet_leave_room():
+    own = frozenset(NETWORK.connections[STRAIGHT_LEFT].via)
+    assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), own) == math.inf
+    beside = {"J": "rrrrrGG"}
+    assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], beside, frozenset()) == math.inf

@@ -2,7 +2,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from siren_ros.simulation.dynamics.parameters import ParameterTable, VehicleParameters, load_vehicle_parameters
+from siren_ros.simulation.dynamics.vehicle_model import ParameterTable, VehicleParameters, load_vehicle_parameters
 from siren_ros.simulation.world.actors import ActorClass
 
 

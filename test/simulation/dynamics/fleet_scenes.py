@@ -5,10 +5,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
-from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.world.actors import (
+    TRAFFIC_STATE_DTYPES,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    Event,
+    EventKind,
+    Lights,
+    Mode,
+    Owner,
+    TrafficState,
+)
 from siren_ros.simulation.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState
 
 PARAMETERS = load_vehicle_parameters()
 

@@ -16,8 +16,7 @@ from siren_ros.simulation.dynamics.collisions import (
     find_contacts,
     overlapping,
 )
-from siren_ros.simulation.dynamics.parameters import ParameterTable, load_vehicle_parameters
-from siren_ros.simulation.dynamics.vehicle_model import BodyState
+from siren_ros.simulation.dynamics.vehicle_model import BodyState, ParameterTable, load_vehicle_parameters
 from siren_ros.simulation.world.actors import ActorClass
 
 LENGTH_M, WIDTH_M = 4.0, 2.0

@@ -1,6 +1,30 @@
+"""The road network, its place on Earth, and mirror images of the map and of the world."""
+
+from dataclasses import fields
+
+import numpy as np
 import pytest
 
-from siren_ros.simulation.roads.movements import movement_path
+from siren_ros.simulation.roads.road_network import (
+    geodetic_from_projected,
+    mirror_image,
+    mirrored_network,
+    projected_from_geodetic,
+    right_hand_image,
+)
+from siren_ros.simulation.roads.routing import movement_path
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
+    TRAFFIC_STATE_DTYPES,
+    ActorStates,
+    EmvAdvice,
+    Event,
+    EventKind,
+    Lights,
+    TrafficFlags,
+    TrafficState,
+)
+from siren_ros.simulation.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands
 
 
 def test_the_length_of_a_way_is_that_of_its_path_and_that_of_no_lane_is_0(town):
@@ -8,3 +32,183 @@ def test_the_length_of_a_way_is_that_of_its_path_and_that_of_no_lane_is_0(town):
         if connection.via:
             assert town.length_m(connection.via) == pytest.approx(movement_path(town, connection).length_m, abs=0.1)
     assert town.length_m(()) == 0.0
+
+
+UTM_33 = "+proj=utm +zone=33 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
+
+
+def test_the_central_meridian_at_45_degrees():
+    """The WGS 84 meridian arc from the equator to 45° is 4 984 944.378 m."""
+    assert geodetic_from_projected(UTM_33, 500_000.0, 4_984_944.378 * 0.9996) == pytest.approx((45.0, 15.0), abs=1e-8)
+
+
+def test_off_the_meridian_it_agrees_with_proj():
+    """Netconvert's PROJ puts 52.52° N 13.40° E at 391 440.0321 m east and 5 820 079.6668 m north in zone 33."""
+    lat, lon = geodetic_from_projected(UTM_33, 391_440.0321, 5_820_079.6668)
+    assert (lat, lon) == pytest.approx((52.52, 13.40), abs=1e-8)
+
+
+def test_a_place_is_projected_as_proj_does():
+    """The same place the other way round."""
+    assert projected_from_geodetic(UTM_33, 52.52, 13.40) == pytest.approx((391_440.0321, 5_820_079.6668), abs=1e-3)
+    assert projected_from_geodetic(UTM_33, 45.0, 15.0) == pytest.approx((500_000.0, 4_984_944.378 * 0.9996), abs=1e-3)
+
+
+def test_scale_and_false_origin_are_the_projections():
+    plain = projected_from_geodetic("+proj=tmerc +lat_0=48 +lon_0=9", 48.5, 9.25)
+    scaled = projected_from_geodetic("+proj=tmerc +lat_0=48 +lon_0=9 +k_0=0.9 +x_0=100 +y_0=-200", 48.5, 9.25)
+    assert plain is not None
+    assert scaled == pytest.approx((0.9 * plain[0] + 100.0, 0.9 * plain[1] - 200.0))
+    # 0.25° of longitude at 48.5° are 18.5 km, 0.5° of latitude 55.6 km.
+    assert plain == pytest.approx((18_470.0, 55_600.0), rel=0.01)
+
+
+def test_the_southern_hemisphere_has_its_false_northing():
+    north = geodetic_from_projected(UTM_33, 480_000.0, 1_000_000.0)
+    south = geodetic_from_projected(f"{UTM_33} +south", 480_000.0, 9_000_000.0)
+    assert south == pytest.approx((-north[0], north[1]), abs=1e-10)
+
+
+def test_transverse_mercator_with_an_origin_of_its_own():
+    projection = "+proj=tmerc +lat_0=48.5 +lon_0=9.25 +k=0.9999 +x_0=1000 +y_0=2000 +datum=WGS84"
+    assert geodetic_from_projected(projection, 1000.0, 2000.0) == pytest.approx((48.5, 9.25), abs=1e-8)
+    north = geodetic_from_projected(projection, 1000.0, 2111.0)
+    assert north[0] - 48.5 == pytest.approx(111.0 / 0.9999 / 111_206.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "projection", ["!", "-", "", "+proj=merc", "+proj=utm", "+proj=utm +zone=x", "+proj=tmerc +k=0"]
+)
+def test_other_projections_have_no_answer(projection):
+    assert geodetic_from_projected(projection, 0.0, 0.0) is None
+
+
+@pytest.mark.parametrize(
+    "projection",
+    [
+        "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs",
+        "+proj=utm +zone=30 +south +ellps=WGS84",
+        "+proj=tmerc +lat_0=49 +lon_0=8 +k=0.9996 +x_0=1000 +y_0=-500 +datum=WGS84",
+    ],
+)
+@pytest.mark.parametrize(("east_m", "north_m"), [(0.0, 0.0), (60_000.0, 4_100_000.0), (-90_000.0, 5_700_000.0)])
+def test_projecting_there_and_back(projection, east_m, north_m):
+    x_m = east_m + (500_000.0 if "utm" in projection else 0.0)
+    geodetic = geodetic_from_projected(projection, x_m, north_m)
+    assert geodetic is not None
+    assert projected_from_geodetic(projection, *geodetic) == pytest.approx((x_m, north_m), abs=1e-3)
+    assert projected_from_geodetic("+proj=longlat", *geodetic) is None
+
+
+def test_lanes_run_on_the_other_side_of_the_x_axis(town):
+    image = mirrored_network(town)
+    assert (image.left_hand, town.left_hand) == (True, False)
+    for lane, other in zip(town.lanes, image.lanes, strict=True):
+        assert (lane.lane_id, lane.position, lane.length_m) == (other.lane_id, other.position, other.length_m)
+        assert np.array_equal(other.centre.points, lane.centre.points * (1.0, -1.0))
+    for junction in town.junctions.values():
+        other = image.junctions[junction.junction_id]
+        assert (other.x_m, other.y_m) == (junction.x_m, -junction.y_m)
+        assert np.array_equal(other.outline, junction.outline * (1.0, -1.0))
+
+
+def test_a_left_turn_is_a_right_turn_of_the_image(town):
+    turned = {"l": "r", "r": "l", "s": "s", "t": "t"}
+    pairs = zip(town.connections, mirrored_network(town).connections, strict=True)
+    assert all(other.direction == turned[movement.direction] for movement, other in pairs)
+    assert {movement.direction for movement in town.connections} >= {"l", "r", "s"}
+
+
+def test_left_and_right_neighbours_are_those_of_the_geometry(town):
+    """Position 0 is at the outer kerb: on the left where traffic keeps left."""
+    image = mirrored_network(town)
+    pairs = [(lane, image.neighbour(lane, 1)) for lane in image.lanes]
+    beside = [(lane, left) for lane, left in pairs if left is not None and not image.edges[lane.edge].internal]
+    assert len(beside) > 20
+    for lane, left in beside:
+        assert left.position == lane.position - 1
+        assert lane.centre.project(left.centre.at(0.5 * left.length_m))[1] > 0.0
+        assert image.neighbour(left, -1) is lane
+
+
+def test_the_image_of_the_image_is_the_map(town):
+    image = mirrored_network(town)
+    again = mirrored_network(image)
+    assert again.connections == town.connections
+    assert not again.left_hand
+    assert again.origin_lat_lon_deg == town.origin_lat_lon_deg
+    assert all(np.array_equal(a.centre.points, b.centre.points) for a, b in zip(again.lanes, town.lanes, strict=True))
+    assert right_hand_image(town) is town
+    assert right_hand_image(image) is again, "one image of each map"
+
+
+EVENT = Event(3, EventKind.YIELD_HELD, 5, 1, 2.0, 7.0, {"side": -1, "offset_m": -1.5, "partial": 0, "reason": "x"})
+ADVICE = EmvAdvice(1, 1, 5, 20.0, 9.0, 2)
+SIGNED = {
+    "y_m",
+    "sumo_y_m",
+    "yaw_rad",
+    "sumo_yaw_rad",
+    "vy_mps",
+    "yaw_rate_radps",
+    "lateral_accel_mps2",
+    "steer_rad",
+    "lateral_offset_m",
+}
+CODED = {"lights", "flags"}
+
+
+def columns(dtypes):
+    rng = np.random.default_rng(2)
+    return {name: (rng.random(4) * 3.0 + 1.0).astype(dtype) for name, dtype in dtypes.items()}
+
+
+STATES = ActorStates(step=4, **columns(ACTOR_STATE_DTYPES))
+TRAFFIC = TrafficState(step=4, spawned=(), emvs=(ADVICE,), signals=(), events=(EVENT,), **columns(TRAFFIC_STATE_DTYPES))
+COMMANDS = VehicleCommands(step=4, source="me", events=(EVENT,), **columns(COMMAND_DTYPES))
+
+
+@pytest.mark.parametrize("content", [STATES, TRAFFIC, COMMANDS], ids=["states", "traffic", "commands"])
+def test_every_column(content):
+    image = mirror_image(content)
+    for field in fields(content):
+        before, after = getattr(content, field.name), getattr(image, field.name)
+        if field.name in {"events", "emvs"}:
+            assert after == tuple(map(mirror_image, before))
+        elif field.name not in CODED:
+            factor = -1.0 if field.name in SIGNED else 1.0
+            assert np.array_equal(after, np.multiply(factor, before) if field.name in SIGNED else before), field.name
+
+
+def test_lights_and_wishes_change_sides():
+    every = np.arange(16, dtype=np.uint8)
+    states = ActorStates(step=0, **{name: every.astype(kind) for name, kind in ACTOR_STATE_DTYPES.items()})
+    lights = [Lights(int(code)) for code in mirror_image(states).lights]
+    for code, image in enumerate(lights):
+        assert bool(image & Lights.INDICATOR_LEFT) is bool(code & Lights.INDICATOR_RIGHT)
+        assert bool(image & Lights.INDICATOR_RIGHT) is bool(code & Lights.INDICATOR_LEFT)
+        assert image & (Lights.BRAKE | Lights.BEACON) == code & (Lights.BRAKE | Lights.BEACON)
+    assert int(TrafficFlags.WANTS_LEFT) == int(Lights.INDICATOR_LEFT)
+    assert int(TrafficFlags.WANTS_RIGHT) == int(Lights.INDICATOR_RIGHT)
+
+
+def test_events_and_advice():
+    image = mirror_image(EVENT)
+    assert (image.x_m, image.y_m) == (2.0, -7.0)
+    assert image.detail == {"side": 1, "offset_m": 1.5, "partial": 0, "reason": "x"}
+    assert mirror_image(ADVICE).lane_change_intent == -1
+    assert mirror_image(mirror_image(EVENT)) == EVENT
+
+
+def test_yaws_stay_in_their_range():
+    yaws = np.array([np.pi, -3.0, 0.5, 0.0])
+    states = ActorStates(step=0, **{name: yaws.astype(kind) for name, kind in ACTOR_STATE_DTYPES.items()})
+    assert mirror_image(states).yaw_rad.tolist() == [np.pi, 3.0, -0.5, 0.0]
+
+
+def test_the_image_of_an_answer_from_the_seat_turns_the_other_way():
+    control = AvControl(4, 0.5, 0.0, 0.25, int(Lights.INDICATOR_LEFT))
+    image = mirror_image(control)
+    assert image == AvControl(4, 0.5, 0.0, -0.25, int(Lights.INDICATOR_RIGHT))
+    assert type(image.lights) is int
+    assert mirror_image(image) == control

@@ -1,11 +1,14 @@
+"""Sites and bridges."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hand_made_record import crossing
 
+from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import LaneKind
-from siren_ros.simulation.roads.sites import middle_of_site
+from siren_ros.simulation.roads.sites import bridges, middle_of_site
 
 
 def test_the_middle_of_a_junction_is_that_of_its_outline():
@@ -50,3 +53,25 @@ def test_a_road_of_several_pieces_is_measured_as_one(stretch, middle):
 def test_a_site_without_junction_and_road_has_no_middle():
     assert middle_of_site(crossing(), {}) is None
     assert middle_of_site(crossing(), {"stretch": ["nowhere"]}) is None
+
+
+def net(*shapes: str, function: str = "normal") -> bytes:
+    lanes = (
+        f'<edge id="{number}" function="{function if number else "normal"}" from="a{number}" to="b{number}">'
+        f'<lane id="{number}_0" index="0" speed="10" shape="{shape}"/></edge>'
+        for number, shape in enumerate(shapes)
+    )
+    return f"<net>{''.join(lanes)}</net>".encode()
+
+
+@pytest.mark.parametrize(
+    ("other", "places"),
+    [("30,-50 30,50", [(30.0, 0.0)]), ("100,0 100,50", []), ("0,5 100,5", []), ("20,-10 40,10", [(30.0, 0.0)])],
+)
+def test_a_bridge_is_where_two_roads_cross(other: str, places: list[tuple[float, float]]) -> None:
+    found = bridges(parse_road_network(net("0,0 100,0", other)))
+    np.testing.assert_allclose(found, np.reshape(places, (-1, 2)), atol=1e-9)
+
+
+def test_paths_across_junctions_are_no_bridges() -> None:
+    assert len(bridges(parse_road_network(net("0,0 100,0", "30,-50 30,50", function="internal")))) == 0

@@ -1,12 +1,28 @@
-"""The fields of a request are declared once and inherited by every program that takes one."""
+"""The fields of a request, descriptions of episodes, and their splits."""
 
+from collections import Counter
 from dataclasses import asdict, dataclass, fields
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from siren_ros.base.params.parameter_field import parameter
+from siren_ros.base.params.parameters import parameter
 from siren_ros.errors import InputError
-from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeRequest, text_of_values, values_of
+from siren_ros.simulation.scenario.episode import (
+    EpisodeDescription,
+    EpisodeIdentity,
+    EpisodeRequest,
+    SeenEpisodes,
+    Split,
+    SplitRule,
+    counted_standings,
+    overlap_warning,
+    split_of,
+    split_rule,
+    text_of_values,
+    values_of,
+)
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 
 
@@ -96,3 +112,95 @@ def test_the_templates_values_are_its_numbers():
 @pytest.mark.parametrize(("av", "number"), [({"actor_id": 4, "kind": "civilian"}, 4), (None, 0), ("civilian", 0)])
 def test_the_av_is_who_the_description_names(av, number):
     assert (described({"av": av}).av_id, described({}).av_id) == (number, 0)
+
+
+RULE = SplitRule(frozenset({"far"}), frozenset({"S8"}), val_percent=15, test_seed_percent=15)
+IDENTITIES = st.builds(
+    EpisodeIdentity, st.sampled_from(["town", "far"]), st.sampled_from(["S1", "S8"]), st.integers(0, 99)
+)
+
+
+def test_shares_are_70_15_15() -> None:
+    splits = Counter(RULE.split_of(EpisodeIdentity("town", "S2", seed)) for seed in range(4000))
+    shares = {split: count / 4000 for split, count in splits.items()}
+    assert shares == {
+        Split.TRAIN: pytest.approx(0.7, abs=0.03),
+        Split.VAL: pytest.approx(0.15, abs=0.03),
+        Split.TEST_SEED: pytest.approx(0.15, abs=0.03),
+    }
+
+
+@given(st.lists(IDENTITIES), st.lists(IDENTITIES))
+def test_a_study_that_grows_moves_no_episode(study, more) -> None:
+    before = {identity: split_of(identity) for identity in study}
+    after = {identity: split_of(identity) for identity in [*more, *study]}
+    assert all(after[identity] is split for identity, split in before.items())
+
+
+def test_template_seed_map_and_parameters_decide() -> None:
+    def splits(**changed) -> set[Split]:
+        return {
+            RULE.split_of(EpisodeIdentity(**{"map_name": "town", "template": "S2", "seed": 1} | one))
+            for one in changed["each"]
+        }
+
+    for each in (
+        [{"seed": seed} for seed in range(40)],
+        [{"map_name": f"map{number}"} for number in range(40)],
+        [{"template": f"mine{number}"} for number in range(40)],
+        [{"values": f"emv.speed_mps={number}"} for number in range(40)],
+    ):
+        assert splits(each=each) == {Split.TRAIN, Split.VAL, Split.TEST_SEED}
+
+
+def test_the_order_of_parameters_decides_nothing() -> None:
+    first, second = (EpisodeIdentity("town", "S2", 1, text) for text in ("a.b=1,c.d=2", "c.d=2.0, a.b=1.0"))
+    assert first.text == second.text == "town S2 1 a.b=1.0,c.d=2.0"
+
+
+def test_held_out_maps_and_templates_never_train() -> None:
+    assert {RULE.split_of(EpisodeIdentity("far", "S1", seed)) for seed in range(50)} == {Split.TEST_MAP}
+    assert {RULE.split_of(EpisodeIdentity("far", "S8", seed)) for seed in range(50)} == {Split.TEST_TEMPLATE}
+
+
+def test_the_rule_of_the_project_has_maps_and_a_template_of_its_own() -> None:
+    rule = split_rule()
+    assert {"Town07", "Town10HD_Opt"} <= rule.test_maps
+    assert "town" not in rule.test_maps
+    assert rule.test_templates == {"S8"}
+
+
+def test_how_an_episode_stands_to_a_model() -> None:
+    seen = SeenEpisodes(frozenset({"town S1 1", "town S2 1", "other S1 4"}), frozenset({"town S1 9"}))
+    expected = {
+        ("town", "S1", 1): Split.TRAIN,
+        ("town", "S1", 9): Split.VAL,
+        ("town", "S1", 2): Split.TEST_SEED,
+        ("far", "S1", 1): Split.TEST_MAP,
+        ("town", "S3", 1): Split.TEST_TEMPLATE,
+    }
+    assert {key: seen.split_of(EpisodeIdentity(*key)) for key in expected} == expected
+
+
+def test_a_request_has_the_identity_of_its_episode() -> None:
+    request = EpisodeRequest("S2", "L2", 7, "maps/Far.xodr", values="b=2,a=1")
+    assert EpisodeIdentity.of_request(request).text == "Far S2 7 a=1.0,b=2.0"
+    assert EpisodeIdentity.of_request(EpisodeRequest("own/S1.yaml", seed=3), "S1").text == "town S1 3"
+
+
+def test_a_card_lists_its_episodes_or_does_not() -> None:
+    card = {"data": {"train": {"keys": ["town S1 1", "far S2 2"]}, "val": {"keys": ["town S1 9"]}}}
+    seen = SeenEpisodes.of_card(card)
+    assert seen == SeenEpisodes(frozenset({"town S1 1", "far S2 2"}), frozenset({"town S1 9"}))
+    assert seen.maps == {"town", "far"}
+    assert SeenEpisodes.of_card({"data": {"train": {"keys": []}}}) == SeenEpisodes(frozenset())
+    assert SeenEpisodes.of_card({}) is SeenEpisodes.of_card({"data": {"unknown": "lost"}}) is None
+
+
+def test_scored_episodes_of_the_training_are_warned_of() -> None:
+    counts = counted_standings([Split.TRAIN, Split.TEST_MAP, Split.TRAIN])
+    assert counts == {split: {Split.TRAIN: 2, Split.TEST_MAP: 1}.get(split, 0) for split in Split}
+    assert overlap_warning("a", counts) == "WARNING: a was trained on 2 of these 3 episodes: its scores say too much"
+    assert overlap_warning("a", counted_standings([Split.VAL, Split.TEST_SEED])) == ""
+    assert counted_standings([]) == {}
+    assert overlap_warning("a", {}) == ""

@@ -4,7 +4,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.base.params.resources import names_in_params, params_dir
+from siren_ros.base.params.folders import names_in_params, params_dir
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal, load_preset
 

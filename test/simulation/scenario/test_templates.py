@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.sites import SiteKind
 from siren_ros.simulation.scenario.paper import EmergencyLevel

@@ -27,8 +27,7 @@ from siren_ros.simulation.traffic.observation import (
     find_teleports,
 )
 from siren_ros.simulation.traffic.sumo.readings import joined_rows
-from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, Owner
-from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficFlags
+from siren_ros.simulation.world.actors import RESIDUAL_LIMIT_M, Event, EventKind, Owner, TrafficFlags
 
 RECORD = hand_made(crossing(), {EMV: Driven(NORTHBOUND, np.zeros(2)), 2: Driven(NORTHBOUND, np.full(2, 30.0))})
 

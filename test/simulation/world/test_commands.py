@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import EpisodeError
-from siren_ros.simulation.world.actors import Lights, Mode, Owner
+from siren_ros.simulation.world.actors import Event, EventKind, Lights, Mode, Owner
 from siren_ros.simulation.world.commands import (
     AV_SOURCE,
     COMMAND_DTYPES,
@@ -14,7 +14,6 @@ from siren_ros.simulation.world.commands import (
     controls_in,
     with_seats,
 )
-from siren_ros.simulation.world.traffic_state import Event, EventKind
 
 
 @pytest.mark.parametrize("lights", [0, 2, 4, 6])

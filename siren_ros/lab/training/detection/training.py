@@ -11,20 +11,24 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.params.network_file import write_network
-from siren_ros.data.record.bag_survey import BagSurvey, Need, survey_bag
+from siren_ros.base.params.plain_files import write_network
+from siren_ros.data.episode_source import BagSurvey, Need, survey_bag
 from siren_ros.data.recording.bag_reader import bags_among
-from siren_ros.lab.training.detection.batches import FrameDraws
-from siren_ros.lab.training.detection.samples import about_episode, check_apart, frames_among
+from siren_ros.lab.training.detection.samples import FrameDraws, about_episode, check_apart, frames_among
 from siren_ros.lab.training.settings import DetectionFit, FittedNetwork
-from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes, TruthBoxes, joined, labels_named
-from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import FORM_VERSION, detect_pillars
-from siren_ros.scoring.evaluation.detection.detectors.pillars import PillarGrid
-from siren_ros.scoring.evaluation.detection.devkit_score import average_precision, match
+from siren_ros.scoring.evaluation.detection.boxes import (
+    CLASS_NAMES,
+    FoundBoxes,
+    FoundSet,
+    TruthBoxes,
+    joined,
+    labels_named,
+)
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
-from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.scoring.evaluation.detection.metrics import average_precision, match
+from siren_ros.scoring.evaluation.detection.pillar_detector import FORM_VERSION, PillarGrid, detect_pillars
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import Split
 
 MEAN: Final = "mean"
 

@@ -11,12 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from siren_ros.errors import InputError, whole_file, writing
-from siren_ros.lab.training.detection.batches import BOX_CHANNELS, STRIDE, FrameDraws, Targets
+from siren_ros.lab.training.detection.samples import BOX_CHANNELS, STRIDE, FrameDraws, Targets
 from siren_ros.lab.training.fitting.descent import Descent, exported
 from siren_ros.lab.training.settings import DetectionFit, FittedNetwork, NetworkSize
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
-from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import INPUTS, OUTPUTS
-from siren_ros.scoring.evaluation.detection.detectors.pillars import FEATURES, PillarGrid, Pillars
+from siren_ros.scoring.evaluation.detection.pillar_detector import FEATURES, INPUTS, OUTPUTS, PillarGrid, Pillars
 
 _PRIOR_LOGIT: Final = -4.0
 """Initial logit: before training, a cell has a vehicle with a probability of 2 %."""

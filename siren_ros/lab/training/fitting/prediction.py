@@ -15,8 +15,7 @@ from torch import Tensor, nn
 from siren_ros.base.processes.interrupts import deferred_interrupts
 from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.lab.training.fitting.descent import Descent, exported
-from siren_ros.lab.training.fitting.motion_network import LstmNetwork, TransformerNetwork
-from siren_ros.lab.training.fitting.path_network import NetworkSize, PathNetwork
+from siren_ros.lab.training.fitting.networks import LstmNetwork, NetworkSize, PathNetwork, TransformerNetwork
 from siren_ros.lab.training.prediction.samples import SampleStore
 from siren_ros.lab.training.settings import FitConfig, FittedNetwork
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, SHAPES, Features

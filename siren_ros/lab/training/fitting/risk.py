@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from siren_ros.lab.training.fitting.descent import Descent, exported
-from siren_ros.lab.training.risk.batches import (
+from siren_ros.lab.training.risk import (
     CLIP_FRAMES,
     LabelledFilm,
     brightness,

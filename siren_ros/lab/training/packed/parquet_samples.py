@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.base.params import plain_json
+from siren_ros.base.params import plain_files
 from siren_ros.errors import InputError, whole_file
 
 Sample = Mapping[str, Any]
@@ -168,7 +168,7 @@ class PackedSamples:
         self.path = Path(path)
         try:
             file = pq.ParquetFile(self.path)
-            fields = {field.name: plain_json.load(field.metadata[b"siren"]) for field in file.schema_arrow}
+            fields = {field.name: plain_files.load_json(field.metadata[b"siren"]) for field in file.schema_arrow}
             self.task = file.schema_arrow.metadata[b"siren_task"].decode()
             self.columns: Mapping[str, Column] = {
                 field.name: _column(field, fields[field.name]) for field in file.schema_arrow

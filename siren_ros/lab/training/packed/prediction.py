@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Points
-from siren_ros.data.record.bag_survey import episode_name
+from siren_ros.data.episode_source import episode_name
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.lab.training.packed.parquet_samples import Column, Sample
 from siren_ros.scoring.evaluation.prediction.samples import (

@@ -9,19 +9,27 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, Floats32, random_stream
-from siren_ros.base.params.network_file import write_network
+from siren_ros.base.params.plain_files import write_network
 from siren_ros.errors import InputError
 from siren_ros.lab.training.data_files import MadeFiles
-from siren_ros.lab.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
-from siren_ros.lab.training.prediction.samples import WORST_TRACKER, EpisodeKey, SampleStore, read_store, without_lamps
+from siren_ros.lab.training.prediction.samples import (
+    VARIANTS,
+    WORST_TRACKER,
+    EpisodeKey,
+    PlannedEpisode,
+    SampleStore,
+    is_ordinary,
+    read_store,
+    without_lamps,
+)
 from siren_ros.lab.training.settings import ARCHITECTURES, FitConfig, FittedNetwork
+from siren_ros.scoring.evaluation.prediction.reported_tracks import TrackNoise
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import (
     FEATURES_VERSION,
     TrainedNetwork,
     load_network,
 )
-from siren_ros.scoring.evaluation.prediction.track_noise import TrackNoise
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import Split
 
 MEAN: Final = "mean"
 UNLIT_SHARE: Final = 0.1

@@ -14,18 +14,18 @@ from rclpy.node import Node
 from siren_ros.base.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.data import lockstep
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.conversions import from_av_control
-from siren_ros.data.interfaces.episode_conversions import (
+from siren_ros.data.interfaces.conversions import (
     EpisodeClosing,
     Phase,
     StepReport,
+    from_av_control,
     from_step_done,
     to_episode_end,
 )
 from siren_ros.data.interfaces.messages import make_message, stamp
 from siren_ros.data.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
 from siren_ros.errors import SirenError, shown_text
-from siren_ros.running.ros.participants.working_clock import ANNOUNCE_S, working_s
+from siren_ros.running.ros.participants.watchdog import ANNOUNCE_S, working_s
 from siren_ros.running.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.simulation.scenario.episode import EpisodeEnd
 from siren_ros.simulation.world.commands import AV_SOURCE

@@ -10,7 +10,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.episode_conversions import (
+from siren_ros.data.interfaces.conversions import (
     EpisodeClosing,
     Phase,
     StepReport,
@@ -23,10 +23,15 @@ from siren_ros.data.lockstep import Input, TickJoin, once
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.running.ros.node_configs import ParticipantConfig
 from siren_ros.running.ros.parameters import declare_config
-from siren_ros.running.ros.participants.hang_watch import Work
-from siren_ros.running.ros.participants.working_clock import working_s
-from siren_ros.running.ros.transport.copies import Copy, step_copies
-from siren_ros.running.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
+from siren_ros.running.ros.participants.watchdog import Work, working_s
+from siren_ros.running.ros.transport.endpoints import (
+    Copy,
+    PublisherWatch,
+    create_input,
+    create_output,
+    create_wall_timer,
+    step_copies,
+)
 from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd
 
 Config = TypeVar("Config", bound=ParticipantConfig)

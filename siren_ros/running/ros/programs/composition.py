@@ -18,15 +18,14 @@ from typing import Any, Final
 
 from rclpy.parameter import Parameter
 
-from siren_ros.base.params.parameter_field import Value
-from siren_ros.data.datasets.kitti.live_export import LiveExport
+from siren_ros.base.params.parameters import Value
+from siren_ros.data.datasets.files import LiveExport
 from siren_ros.data.lockstep import LockstepConfig
 from siren_ros.data.recording.bag_folder import check_new_bag, default_kitti_path
 from siren_ros.errors import InputError, SirenError
 from siren_ros.running.generation.episode_setup import default_bag_path, plan_length
 from siren_ros.running.ros.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
-from siren_ros.running.ros.participants.hang_watch import Work, overdue
-from siren_ros.running.ros.participants.working_clock import working_s
+from siren_ros.running.ros.participants.watchdog import Work, overdue, working_s
 from siren_ros.running.ros.programs.program import PARENT_VARIABLE
 from siren_ros.sensing.suite import EXPORTED_CAMERA, load_suite
 from siren_ros.simulation.scenario.episode import EpisodeRequest, KittiLayout

@@ -15,12 +15,11 @@ from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from siren_ros.base.user_folder import is_writable, user_folder
+from siren_ros.base.params.folders import is_writable, user_folder
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
-from siren_ros.running.ros.participants.working_clock import announcing
-from siren_ros.running.ros.programs.arguments import answer, outside_ros, quoted
-from siren_ros.running.ros.programs.processes import Interrupt, Parent
-from siren_ros.running.ros.transport.shared_memory import (
+from siren_ros.running.ros.participants.watchdog import announcing
+from siren_ros.running.ros.programs.processes import Interrupt, Parent, answer, outside_ros, quoted
+from siren_ros.running.ros.transport.dds import (
     choose_profile,
     discovery_as_in_profile,
     lack_of_room,

@@ -4,10 +4,21 @@ A watch notices publishers on a topic that a run does not know. What a subscript
 (rclpy passes no identity of the publisher on). But DDS matches a publisher with a subscription before the first message
 of it arrives, and tells how many have matched so far. So a topic on which a run decides has exactly the publishers that
 the run knows, or the run ends.
+
+Direct delivery: DDS copies a message for each of its subscribers, and wakes the executor for each copy; both cost more
+than what most nodes do with it. So a message that only nodes of this process get goes through a queue, as the bytes
+that it is. From the moment in which DDS has met one more listener, for example a recorder or RViz, it brings the topic
+to everybody.
+
+Copies: programs that only watch get copies of steps, enough to show the episode's course, and all events. Each copy
+costs the lockstep time. An episode that runs as fast as it can makes hundreds of steps in a second, more than anybody
+can look at. So copied steps are ``PERIOD_S`` of wall time apart, but each step is copied in which something happens,
+and the last one. At real time and slower, all are. What the nodes and the bag get does not depend on it.
 """
 
 import time
-from collections.abc import Callable, Collection
+from collections import deque
+from collections.abc import Callable, Collection, Iterable
 from functools import cache
 from importlib import import_module
 from typing import Any, Final
@@ -18,8 +29,75 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from siren_ros.data.interfaces.topics import OBSERVED, STEERED_FROM_OUTSIDE, STEP_DONE, Topic
-from siren_ros.running.ros.transport.direct import direct
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.data.interfaces.topics import EVENTS, OBSERVED, STEERED_FROM_OUTSIDE, STEP_DONE, TRAFFIC, Topic
+
+Receive = Callable[[bytes], None]
+
+AT_ONCE: Final = 32
+"""Number of messages passed in a row, about those of one step. Then the executor handles other programs' messages and
+timers."""
+
+
+class DirectDelivery:
+    """Message queue of one process."""
+
+    def __init__(self) -> None:
+        self._receivers: dict[str, list[Receive]] = {}
+        self._waiting: deque[tuple[Receive, bytes]] = deque()
+        self._executor: Any = None
+        self._under_way = False
+
+    def start(self, executor: Any, nodes: Iterable[Node]) -> None:
+        """Start direct delivery to an executor's nodes, which have made all their subscriptions."""
+        self._executor, self._under_way = executor, False
+        self._waiting.clear()
+        self.stop()
+        for node in nodes:
+            for subscription in node.subscriptions:
+                if subscription.raw:
+                    self._receivers.setdefault(subscription.topic_name, []).append(subscription.callback)
+
+    def stop(self) -> None:
+        """Stop direct delivery; DDS brings all further messages, and waiting ones are still delivered."""
+        self._receivers.clear()
+
+    def take(self, topic: str, cdr: bytes, subscribers: Callable[[], int]) -> bool:
+        """Accept a message for direct delivery; False if DDS must bring it.
+
+        Args:
+            topic: Name of the topic.
+            cdr: The message.
+            subscribers: How many subscriptions of all programs the publisher knows now; takes 1 µs.
+        """
+        receivers = self._receivers.get(topic)
+        if receivers is None or subscribers() != len(receivers):
+            return False
+        self._waiting.extend([(receive, cdr) for receive in receivers])
+        self._go_on()
+        return True
+
+    def _go_on(self) -> None:
+        if not self._under_way:
+            self._under_way = True
+            self._executor.create_task(self._hand_over)
+
+    def _hand_over(self) -> None:
+        try:
+            for _ in range(AT_ONCE):
+                if not self._waiting:
+                    break
+                receive, cdr = self._waiting.popleft()
+                receive(cdr)
+        finally:
+            self._under_way = False
+            if self._waiting:
+                self._go_on()
+
+
+direct: Final = DirectDelivery()
+"""The queue of this process."""
+
 
 _NAME_PATIENCE_S: Final = 2.0
 """Time to wait for a node's name, because discovery finds a publisher before the name of its node."""
@@ -241,3 +319,91 @@ class AcknowledgedOutput:
 def create_wall_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:
     """A node's timer that follows the steady clock, not ``/clock``."""
     return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+PERIOD_S: Final = STEP_S
+"""Least wall time between copied steps. An episode at real time then has all its steps copied. A viewer shows twenty
+steps per second as smooth motion, and needs no more (``live_server.BATCH_S``)."""
+EARLY_PERIODS: Final = 3
+"""Tolerance in periods: after a halt the master begins two steps at once, and step times vary."""
+
+
+class StepCopies:
+    """Chooses the steps that a process copies: all topics of a step, or none."""
+
+    def __init__(self, period_s: float = PERIOD_S, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """Start before the first step; ``clock_s`` gives wall time from an arbitrary origin."""
+        self._period_s, self._clock_s = period_s, clock_s
+        self._step, self._chosen, self._due_s = -1, False, -float("inf")
+        self._held: list[Callable[[], None]] = []
+
+    def take(self, step: int, happens: bool, publish: Callable[[], None]) -> None:
+        """Publish the copy of a step's message, or hold it until the next step begins.
+
+        Args:
+            step: Its step, as of the call before or a later one.
+            happens: Whether it says what no later message says again; then the whole step is copied.
+            publish: Sends the copy.
+        """
+        if step != self._step:
+            self._step, self._chosen = step, self._is_due()
+            self._held.clear()
+        self._held.append(publish)
+        if self._chosen or happens:
+            self.send_held()
+
+    def send_held(self) -> None:
+        """Publish the copy of the latest step, for example because it is the last one."""
+        self._chosen = True
+        for publish in self._held:
+            publish()
+        self._held.clear()
+
+    def _is_due(self) -> bool:
+        now_s = self._clock_s()
+        if now_s < self._due_s - EARLY_PERIODS * self._period_s:
+            return False
+        self._due_s = max(self._due_s, now_s) + self._period_s
+        return True
+
+
+step_copies: Final = StepCopies()
+"""The chooser of this process."""
+
+
+def happens(topic: str, content: Any, before: Any) -> bool:
+    """Whether a message contains an event, which no later message repeats.
+
+    Args:
+        topic: A topic of ``OBSERVED``.
+        content: What the message was made from: a ``TrafficState``, or a step with its hash and events.
+        before: Time of the topic's message before; None for the first one.
+    """
+    if topic == EVENTS.name:
+        return len(content[2]) > 0
+    return topic == TRAFFIC.name and (before is None or bool(content.spawned) or content.signals != before.signals)
+
+
+class Copy:
+    """Publisher of the copies of one topic."""
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        """Create the publisher; ``topic`` is one of those in ``OBSERVED``."""
+        copy = OBSERVED[topic.name]
+        self._publisher: Any = node.create_publisher(message_class(copy.type_name), copy.name, qos_of(copy))
+        self._topic, self._before = topic.name, None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the copies have a subscriber."""
+        return bool(self._publisher.get_subscription_count())
+
+    def take(self, step: int, content: Any, cdr: bytes) -> None:
+        """Process a published message, with its content (as of ``happens``)."""
+        if self.wanted:
+            before, self._before = self._before, content
+            step_copies.take(step, happens(self._topic, content, before), lambda: self._publisher.publish(cdr))
+
+    def wait_acknowledged(self, timeout_s: float) -> bool:
+        """Whether all subscribers have everything, now or within a time."""
+        return bool(self._publisher.wait_for_all_acked(Duration(seconds=timeout_s)))

@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.params.network_file import NetworkFile, open_network
+from siren_ros.base.params.plain_files import NetworkFile, open_network
 from siren_ros.errors import InputError
-from siren_ros.running.seat.features import SIZE, features_of
-from siren_ros.running.seat.manoeuvres import Aim, Manoeuvre, aim_of, by_manoeuvre
+from siren_ros.running.seat.policy import VECTOR_SIZE, Aim, Manoeuvre, aim_of, by_manoeuvre, features_of
 from siren_ros.running.seat.sight import Sight
 from siren_ros.simulation.world.commands import AvControl
 
 INPUT: Final = "observation"
-"""Name of the network's input, ``(N, SIZE)``."""
+"""Name of the network's input, ``(N, VECTOR_SIZE)``."""
 OUTPUT: Final = "logits"
 """Name of the network's output, one number per manoeuvre."""
 SHIPPED: Final = Path("drivers", "learned.onnx")
@@ -62,12 +61,12 @@ class LearnedDriver:
         return state, by_manoeuvre(state.aim, sight)
 
     def outputs_of(self, features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Compute one finite number per manoeuvre from the ``SIZE`` features of a sight.
+        """Compute one finite number per manoeuvre from the ``VECTOR_SIZE`` features of a sight.
 
         Raises:
             InputError: The network fails, does not end in time, or gives other outputs.
         """
-        import onnxruntime  # noqa: PLC0415 - as in base/params/network_file.py
+        import onnxruntime  # noqa: PLC0415 - as in base/params/plain_files.py
 
         options = onnxruntime.RunOptions()
         options.log_severity_level = 4  # errors of the network are raised, not logged
@@ -97,12 +96,14 @@ def open_driver(path: Path) -> LearnedDriver:
     card = network.card.get("task")
     task: Mapping[str, Any] = card if isinstance(card, dict) else {}
     sizes = [each.shape[-1:] for each in network.session.get_inputs()]
-    if (sizes, task.get("observation"), task.get("action")) != ([[SIZE]], "vector", "manoeuvre"):
-        raise InputError("driver", str(path), f"a network that chooses manoeuvres by {SIZE} numbers")
+    if (sizes, task.get("observation"), task.get("action")) != ([[VECTOR_SIZE]], "vector", "manoeuvre"):
+        raise InputError("driver", str(path), f"a network that chooses manoeuvres by {VECTOR_SIZE} numbers")
     decision_s = task.get("decision_s")
     if not isinstance(decision_s, int | float) or not isfinite(decision_s) or not STEP_S <= decision_s <= _LONGEST_S:
         allowed = f"a card with task.decision_s from {STEP_S:g} to {_LONGEST_S:g} s"
         raise InputError("driver", f"{path}: {decision_s!r:.40}", allowed)
     driver = LearnedDriver(network, round(decision_s / STEP_S), str(path))
-    driver.outputs_of(np.zeros(SIZE, np.float32))  # a network that cannot decide is refused before an episode begins
+    driver.outputs_of(
+        np.zeros(VECTOR_SIZE, np.float32)
+    )  # a network that cannot decide is refused before an episode begins
     return driver

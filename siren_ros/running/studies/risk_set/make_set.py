@@ -10,16 +10,28 @@ from typing import Any, Final
 from siren_ros import __version__
 from siren_ros.base.processes.process_pool import ProcessPool, Result, side_by_side
 from siren_ros.data.datasets.publication import datasheet, write_croissant
-from siren_ros.data.record.licences import LICENCE, licence_of_map
+from siren_ros.data.episode_source import LICENCE, licence_of_map
 from siren_ros.errors import InputError, write_text, writing
 from siren_ros.running.generation.episode_setup import present_versions
-from siren_ros.running.studies.risk_set.candidate import Candidate, Rejected, candidate_request
+from siren_ros.running.studies.risk_set.candidate import (
+    UNSEEN,
+    Candidate,
+    Outcome,
+    Rejected,
+    Rendered,
+    VideoPlace,
+    candidate_request,
+    is_seen,
+    made_before,
+    make_video,
+    remove_others,
+    try_candidate,
+)
 from siren_ros.running.studies.risk_set.search import (
     PATIENCE,
     Balance,
     Counts,
     Journal,
-    Outcome,
     Search,
     Trial,
     balanced,
@@ -29,17 +41,7 @@ from siren_ros.running.studies.risk_set.search import (
     settled,
     shifted,
 )
-from siren_ros.running.studies.risk_set.video_file import (
-    UNSEEN,
-    Rendered,
-    VideoPlace,
-    is_seen,
-    made_before,
-    make_video,
-    remove_others,
-    try_candidate,
-)
-from siren_ros.running.studies.workers import attempt_processes
+from siren_ros.running.studies.run_study import attempt_processes
 from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.video_set import (
     EVIDENCE_FILE,

@@ -2,23 +2,15 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-
-from siren_ros.base.params import plain_json
+from siren_ros.base.params import plain_files
 from siren_ros.errors import InputError
-from siren_ros.running.studies.risk_set.candidate import Candidate, Rejected
+from siren_ros.running.studies.risk_set.candidate import Candidate, Outcome, outcome_as_json, outcome_of_json
 from siren_ros.scoring.evaluation.risk.labels import (
-    Evidence,
-    Moments,
-    Reason,
     RiskClass,
-    RiskLabel,
-    SeenContact,
-    SeenEncroachment,
     risk_class,
 )
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -175,7 +167,6 @@ def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_temp
                 counts[risk] += 1
 
 
-Outcome = Candidate | Rejected
 PATIENCE: Final = 25
 """Number of candidates without success after which a class is given up."""
 
@@ -291,7 +282,7 @@ class Journal:
         trials: dict[int, Trial] = {}
         try:
             for line in lines[:-1]:  # text after the last line end is incomplete
-                entry = plain_json.load(line)
+                entry = plain_files.load_json(line)
                 trials[entry["number"]] = Trial(risk_class(entry["looking_for"]), outcome_of_json(entry))
         except (ValueError, KeyError, TypeError) as error:
             raise InputError("out", str(self._path), f"the journal of a search ({error})") from error
@@ -308,34 +299,3 @@ class Journal:
                 file.truncate(whole.rfind(b"\n") + 1)
             entry = {"number": number, "looking_for": trial.looking_for.title, **outcome_as_json(trial.outcome)}
             file.write(json.dumps(entry).encode() + b"\n")
-
-
-def outcome_as_json(outcome: Outcome) -> dict[str, Any]:
-    """An outcome as JSON types."""
-    request = outcome.request.to_json()
-    if isinstance(outcome, Rejected):
-        return {"request": request, "rejected": outcome.reason}
-    evidence = outcome.evidence
-    return {
-        "request": request,
-        "first_step": outcome.first_step,
-        "label": {**asdict(outcome.label), "risk": outcome.label.risk.title},
-        "moments": {field.name: getattr(evidence.moments, field.name).tolist() for field in fields(Moments)},
-        "encroachments": [asdict(encroachment) for encroachment in evidence.encroachments],
-        "contacts": [asdict(contact) for contact in evidence.contacts],
-    }
-
-
-def outcome_of_json(entry: Mapping[str, Any]) -> Outcome:
-    """Inverse of ``outcome_as_json``."""
-    request = EpisodeRequest(**entry["request"])
-    if "rejected" in entry:
-        return Rejected(request, entry["rejected"])
-    label = dict(entry["label"])
-    kinds = {"step": np.int64, "actor_id": np.uint32}
-    names = [field.name for field in fields(Moments)]
-    moments = Moments(*(np.array(entry["moments"][name], kinds.get(name, np.float64)) for name in names))
-    encroachments = tuple(SeenEncroachment(**part) for part in entry["encroachments"])
-    evidence = Evidence(moments, encroachments, tuple(SeenContact(**part) for part in entry["contacts"]))
-    risk_label = RiskLabel(risk_class(label.pop("risk")), Reason(label.pop("reason")), **label)
-    return Candidate(request, entry["first_step"], risk_label, evidence)

@@ -10,21 +10,18 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Matrix, Rows
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.data.datasets.nuscenes.episode_tables import token
-from siren_ros.data.datasets.nuscenes.exporter import KEYFRAME_STEPS, visible_fractions
-from siren_ros.data.datasets.nuscenes.map_expansion import map_corners
+from siren_ros.data.datasets.nuscenes import KEYFRAME_STEPS, map_corners, visible_fractions
+from siren_ros.data.datasets.nuscenes_tables import token
+from siren_ros.data.episode_source import BagSurvey, EpisodeSource, LidarFrame, lidar_of, open_source
 from siren_ros.data.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.data.interfaces.conversions import from_actor_states
-from siren_ros.data.interfaces.measurements import from_point_cloud
+from siren_ros.data.interfaces.measurements import from_point_cloud, from_tf, matrix_between
 from siren_ros.data.interfaces.topics import ACTORS, GROUND_TRUTH, TF
-from siren_ros.data.interfaces.transforms import from_tf, matrix_between
-from siren_ros.data.record.bag_survey import BagSurvey
-from siren_ros.data.record.episode_source import EpisodeSource, LidarFrame, lidar_of, open_source
 from siren_ros.data.recording.bag_reader import BagMessage, damage_refused
 from siren_ros.errors import BagError
 from siren_ros.scoring.evaluation.detection.boxes import PARKED, Boxes, TruthBoxes, attributes_of, joined
 from siren_ros.sensing.look import look_of
-from siren_ros.simulation.scenario.splits import EpisodeIdentity
+from siren_ros.simulation.scenario.episode import EpisodeIdentity
 from siren_ros.simulation.world.actors import FIRST_PARKED_ID, Mode
 from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
 

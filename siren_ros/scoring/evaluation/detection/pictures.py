@@ -18,14 +18,14 @@ from PIL import Image
 from siren_ros.base.numerics.arrays import Floats, Matrix, Rows
 from siren_ros.base.numerics.geometry import footprint_corners
 from siren_ros.data.datasets.visibility import BOX_EDGES, upright_corners
+from siren_ros.data.episode_source import EpisodeSource, lidar_of, open_source
 from siren_ros.data.interfaces.measurements import from_compressed_image, from_point_cloud
-from siren_ros.data.record.episode_source import EpisodeSource, lidar_of, open_source
 from siren_ros.errors import whole_file
 from siren_ros.scoring.evaluation.detection.boxes import Boxes, FoundBoxes
-from siren_ros.scoring.evaluation.detection.devkit_score import DISTANCES_M
 from siren_ros.scoring.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
+from siren_ros.scoring.evaluation.detection.metrics import DISTANCES_M
 from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 _LOW_M: Final = 0.3
 _HIGH_M: Final = 3.0

@@ -10,19 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.tables.interval import NOTHING, Interval
+from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.scoring.evaluation.detection.boxes import (
     CAR,
     CLASS_NAMES,
     PERSON_NAMES,
     Boxes,
     FoundBoxes,
+    FoundSet,
     TruthBoxes,
     attributes_of,
     labels_named,
     names_kinds,
 )
-from siren_ros.scoring.evaluation.detection.devkit_score import (
+from siren_ros.scoring.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
+from siren_ros.scoring.evaluation.detection.metrics import (
     DISTANCES_M,
     DevkitScore,
     Matches,
@@ -30,12 +32,10 @@ from siren_ros.scoring.evaluation.detection.devkit_score import (
     class_range_m,
     match,
 )
-from siren_ros.scoring.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
-from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.scoring.evaluation.detection.tracking import TrackingScore
 from siren_ros.scoring.evaluation.statistics import Estimate, jackknife
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
-from siren_ros.simulation.scenario.splits import Split, counted_standings
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.scenario.episode import Split, counted_standings
 from siren_ros.simulation.world.actors import FIRST_PARKED_ID, PEOPLE_CLASSES, VEHICLE_CLASSES, ActorClass, Mode
 
 _HELD: Final = (Mode.YIELD_HOLD, Mode.STOPPED)

@@ -7,9 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.tables.interval import Bounds, Interval, interval_of_json
-from siren_ros.base.tables.table import Row, Table
-from siren_ros.scoring.evaluation.detection.devkit_score import ERRORS, DevkitScore
+from siren_ros.base.tables import Bounds, Interval, Row, Table, interval_of_json
+from siren_ros.scoring.evaluation.detection.metrics import ERRORS, DevkitScore
 from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
 from siren_ros.scoring.evaluation.detection.tracking import TrackingScore
 from siren_ros.simulation.scenario.paper import TEMPLATES

@@ -1,23 +1,29 @@
-"""Predictors without learning: constant velocity, and the Intelligent Driver Model along the lane.
+"""Predictors without learning: constant motion, motion along the lane, the Intelligent Driver Model, a Kalman filter.
 
-With IDM a vehicle keeps its lane and goes straight on at every junction. Its leader is the next vehicle along the
-successors of its lane, or the next one straight ahead where it is in no lane.
+Acceleration and turn rate are slopes over the last second of the history: a tracker measures neither. Along the lane a
+vehicle keeps its offset from the centre line and goes straight on at junctions; one in no lane goes straight ahead.
+With IDM its leader is the next vehicle along the successors of its lane, or the next one straight ahead where it is in
+no lane.
+
+The Kalman filter weights two models by the history (IMM), constant velocity and constant acceleration. Source: H. Blom,
+Y. Bar-Shalom, IEEE Trans. Automatic Control 33 (1988) 780.
 """
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats, Rows
 from siren_ros.base.numerics.geometry import Polyline, wrap_angle
-from siren_ros.data.record.vehicle_location import LanePlaces, locate
+from siren_ros.data.tracks import LanePlaces, locate
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
+from siren_ros.scoring.evaluation.prediction.reported_tracks import TrackNoise
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, ObservedActors, SampleBatch, future_times_s
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
-from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.traffic_state import Indices
+from siren_ros.simulation.world.actors import ActorClass, Indices
 
 
 @dataclass(frozen=True)
@@ -272,3 +278,220 @@ class IdmPredictor:
         desired[unmotorised] = np.maximum(speed[unmotorised], idm.standing_mps)
         travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
         return Hypotheses.certain(drive_along(batch, places, paths, travelled))
+
+
+_SLOPE_POINTS: Final = 6
+"""Number of history points (1 s) for a slope."""
+_SUBSTEPS: Final = 20
+"""Integration steps per 0.2 s of the prediction."""
+
+
+def slope(values: Floats, times_s: Floats) -> Floats:
+    """Slope per second over the last second of a history, by least squares; values ``(N, H)``, result ``(N,)``."""
+    times = times_s[-_SLOPE_POINTS:] - times_s[-_SLOPE_POINTS:].mean()
+    return np.asarray(values[:, -_SLOPE_POINTS:] @ times / (times @ times))
+
+
+def acceleration_of(batch: SampleBatch) -> Floats:
+    """Acceleration of the samples over the last second, in m/s², shape ``(N,)``."""
+    speed = np.hypot(*np.moveaxis(batch.actors.velocity_mps[batch.target], -1, 0))
+    return slope(speed, batch.window.times_s)
+
+
+def turn_rate_of(batch: SampleBatch) -> Floats:
+    """Turn rate of the samples over the last second, in rad/s, shape ``(N,)``."""
+    return slope(np.unwrap(batch.actors.yaw_rad[batch.target], axis=1), batch.window.times_s)
+
+
+def fine_times_s() -> Floats:
+    """Midpoints of the integration steps, shape ``(T · substeps,)``."""
+    step = future_times_s()[0] / _SUBSTEPS
+    return (np.arange(len(future_times_s()) * _SUBSTEPS) + 0.5) * step
+
+
+def integrated(rates: Floats) -> Floats:
+    """Integrate rates at ``fine_times_s`` up to each predicted time; ``(N, T · substeps, …)`` gives ``(N, T, …)``."""
+    step = future_times_s()[0] / _SUBSTEPS
+    return np.asarray(np.cumsum(rates, axis=1)[:, _SUBSTEPS - 1 :: _SUBSTEPS] * step)
+
+
+def speeds_of(speed_mps: Floats, gained_mps: Floats) -> Floats:
+    """Speeds at ``fine_times_s``, at least 0: present speed plus its gain, which must be monotonic.
+
+    Shapes ``(N,)`` and ``(N, T · substeps)``.
+    """
+    return np.asarray(np.maximum(speed_mps[:, None] + gained_mps, 0.0))
+
+
+@dataclass(frozen=True)
+class TurnRate:
+    """Constant acceleration along the heading, and constant turn rate (CTRA) or none (CA).
+
+    Source: R. Schubert, E. Richter, G. Wanielik, Int. Conf. Information Fusion 2008. A vehicle that brakes stops.
+    """
+
+    turns: bool
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """Give one hypothesis per sample."""
+        times = fine_times_s()
+        speed = speeds_of(batch.speed_mps, acceleration_of(batch)[:, None] * times)
+        course = np.where(batch.speed_mps > 0.0, np.arctan2(*batch.velocity_mps.T[::-1]), batch.yaw_rad)
+        rate = turn_rate_of(batch) if self.turns else np.zeros(len(batch))
+        heading = course[:, None] + rate[:, None] * times
+        velocity = speed[..., None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+        return Hypotheses.certain(batch.xy_m[:, None] + integrated(velocity))
+
+
+def make_ca() -> TurnRate:
+    """Constant acceleration along the present course."""
+    return TurnRate(turns=False)
+
+
+def make_ctra() -> TurnRate:
+    """Constant turn rate and acceleration."""
+    return TurnRate(turns=True)
+
+
+DECAY_S: Final = 1.0
+"""Time constant: an acceleration falls to 1/e in this time."""
+_REACH_M: Final = 250.0
+
+
+@dataclass(frozen=True)
+class LaneFollowing:
+    """Follows the lane with the acceleration a₀ of the last second, a(t) = a₀ exp(−t / decay), until a stop."""
+
+    decay_s: float
+    """Time constant of the decay; 0 gives constant speed, infinity constant acceleration."""
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """Give one hypothesis per sample."""
+        times = fine_times_s()
+        gain_s = times if np.isinf(self.decay_s) else 0.0 * times
+        if 0.0 < self.decay_s < np.inf:
+            gain_s = self.decay_s * (1.0 - np.exp(-times / self.decay_s))
+        travelled = integrated(speeds_of(batch.speed_mps, acceleration_of(batch)[:, None] * gain_s))
+        actors = batch.actors
+        places = locate(batch.network, actors.xy_m[:, -1], actors.yaw_rad[:, -1], actors.sumo_lane)
+        lane = places.lane[batch.target]
+        paths = paths_from(batch.network, np.unique(lane[lane != NO_LANE]), _REACH_M)
+        return Hypotheses.certain(drive_along(batch, places, paths, travelled))
+
+
+def make_cv_lane() -> LaneFollowing:
+    """Constant speed along the lane."""
+    return LaneFollowing(0.0)
+
+
+def make_ca_lane() -> LaneFollowing:
+    """Constant acceleration along the lane."""
+    return LaneFollowing(np.inf)
+
+
+def make_decay_lane() -> LaneFollowing:
+    """Decaying acceleration along the lane, with a time constant of one second."""
+    return LaneFollowing(DECAY_S)
+
+
+_STATES: Final = 6
+"""State: position, velocity, acceleration, each with x and y."""
+_MEASURED: Final = 4
+"""Measurement: position and velocity, each with x and y."""
+
+
+@dataclass(frozen=True)
+class Imm:
+    """Settings of the filter; the measurement errors are those of a tracker (``TrackNoise``)."""
+
+    position_m: float = TrackNoise.position_m
+    velocity_mps: float = TrackNoise.velocity_mps
+    accelerations_mps2: float = 1.0
+    """Unmodelled acceleration in the constant-velocity model."""
+    jerk_mps3: float = 2.0
+    """Unmodelled jerk in the constant-acceleration model."""
+    stays: float = 0.95
+    """Probability that a vehicle keeps its motion model from one point of the history to the next."""
+
+    def transition(self, period_s: float) -> Floats:
+        """Transition matrices of both models, shape ``(2, 6, 6)``; the first model sets the acceleration to zero."""
+        unit = np.eye(2)
+        step, half = period_s * unit, 0.5 * period_s**2 * unit
+        nothing = np.zeros((2, 2))
+        moving = np.block([[unit, step, nothing], [nothing, unit, nothing], [nothing, nothing, nothing]])
+        gaining = np.block([[unit, step, half], [nothing, unit, step], [nothing, nothing, unit]])
+        return np.stack((moving, gaining))
+
+    def process_noise(self, period_s: float) -> Floats:
+        """Process noise of both models over a period, shape ``(2, 6, 6)``: white acceleration and white jerk."""
+        unit = np.eye(2)
+        by_acceleration = np.concatenate((0.5 * period_s**2 * unit, period_s * unit, 0.0 * unit))
+        by_jerk = np.concatenate((period_s**3 / 6.0 * unit, 0.5 * period_s**2 * unit, period_s * unit))
+        return np.stack(
+            (
+                self.accelerations_mps2**2 * by_acceleration @ by_acceleration.T,
+                self.jerk_mps3**2 * by_jerk @ by_jerk.T,
+            )
+        )
+
+
+def filtered(imm: Imm, measured: Floats, period_s: float) -> tuple[Floats, Floats]:
+    """Filter a history: final states of both models, ``(N, 2, 6)``, and the models' probabilities, ``(N, 2)``.
+
+    ``measured`` are positions and velocities, shape ``(N, H, 4)``.
+    """
+    count = len(measured)
+    noise = np.diag([imm.position_m**2] * 2 + [imm.velocity_mps**2] * 2)
+    move, process = imm.transition(period_s), imm.process_noise(period_s)
+    change = np.array([[imm.stays, 1.0 - imm.stays], [1.0 - imm.stays, imm.stays]])
+    state = np.zeros((count, 2, _STATES))
+    state[:, :, :_MEASURED] = measured[:, None, 0]
+    spread = np.broadcast_to(np.diag([*np.diag(noise), 4.0, 4.0]), (count, 2, _STATES, _STATES)).copy()
+    share = np.full((count, 2), 0.5)
+    for point in range(1, measured.shape[1]):
+        expected = share @ change
+        mixing = change[None] * share[:, :, None] / expected[:, None]  # indices: from model i to model j
+        mixed = np.einsum("nij,nis->njs", mixing, state)
+        apart = state[:, :, None] - mixed[:, None]
+        mixed_spread = np.einsum(
+            "nij,nijst->njst", mixing, spread[:, :, None] + apart[..., :, None] * apart[..., None, :]
+        )
+        state = np.einsum("jst,njt->njs", move, mixed)
+        spread = move @ mixed_spread @ np.swapaxes(move, -1, -2) + process
+        miss = measured[:, None, point] - state[..., :_MEASURED]
+        innovation = spread[..., :_MEASURED, :_MEASURED] + noise
+        inverse = np.linalg.inv(innovation)
+        gain = spread[..., :, :_MEASURED] @ inverse
+        state = state + np.einsum("njsm,njm->njs", gain, miss)
+        spread = spread - gain @ spread[..., :_MEASURED, :]
+        far = np.einsum("njm,njmk,njk->nj", miss, inverse, miss)
+        log_likelihood = -0.5 * (far + np.linalg.slogdet(innovation)[1])
+        likelihood = np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True)) * expected
+        share = likelihood / likelihood.sum(axis=1, keepdims=True)
+    return state, share
+
+
+@dataclass(frozen=True)
+class ImmPredictor:
+    """Predicts one hypothesis per motion model, with the model's probability. A braking vehicle stops."""
+
+    imm: Imm = field(default_factory=Imm)
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """Give the hypotheses of every sample."""
+        actors, rows = batch.actors, batch.target
+        origin = batch.xy_m[:, None]
+        measured = np.concatenate((actors.xy_m[rows] - origin, actors.velocity_mps[rows]), axis=-1)
+        state, share = filtered(self.imm, measured, float(np.diff(batch.window.times_s)[0]))
+        place, velocity, acceleration = np.split(state, 3, axis=-1)
+        acceleration = acceleration * np.array([0.0, 1.0])[:, None]
+        along = (velocity * acceleration).sum(axis=-1)
+        braking = along < 0.0
+        square = np.where(braking, (acceleration**2).sum(axis=-1), 1.0)
+        stop_s = np.where(braking, -along / square, np.inf)
+        times = np.minimum(future_times_s(), stop_s[..., None])[..., None]
+        moved = velocity[:, :, None] * times + 0.5 * acceleration[:, :, None] * times**2
+        return Hypotheses.ranked(origin[:, None] + place[:, :, None] + moved, share)

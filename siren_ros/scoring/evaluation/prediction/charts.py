@@ -24,8 +24,7 @@ from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.reports.score_table import GroupKind, ScoreTable
 from siren_ros.scoring.evaluation.prediction.samples import ScoredSamples, future_times_s
 from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, answers_for
-from siren_ros.scoring.pictures.palette import FAINT_TEXT, TEXT
-from siren_ros.scoring.pictures.plot_parts import draw_roads, draw_scale_bar, draw_vehicles
+from siren_ros.scoring.pictures.plot_parts import FAINT_TEXT, TEXT, draw_roads, draw_scale_bar, draw_vehicles
 
 DPI: Final = 150
 SMALL_PT: Final = 8

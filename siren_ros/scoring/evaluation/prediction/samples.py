@@ -11,18 +11,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
+from siren_ros.base.numerics.arrays import Brief, Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables.brief import Brief
-from siren_ros.data.record.tracks import LOG_PERIOD_STEPS, rows_in_region
-from siren_ros.data.record.vehicle_location import sumo_lanes
 from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.data.tracks import LOG_PERIOD_STEPS, rows_in_region, sumo_lanes
 from siren_ros.errors import BagError
-from siren_ros.scoring.evaluation.prediction.track_noise import Reporter
-from siren_ros.simulation.roads.mirror_image import MIRROR, right_hand_image
-from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.simulation.world.mirror_image import SIDES_EXCHANGED
-from siren_ros.simulation.world.traffic_state import Indices
+from siren_ros.scoring.evaluation.prediction.reported_tracks import Reporter
+from siren_ros.simulation.roads.road_network import MIRROR, NO_LANE, SIDES_EXCHANGED, RoadNetwork, right_hand_image
+from siren_ros.simulation.world.actors import Indices
 
 FRAME_PERIOD_S: Final = LOG_PERIOD_STEPS * STEP_S
 """Time between *frames*, the logged steps (10 Hz). Windows start at every frame."""

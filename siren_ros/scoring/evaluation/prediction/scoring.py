@@ -13,18 +13,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Floats, Ids, Rows
+from siren_ros.base.numerics.arrays import Brief, Codes, Floats, Ids, Rows
 from siren_ros.base.processes.process_pool import ProcessPool
-from siren_ros.base.tables.brief import Brief
-from siren_ros.data.record.bag_survey import episode_name
-from siren_ros.data.record.episode_source import open_source
+from siren_ros.data.episode_source import episode_name, open_source
 from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.errors import InputError, SirenError
-from siren_ros.scoring.evaluation.detection.detectors.table import DETECTORS
-from siren_ros.scoring.evaluation.prediction.causality import causal_answer
-from siren_ros.scoring.evaluation.prediction.detected_tracks import detected_by
+from siren_ros.scoring.evaluation.detection.detectors import DETECTORS
 from siren_ros.scoring.evaluation.prediction.metrics import METRIC_OF, METRICS, MetricValue, distances, reliability_of
-from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses, Predictor, predictors_named
+from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses, Predictor, causal_answer, predictors_named
+from siren_ros.scoring.evaluation.prediction.reported_tracks import NOISES, Reporter, detected_by, with_noise
 from siren_ros.scoring.evaluation.prediction.samples import (
     LAST_FUTURE_STEP,
     Population,
@@ -33,9 +30,8 @@ from siren_ros.scoring.evaluation.prediction.samples import (
     samples_of,
 )
 from siren_ros.scoring.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
-from siren_ros.scoring.evaluation.prediction.track_noise import NOISES, Reporter, with_noise
+from siren_ros.simulation.scenario.episode import EpisodeIdentity, Split
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.scenario.splits import EpisodeIdentity, Split
 from siren_ros.simulation.world.actors import Mode
 
 

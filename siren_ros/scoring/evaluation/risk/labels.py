@@ -21,7 +21,7 @@ from siren_ros.scoring.judging.surrogate_safety import (
     post_encroachment,
 )
 from siren_ros.sensing.specification import Mount
-from siren_ros.simulation.world.traffic_state import EventKind
+from siren_ros.simulation.world.actors import EventKind
 
 
 class RiskClass(IntEnum):

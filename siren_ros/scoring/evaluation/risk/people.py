@@ -16,14 +16,13 @@ import numpy as np
 from markupsafe import Markup
 
 from siren_ros.base.numerics.arrays import Floats
-from siren_ros.base.params import plain_json
-from siren_ros.base.params.page_files import page_part, page_template
-from siren_ros.base.tables.interval import NOTHING, Interval
+from siren_ros.base.params import plain_files
+from siren_ros.base.tables import NOTHING, Interval, page_part, page_template
 from siren_ros.errors import InputError, write_text, writing
 from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass, risk_class
 from siren_ros.scoring.evaluation.risk.scoring import Answers
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, key_frames
-from siren_ros.scoring.evaluation.risk.vlm.question import as_jpeg, video_frames
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import as_jpeg, video_frames
 from siren_ros.scoring.evaluation.statistics import jackknife
 
 _PAGE: Final = "rating"
@@ -100,7 +99,7 @@ def read_rating(path: Path, videos: VideoSet) -> tuple[str, dict[str, RiskClass 
         InputError: Not a file of the page, or one of another set.
     """
     try:
-        content = plain_json.read(path)
+        content = plain_files.read_json(path)
         rater, given = str(content["rater"]), dict(content["answers"])
         known = {blind_name(rater, key): key for key in videos.videos}
         answers = {known[name]: risk_class(title) for name, title in given.items()}

@@ -1,23 +1,31 @@
 """A reference that sees pictures but is no language model: a small network on every second frame of a video.
 
-It sees grey pictures, five a second, without the sky, a fifth of the size.
+It sees grey pictures, five a second, without the sky, a fifth of the size. Controls against guessing ask it, and
+language models, the same questions with less information in the pictures.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.params.network_file import NetworkFile, open_network
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.plain_files import NetworkFile, open_network
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import RiskClass
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, film_frames
-from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.scenario.splits import EpisodeIdentity, SeenEpisodes, Split, counted_standings
+from siren_ros.simulation.scenario.episode import (
+    EpisodeIdentity,
+    EpisodeRequest,
+    SeenEpisodes,
+    Split,
+    counted_standings,
+)
 
 SmallFrames = npt.NDArray[np.uint8]
 """A film in grey values, shape ``(T, HEIGHT, WIDTH)``."""
@@ -141,3 +149,61 @@ def load_sequence_model(path: Path | None = None) -> SequenceModel:
         allowed = f"a sequence model for frames of version {FRAMES_VERSION}, not {version}"
         raise InputError("checkpoint", str(file), allowed)
     return SequenceModel(network)
+
+
+Picture = npt.NDArray[np.uint8]
+_BLANK_GREY: Final = 128
+
+
+class Control(StrEnum):
+    """Kind of control: what is removed from the pictures."""
+
+    BLANK = "blank"
+    """Grey pictures; only the question remains."""
+    SHUFFLED = "shuffled"
+    """Pictures in random order; their content without motion remains."""
+    ONE_FRAME = "one_frame"
+    """The model gets only the picture in the middle."""
+    TEXT_ONLY = "text_only"
+    """The model gets no pictures, only the text of the question."""
+
+
+def _blank(pictures: Sequence[Picture], _: str) -> list[Picture]:
+    return [np.full_like(picture, _BLANK_GREY) for picture in pictures]
+
+
+def _shuffled(pictures: Sequence[Picture], key: str) -> list[Picture]:
+    order = random_stream(0, f"risk/shuffled/{key}").permutation(len(pictures))
+    return [pictures[number] for number in order]
+
+
+def _one_frame(pictures: Sequence[Picture], _: str) -> list[Picture]:
+    return [pictures[len(pictures) // 2]] * len(pictures)
+
+
+CHANGES: Final[Mapping[Control, Callable[[Sequence[Picture], str], list[Picture]]]] = {
+    Control.BLANK: _blank,
+    Control.SHUFFLED: _shuffled,
+    Control.ONE_FRAME: _one_frame,
+}
+"""Function that changes a video's pictures, by control. Its text is the video's id, which decides the random order."""
+
+
+def sequence_answers(
+    videos: VideoSet, model: SequenceModel, controls: Collection[Control]
+) -> dict[Control, dict[str, RiskClass | None]]:
+    """Answers of the sequence model to changed films of a set; the number of pictures stays the same.
+
+    A film is read once for all controls.
+
+    Raises:
+        InputError: A video is missing or of another length.
+        KeyError: A control without pictures, which the model cannot answer.
+    """
+    changes = {control: CHANGES[control] for control in controls}
+    answers: dict[Control, dict[str, RiskClass | None]] = {control: {} for control in changes}
+    for key, video in sorted(videos.videos.items()) if changes else ():
+        frames: SmallFrames = read_small_frames(videos.folder / video.file, video.frames)
+        for control, change in changes.items():
+            answers[control][key] = model.answer(np.stack(change(list(frames), key)))
+    return answers

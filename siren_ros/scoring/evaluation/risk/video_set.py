@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.base.params import plain_json
+from siren_ros.base.params import plain_files
 from siren_ros.errors import InputError, whole_file
 from siren_ros.scoring.evaluation.risk.labels import (
     DEFINITIONS,
@@ -142,9 +142,9 @@ def read_set(folder: Path) -> VideoSet:
     """
     allowed = f"a folder that `siren generate risk` made, with {SET_FILE} and {EVIDENCE_FILE}"
     try:
-        content = plain_json.read(folder / SET_FILE)
+        content = plain_files.read_json(folder / SET_FILE)
         most_rows = MOMENTS_OF_VIDEO * len(content["videos"])
-        table = plain_json.read_table(folder / EVIDENCE_FILE, most_rows, BYTES_OF_MOMENT)
+        table = plain_files.read_table(folder / EVIDENCE_FILE, most_rows, BYTES_OF_MOMENT)
         moments = _moments_by_video(table)
         # Sets of earlier versions contain a speed above which a contact was a collision.
         known = {name: value for name, value in content["thresholds"].items() if name != "impact_mps"}

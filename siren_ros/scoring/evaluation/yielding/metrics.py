@@ -9,23 +9,25 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables.interval import Measure
-from siren_ros.data.record.vehicle_location import places_of, sumo_lanes
+from siren_ros.base.tables import Measure
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.scoring.evaluation.yielding.corridor import (
+from siren_ros.data.tracks import places_of, sumo_lanes
+from siren_ros.scoring.evaluation.yielding.encounters import (
     CorridorSeries,
+    EmvLine,
+    Encounter,
+    YieldThresholds,
     corridor_continuity,
     corridor_series,
     corridor_width_m,
+    encounters_of,
 )
-from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, YieldThresholds, encounters_of
-from siren_ros.scoring.judging.people import NAMES
+from siren_ros.scoring.judging.outcome import NAMES
 from siren_ros.scoring.judging.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.sites import middle_of_site
 from siren_ros.simulation.scenario.paper import PAPER_SPEEDS
-from siren_ros.simulation.world.actors import ActorClass, Mode
-from siren_ros.simulation.world.traffic_state import EventKind
+from siren_ros.simulation.world.actors import ActorClass, EventKind, Mode
 
 _NOT_IN_THE_WAY = "the driver was not in the EMV's way"
 

@@ -10,23 +10,26 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.base.numerics.arrays import changed
 from siren_ros.base.numerics.braking import braking_distance_m
-from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.units import steps_from_s
-from siren_ros.simulation.behaviour.civilians.junction_entry import (
+from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
+    LEAST_SIDEWAYS_M,
+    OFF_PATH_GRACE_S,
     approach_lane_of,
+    defer,
     is_held,
     junction_m,
     may_cross,
     movement_from,
     on_junction,
     room_beyond_line_m,
+    start_rejoin,
     way_inside_m,
 )
-from siren_ros.simulation.behaviour.civilians.rejoin import LEAST_SIDEWAYS_M, start_rejoin
-from siren_ros.simulation.behaviour.civilians.yield_lane_change import OFF_PATH_GRACE_S, defer
-from siren_ros.simulation.behaviour.driving.civilian_unit import (
+from siren_ros.simulation.behaviour.driving.driver_states import (
     EmvView,
+    Refusal,
     YieldStep,
     YieldUnit,
     aligned_within_rad,
@@ -35,25 +38,29 @@ from siren_ros.simulation.behaviour.driving.civilian_unit import (
     standing,
     yield_event,
 )
-from siren_ros.simulation.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
-from siren_ros.simulation.behaviour.driving.navigator import ALONG_COSINE, FULL_BRAKE, SPEED_GAIN_1PS, NavigatorState
-from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
-from siren_ros.simulation.behaviour.driving.step_view import Ego
-from siren_ros.simulation.behaviour.paths.lane_path import (
+from siren_ros.simulation.behaviour.driving.lane_change import gaps_in_lane, offset_in_lane
+from siren_ros.simulation.behaviour.driving.lane_path import (
     SHOULDER_REACH_M,
-    LaneEnd,
-    LanePath,
     connection_of_internal,
     lanes_along,
     neighbour_lane,
     path_on_lanes,
     shoulder_into_turn,
 )
-from siren_ros.simulation.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
-from siren_ros.simulation.roads.movements import road_lane_of
+from siren_ros.simulation.behaviour.driving.navigator import ALONG_COSINE, FULL_BRAKE, SPEED_GAIN_1PS, NavigatorState
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
+from siren_ros.simulation.behaviour.driving.step_view import Ego
+from siren_ros.simulation.behaviour.driving.tracked_path import (
+    PEAK_CURVATURE,
+    LaneEnd,
+    LanePath,
+    TrackedPath,
+    blend_length_m,
+    path_onto,
+)
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.simulation.world.actors import Mode, rows_of_ids
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.roads.routing import road_lane_of
+from siren_ros.simulation.world.actors import Event, EventKind, Mode, rows_of_ids
 
 _LOOK_AGAIN_S: Final = 0.5
 """Time between two checks of a waiting driver."""

@@ -1,19 +1,26 @@
 """L2: the feasible-yield lane change out of the EMV's lane (paper, Algorithm 2, ``npc_behavior_lvl = 1``).
 
-A driver who finds no gap makes one, by falling back or drawing ahead in the present lane.
+A driver who finds no gap makes one, by falling back or drawing ahead in the present lane. After every yield the
+navigator leads the vehicle back to its lane before SUMO takes over, and onto a junction only as far as the driver may
+go. Civilians who keep a rescue lane open go back to their offset in it. SUMO drives them there
+(``traffic.sumo.rules``), whether an EMV comes or not: they have made way before they hear it, so that they go on as
+before.
 """
 
+import math
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import Final
 
+from siren_ros.base.numerics.arrays import changed
 from siren_ros.base.numerics.braking import braking_distance_m
-from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.units import steps_from_s
-from siren_ros.simulation.behaviour.civilians.rejoin import rejoin
-from siren_ros.simulation.behaviour.driving.civilian_unit import (
+from siren_ros.simulation.behaviour.driving.driver_states import (
     EmvView,
+    Refusal,
     YieldStep,
     YieldUnit,
+    aligned_within_rad,
     lane_of,
     release_reason,
     standing,
@@ -22,23 +29,29 @@ from siren_ros.simulation.behaviour.driving.civilian_unit import (
 from siren_ros.simulation.behaviour.driving.lane_change import (
     LaneChangeQuery,
     LaneGaps,
-    Refusal,
     assess,
     entered_lane,
     gaps_in_lane,
     lane_change_path,
+    offset_in_lane,
     refusal_of_gaps,
 )
-from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
+from siren_ros.simulation.behaviour.driving.lane_path import connection_of_internal, lanes_along, neighbour_lane
+from siren_ros.simulation.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.simulation.behaviour.driving.step_view import Ego
-from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
-from siren_ros.simulation.behaviour.paths.tracked_path import on_reference
-from siren_ros.simulation.roads.movements import road_lane_of
-from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.behaviour.driving.tracked_path import (
+    LaneEnd,
+    LanePath,
+    blend_length_m,
+    on_reference,
+    path_onto,
+)
+from siren_ros.simulation.conflicts.yielding import Rank, rank_of
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection
+from siren_ros.simulation.roads.routing import road_lane_of
 from siren_ros.simulation.scenario.driver_parameters import YieldConfig
-from siren_ros.simulation.world.actors import Mode
-from siren_ros.simulation.world.traffic_state import Event, EventKind, TrafficFlags
+from siren_ros.simulation.world.actors import Event, EventKind, Mode, TrafficFlags
 
 GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
 
@@ -268,3 +281,182 @@ def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     asked = yield_event(unit, ego, EventKind.YIELD_REQUESTED, reason="emv_followed")
     again = changed(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)
     return YieldStep(again, None, (asked,))
+
+
+_REJOIN_OFFSET_M: Final = 0.3
+"""A vehicle within this distance of the lane's centre line is back in its lane."""
+_REJOIN_LENGTHS: Final = 1.5
+"""Least length of the return in vehicle lengths: a long vehicle that turns in sharply comes too near to others that
+return next to it."""
+_REJOIN_AHEAD_M: Final = 60.0
+"""Length of the path of a returning vehicle."""
+LEAST_SIDEWAYS_M: Final = 6.0
+"""Least length of a lateral move in the lane."""
+
+
+def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
+    """Give the vehicle back to SUMO if it is in its lane, otherwise give it a path to the lane's centre.
+
+    Where a rescue lane is open, the vehicle keeps to the side.
+    A driver who is over the stop line of a red light waits for green first.
+    """
+    if is_over_red_line(ego):
+        unit = changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0)
+        return YieldStep(unit, FULL_BRAKE if standing(ego) else navigate(unit, ego, 0.0, ego.world.hold_navigator)[1])
+    lane = lane_of(unit, ego)
+    if lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+        return _hand_back(unit, ego)
+    config, half_length, navigator_config = ego.civilian_driver, ego.half_length_m, ego.navigator_config
+    reference = ego.line_along(lane, _REJOIN_AHEAD_M, 2.0, civilian=True, through_junctions=False)
+    _, left = reference.curve.project_one(*ego.place)
+    speed = 0.5 * (ego.speed_mps + config.yielding.rejoin_speed_mps)
+    merge = blend_length_m(
+        left,
+        speed,
+        config.pull_over.duration_s,
+        LEAST_SIDEWAYS_M,
+        navigator_config,
+    )
+    merge = max(merge, _REJOIN_LENGTHS * 2.0 * half_length)
+    room = reference.curve.length_m - 2.0 - half_length - 1.0
+    # So near to the stop line the vehicle cannot become straight at the lane's middle, so it keeps its offset.
+    kept_m = kept_offset_m(ego, lane)
+    offset = kept_m if merge + half_length <= room else left
+    length, shorten = min(merge, max(room, 2.0)), half_length + 1.0
+    path = path_onto(reference, ego.pose, length, navigator_config, offset_m=offset, shorten_m=shorten)
+    navigator = NavigatorState().following(path, *ego.place)
+    side = 1 if left < kept_m else -1
+    return rejoin(changed(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), ego)
+
+
+def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
+    """One step of the return. SUMO takes over in the lane, at the path's end, or if the path stays blocked."""
+    if unit.navigator.path is None:
+        return start_rejoin(unit, ego)
+    config = ego.civilian_driver.yielding
+    stopped = unit.stopped_steps + 1 if standing(ego) else 0
+    lane = lane_of(unit, ego)
+    blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(ego, lane))
+    if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+        return _hand_back(unit, ego)
+    navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.world.civilian_navigator)
+    return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
+
+
+def is_over_red_line(ego: Ego) -> bool:
+    """Whether a vehicle is beyond the stop line of a red light without blocking others.
+
+    SUMO would let it go on.
+    """
+    outlook = ego.seen.outlook
+    if outlook is None:
+        return False
+    front = outlook.front_m(ego.row)
+    entry = outlook.course(ego.row).entry_at(front)
+    if entry is None or rank_of(entry.connection, outlook.signals) is not Rank.RED:
+        return False
+    return not may_cross(ego, entry.connection, front - entry.start_m + way_inside_m(ego, entry.connection, ego.lane))
+
+
+def _straight(ego: Ego, lane: int, off_m: float = math.inf) -> bool:
+    """Whether SUMO can take over without a jump, with at most ``off_m`` lateral distance to its place in the lane.
+
+    SUMO's standing vehicles always point along their lanes.
+    """
+    offset, turned = offset_in_lane(ego, lane)
+    return abs(offset - kept_offset_m(ego, lane)) <= off_m and abs(turned) <= aligned_within_rad(ego)
+
+
+def _hand_back(unit: YieldUnit, ego: Ego) -> YieldStep:
+    return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_RELEASED),))
+
+
+def rescue_side(ego: Ego, lane: int) -> int:
+    """Side to which drivers of a lane keep in slow traffic: +1 left, −1 right, 0 if none has to."""
+    world = ego.world
+    return int(world.rescue_sides[lane]) if world.duty and lane != NO_LANE else 0
+
+
+def kept_offset_m(ego: Ego, lane: int) -> float:
+    """Offset from the lane's centre line of a slow vehicle that keeps to the side; 0 if it keeps to the middle."""
+    config = ego.civilian_driver.pull_over
+    if ego.speed_mps >= config.flows_mps:
+        return 0.0
+    room_m = 0.5 * ego.network.lanes[lane].width_m - ego.half_width_m - config.mirror_m
+    return rescue_side(ego, lane) * max(room_m, 0.0)
+
+
+_KEPT_WITHIN_M: Final = 0.25
+"""A driver within this distance of the place at the edge has already made way."""
+
+
+def needs_no_siren(ego: Ego) -> bool:
+    """Whether a driver on a road with a rescue lane need not respond to an EMV: it keeps to the side, or traffic flows.
+
+    In flowing traffic nobody stops on such a road.
+    """
+    lane, config = ego.lane, ego.civilian_driver.pull_over
+    side = rescue_side(ego, lane)
+    if side == 0 or ego.speed_mps >= config.flows_mps:
+        return side != 0
+    offset, turned = offset_in_lane(ego, lane)
+    short_m = side * (kept_offset_m(ego, lane) - offset)
+    return short_m <= _KEPT_WITHIN_M and abs(turned) <= aligned_within_rad(ego)
+
+
+def on_junction(ego: Ego, lane: int) -> bool:
+    """Whether a lane crosses a junction."""
+    return lane != NO_LANE and road_lane_of(ego.network, lane) == NO_LANE
+
+
+def approach_lane_of(ego: Ego, lane: int) -> int:
+    """The road lane that a lane belongs to; on a junction the lane before it, ``NO_LANE`` if unknown."""
+    road = road_lane_of(ego.network, lane)
+    if road != NO_LANE or lane == NO_LANE:
+        return road
+    movement = connection_of_internal(ego.network, lane, ego.route)
+    return NO_LANE if movement is None else movement.from_lane
+
+
+def movement_from(ego: Ego, lane: int) -> Connection | None:
+    """Movement of a driver at the end of a lane."""
+    onward = lanes_along(ego.network, lane, 0.0, ego.route, ego.network.lanes[lane].length_m + 0.1, civilian=True)[0]
+    ways = ego.network.connections_from.get(lane, ())
+    return next((way for way in ways if (*way.via, way.to_lane) == onward[1:]), None)
+
+
+def room_beyond_line_m(ego: Ego, movement: Connection) -> float:
+    """Distance beyond the stop line that a driver's front may reach without blocking others."""
+    return ego.world.junction_room.beyond_line_m(movement, _signals(ego), frozenset(ego.traffic.lane.tolist()))
+
+
+_IN_THE_WAY_M: Final = 2.0
+"""A vehicle that blocks others by more than this crosses the junction even at red."""
+
+
+def may_cross(ego: Ego, movement: Connection, front_m: float) -> bool:
+    """Whether a driver may cross the junction: the light allows it, or the front already blocks others.
+
+    ``front_m`` is the front's way beyond the stop line.
+    """
+    return not is_held(ego, movement) or front_m > room_beyond_line_m(ego, movement) + _IN_THE_WAY_M
+
+
+def is_held(ego: Ego, movement: Connection | None) -> bool:
+    """Whether a light that is red, or about to be, stops a movement."""
+    return movement is not None and rank_of(movement, _signals(ego)) in {Rank.RED, Rank.CLEARING}
+
+
+def _signals(ego: Ego) -> Mapping[str, str]:
+    return {} if ego.seen.outlook is None else ego.seen.outlook.signals
+
+
+def junction_m(ego: Ego, movement: Connection) -> float:
+    """Length of a movement's path across its junction."""
+    return ego.network.length_m(movement.via)
+
+
+def way_inside_m(ego: Ego, movement: Connection, lane: int) -> float:
+    """Distance from the stop line to the start of a movement's lane; 0 if the lane does not belong to the movement."""
+    before = movement.via[: movement.via.index(lane)] if lane in movement.via else ()
+    return ego.network.length_m(before)

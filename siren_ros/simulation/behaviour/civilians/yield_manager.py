@@ -8,8 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows
-from siren_ros.base.numerics.changed import changed
+from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows, changed
 from siren_ros.base.numerics.compiled import X, Y, compiled
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.simulation.behaviour.civilians.pull_over import (
@@ -19,15 +18,15 @@ from siren_ros.simulation.behaviour.civilians.pull_over import (
     pull_over_again,
     start_pull_over,
 )
-from siren_ros.simulation.behaviour.civilians.rejoin import rejoin
-from siren_ros.simulation.behaviour.civilians.rescue_lane import needs_no_siren
 from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
     OFF_PATH_GRACE_S,
     change_lane,
     keep_lane,
+    needs_no_siren,
+    rejoin,
     start_lane_change,
 )
-from siren_ros.simulation.behaviour.driving.civilian_unit import (
+from siren_ros.simulation.behaviour.driving.driver_states import (
     STANDING_MPS,
     Compliance,
     Driver,
@@ -39,6 +38,7 @@ from siren_ros.simulation.behaviour.driving.civilian_unit import (
     release_reason,
     yield_event,
 )
+from siren_ros.simulation.behaviour.driving.lane_path import lanes_along
 from siren_ros.simulation.behaviour.driving.navigator import DriveCommand
 from siren_ros.simulation.behaviour.driving.step_view import (
     SEEN_HALF_LENGTH,
@@ -48,13 +48,11 @@ from siren_ros.simulation.behaviour.driving.step_view import (
     StepView,
     Surroundings,
 )
-from siren_ros.simulation.behaviour.paths.lane_path import lanes_along
 from siren_ros.simulation.roads.road_network import NO_LANE
-from siren_ros.simulation.scenario.interaction_region import in_region
 from siren_ros.simulation.scenario.paper import CivilianResponse, ControlConstants
-from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
+from siren_ros.simulation.scenario.scenario import in_region
+from siren_ros.simulation.world.actors import ActorClass, Event, EventKind, Indices, Mode, Owner, TrafficState
 from siren_ros.simulation.world.commands import CommandRow, VehicleCommands
-from siren_ros.simulation.world.traffic_state import Event, EventKind, Indices, TrafficState
 
 SOURCE: Final = "yield_manager"
 _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)

@@ -8,7 +8,7 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Flags, Floats, Points, Rows
 from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
-from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
+from siren_ros.simulation.behaviour.driving.navigator import SpeedLimit
 from siren_ros.simulation.behaviour.driving.step_view import (
     SEEN_COS,
     SEEN_HALF_LENGTH,
@@ -18,8 +18,7 @@ from siren_ros.simulation.behaviour.driving.step_view import (
     SEEN_SQUARE,
     Surroundings,
 )
-from siren_ros.simulation.behaviour.paths.curve import Curve, nearest_point
-from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve, Navigation, TrackedPath, nearest_point
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
 from siren_ros.simulation.conflicts.yielding import Approach, Bends, Margins, least_wait
 from siren_ros.simulation.conflicts.zones import (

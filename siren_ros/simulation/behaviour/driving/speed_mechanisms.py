@@ -19,16 +19,13 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Rows
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows, changed
 from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
-from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
-from siren_ros.simulation.behaviour.driving.civilian_unit import YieldUnit
 from siren_ros.simulation.behaviour.driving.collision_watch import ROLLING_MPS, CollisionWatch, stricter
-from siren_ros.simulation.behaviour.driving.emv_unit import ROUTE, EmvUnit, present_lane
-from siren_ros.simulation.behaviour.driving.free_space import FreeWay, Obstacles, SpeedLimit
+from siren_ros.simulation.behaviour.driving.driver_states import ROUTE, EmvUnit, YieldUnit, present_lane
 from siren_ros.simulation.behaviour.driving.lane_change import gaps_in_lane
-from siren_ros.simulation.behaviour.driving.line_book import must_give_way
+from siren_ros.simulation.behaviour.driving.lane_path import neighbour_lane
 from siren_ros.simulation.behaviour.driving.navigator import (
     ALONG_COSINE,
     LEADER_BRAKE_MPS2,
@@ -37,17 +34,25 @@ from siren_ros.simulation.behaviour.driving.navigator import (
     SPEED_GAIN_1PS,
     STILL_MPS,
     DriveCommand,
+    FreeWay,
     NavigatorState,
+    Obstacles,
+    SpeedLimit,
     free_way_of,
     manoeuvring_limit,
     press_pedals,
     steer_along,
 )
 from siren_ros.simulation.behaviour.driving.step_view import SEEN_HALF_LENGTH, SEEN_HALF_WIDTH, SEEN_SPEED, Ego
-from siren_ros.simulation.behaviour.paths.curve import Curve, nearest_point
-from siren_ros.simulation.behaviour.paths.lane_path import neighbour_lane
-from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
-from siren_ros.simulation.conflicts.people import ID, PACE_MPS, Line, Passer, least_wait_for_people
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve, Navigation, TrackedPath, nearest_point
+from siren_ros.simulation.conflicts.junction_approach import (
+    ID,
+    PACE_MPS,
+    Line,
+    Passer,
+    least_wait_for_people,
+    must_give_way,
+)
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, Mode

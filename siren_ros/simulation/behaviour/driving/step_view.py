@@ -13,16 +13,14 @@ from siren_ros.base.numerics.arrays import Floats, Ids, Rows
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.base.numerics.units import steps_from_s
-from siren_ros.simulation.behaviour.driving.line_book import LineBook
-from siren_ros.simulation.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
-from siren_ros.simulation.behaviour.paths.tracked_path import Navigation
+from siren_ros.simulation.behaviour.driving.lane_path import lanes_along, nearest_on_lane, path_on_lanes
+from siren_ros.simulation.behaviour.driving.tracked_path import LanePath, Navigation
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
-from siren_ros.simulation.conflicts.junction_room import JunctionRoom
-from siren_ros.simulation.conflicts.people import NOBODY, Outlines, outlines_of, people_at
-from siren_ros.simulation.conflicts.yielding import Margins
-from siren_ros.simulation.dynamics.parameters import VehicleParameters
-from siren_ros.simulation.roads.rescue_lane import rescue_sides
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.conflicts.junction_approach import NOBODY, LineBook, Outlines, outlines_of, people_at
+from siren_ros.simulation.conflicts.yielding import JunctionRoom, Margins
+from siren_ros.simulation.dynamics.vehicle_model import VehicleParameters
+from siren_ros.simulation.roads.road_network import RoadNetwork, mirror_image
+from siren_ros.simulation.roads.routing import rescue_sides
 from siren_ros.simulation.scenario.driver_parameters import CivilianDriver, DriverParameters, EmvDriver
 from siren_ros.simulation.scenario.paper import (
     PAPER_CONSTANTS,
@@ -37,13 +35,13 @@ from siren_ros.simulation.world.actors import (
     TWO_WHEELED,
     ActorClass,
     ActorDescription,
+    Indices,
     Lights,
+    TrafficState,
     indicator_to,
     rows_of_ids,
 )
 from siren_ros.simulation.world.commands import VehicleCommands
-from siren_ros.simulation.world.mirror_image import mirror_image
-from siren_ros.simulation.world.traffic_state import Indices, TrafficState
 
 _INDICATORS: Final = int(Lights.INDICATORS)
 

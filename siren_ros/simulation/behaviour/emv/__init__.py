@@ -1,1 +1,1 @@
-"""The emergency vehicle (paper, Algorithm 1): forced lane changes, the copied corridor, gap escape."""
+"""The emergency vehicle (paper, Algorithm 1): its guards, gap escape, the copied corridor."""

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats
-from siren_ros.simulation.behaviour.driving.free_space import Obstacles, clearances_m, separations_m
+from siren_ros.simulation.behaviour.driving.navigator import Obstacles, clearances_m, separations_m
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M, ESCAPE_TOUCH_M
 from siren_ros.simulation.behaviour.driving.step_view import Body
-from siren_ros.simulation.behaviour.paths.curve import Curve
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve
 from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
 # This is no parameter: a tolerance of the measurement.

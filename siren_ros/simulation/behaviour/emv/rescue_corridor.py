@@ -5,11 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.arrays import Floats, changed
 from siren_ros.base.numerics.braking import stops_within
-from siren_ros.base.numerics.changed import changed
 from siren_ros.base.numerics.units import NEVER, steps_from_s
-from siren_ros.simulation.behaviour.driving.emv_unit import (
+from siren_ros.simulation.behaviour.driving.driver_states import (
     EmvUnit,
     GuardResult,
     advice_of,
@@ -17,24 +16,22 @@ from siren_ros.simulation.behaviour.driving.emv_unit import (
     event_of,
     present_lane,
 )
+from siren_ros.simulation.behaviour.driving.lane_change import cancel_lane_change
+from siren_ros.simulation.behaviour.driving.lane_path import SHOULDER_REACH_M, road_limits, shoulder_into_turn
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import free_way
 from siren_ros.simulation.behaviour.driving.step_view import Ego
-from siren_ros.simulation.behaviour.emv.forced_lane_change import cancel_lane_change
-from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.lane_path import (
-    SHOULDER_REACH_M,
+from siren_ros.simulation.behaviour.driving.tracked_path import (
+    Curve,
     LaneEnd,
     LanePath,
-    road_limits,
-    shoulder_into_turn,
+    along_reference,
+    blend_length_m,
+    quintic_offsets,
 )
-from siren_ros.simulation.behaviour.paths.tracked_path import along_reference, blend_length_m, quintic_offsets
-from siren_ros.simulation.conflicts.people import ID
-from siren_ros.simulation.roads.rescue_lane import rescue_boundary_m
+from siren_ros.simulation.conflicts.junction_approach import ID
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
-from siren_ros.simulation.world.actors import Lights, Owner
-from siren_ros.simulation.world.traffic_state import EventKind, Indices
+from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS, rescue_boundary_m
+from siren_ros.simulation.world.actors import EventKind, Indices, Lights, Owner
 
 
 def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:

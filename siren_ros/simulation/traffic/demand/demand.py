@@ -17,7 +17,7 @@ from siren_ros.base.numerics.arrays import Floats, chances, drawn, random_stream
 from siren_ros.base.numerics.braking import bend_speeds_mps, speed_before_mps, stops_within, with_braking
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import steps_from_s
-from siren_ros.errors import InputError, MapError
+from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes, path_centre, route_path
 from siren_ros.simulation.roads.sites import Site
@@ -25,11 +25,14 @@ from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
 from siren_ros.simulation.traffic.demand.emv_start import (
     EmvStart,
+    arrival_s,
     behind_queue_mps,
+    crossing_start,
+    crossing_ways,
     depart_speed_mps,
+    following_starts,
     long_enough_route,
 )
-from siren_ros.simulation.traffic.demand.further_emvs import arrival_s, crossing_start, crossing_ways, following_starts
 from siren_ros.simulation.traffic.demand.group_demand import (
     BRAKE_MPS2,
     LATERAL_MPS2,
@@ -38,12 +41,11 @@ from siren_ros.simulation.traffic.demand.group_demand import (
     plan_groups,
     route_length_m,
 )
-from siren_ros.simulation.traffic.demand.jam import JamHead
-from siren_ros.simulation.traffic.demand.pedestrians import plan_walkers
 from siren_ros.simulation.traffic.demand.plan import (
     PLACEMENT_GAP_M,
     RED_BEHIND_S,
     DriverPopulation,
+    JamHead,
     LaneInterval,
     PlannedVehicle,
     SignalTiming,
@@ -52,7 +54,7 @@ from siren_ros.simulation.traffic.demand.plan import (
     chain_along,
     least_gap_m,
 )
-from siren_ros.simulation.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
+from siren_ros.simulation.traffic.demand.road_users import Dimensions, VehicleFactory, plan_walkers
 from siren_ros.simulation.world.actors import ActorClass
 
 _PLACEMENT_TRIES: Final = 400
@@ -434,39 +436,6 @@ class _Planner:
 
 
 _SPACING_M: Final = 1.0
-
-
-def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
-    """The civilian that the EMV has to pass: the first one ahead in its lane.
-
-    Where a template puts nobody into the EMV's lane it is the nearest vehicle ahead on the EMV's route, and where
-    nobody is there either (cross traffic) the group vehicle nearest to the EMV. Background vehicles have moved
-    on by the time that the EMV starts, and are not taken.
-
-    Returns:
-        The vehicle's name.
-
-    Raises:
-        InputError: the template has no vehicles around its EMV.
-    """
-    if not plan.groups:
-        raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
-    return min((*_nearness(network, plan.emvs[0], vehicle), vehicle.name) for vehicle in plan.groups)[-1]
-
-
-def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> tuple[int, float]:
-    """Sort key of vehicles: those in the EMV's lane first, then those on its route, then others, each by distance."""
-    route = [network.edge_by_id[edge].index for edge in emv.route]
-    chain = chain_along(network, network.lanes[emv.spot.lane], route)
-    edge_start: dict[int, float] = {}
-    for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
-        edge_start.setdefault(network.lanes[index].edge, start_m)
-    lane = network.lanes[vehicle.spot.lane]
-    ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
-    if ahead_m > 0.0:
-        return 0 if lane.index in chain.lanes else 1, float(ahead_m)
-    points = [network.lanes[spot.lane].centre.at(spot.front_m) for spot in (emv.spot, vehicle.spot)]
-    return 2, float(np.linalg.norm(points[1] - points[0]))
 
 
 def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:

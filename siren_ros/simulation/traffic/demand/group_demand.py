@@ -12,9 +12,8 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
-from siren_ros.simulation.roads.movements import quiet_reach_m
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import driving_lanes
+from siren_ros.simulation.roads.routing import driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.sites import Site
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
@@ -35,7 +34,7 @@ from siren_ros.simulation.traffic.demand.plan import (
     chain_along,
     chain_of,
 )
-from siren_ros.simulation.traffic.demand.vehicle_factory import LONG_VEHICLE_M, Shares, VehicleFactory
+from siren_ros.simulation.traffic.demand.road_users import LONG_VEHICLE_M, Shares, VehicleFactory
 
 # These are no parameters: the templates are designed for these lengths, and vary their own values around them.
 _FOLLOWING_M: Final = 6.0

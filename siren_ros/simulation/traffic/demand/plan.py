@@ -1,8 +1,10 @@
 """A traffic plan: every vehicle of an episode and its driver, decided before SUMO starts.
 
-The lanes along a route are addressed by one distance.
+The lanes along a route are addressed by one distance. The head of a jam, the foremost vehicle of each lane, stands, or
+stops and goes, although the road ahead is free.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
@@ -11,14 +13,39 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import random_stream
-from siren_ros.base.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.base.params.strict_yaml import StrictMapping
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
+from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.sites import TOWN_LIMIT_MPS
+from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS
 from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver, TrafficDrivers
 from siren_ros.simulation.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
-from siren_ros.simulation.traffic.demand.jam import JamHead
 from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
+
+
+@dataclass(frozen=True)
+class JamHead:
+    """How the cause of a jam holds up the foremost vehicles, and how they move."""
+
+    names: tuple[str, ...]
+    moves: bool
+    """Whether the vehicles go on after their first stop."""
+    roll_s: float
+    """Time for which the vehicles roll, first from step 0 on."""
+    roll_mps: float
+    stand_s: float
+    """Time for which they then stand; rolling and standing alternate."""
+    until_s: float = math.inf
+    """Time at which the cause of the jam ends."""
+
+    def speed_mps(self, step: int) -> float:
+        """The speed that is ordered at a step. −1 is SUMO's code for no order; it holds after the cause has ended."""
+        time_s = step * STEP_S
+        if time_s >= self.until_s:
+            return -1.0
+        into_s = time_s % (self.roll_s + self.stand_s) if self.moves else time_s
+        return self.roll_mps if into_s < self.roll_s else 0.0
+
 
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
 
@@ -304,6 +331,39 @@ def with_emv_drivers(plan: TrafficPlan, sumo: SumoEmvDriver) -> TrafficPlan:
         for emv in plan.emvs
     )
     return replace(plan, emvs=emvs)
+
+
+def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
+    """The civilian that the EMV has to pass: the first one ahead in its lane.
+
+    Where a template puts nobody into the EMV's lane it is the nearest vehicle ahead on the EMV's route, and where
+    nobody is there either (cross traffic) the group vehicle nearest to the EMV. Background vehicles have moved
+    on by the time that the EMV starts, and are not taken.
+
+    Returns:
+        The vehicle's name.
+
+    Raises:
+        InputError: the template has no vehicles around its EMV.
+    """
+    if not plan.groups:
+        raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
+    return min((*_nearness(network, plan.emvs[0], vehicle), vehicle.name) for vehicle in plan.groups)[-1]
+
+
+def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> tuple[int, float]:
+    """Sort key of vehicles: those in the EMV's lane first, then those on its route, then others, each by distance."""
+    route = [network.edge_by_id[edge].index for edge in emv.route]
+    chain = chain_along(network, network.lanes[emv.spot.lane], route)
+    edge_start: dict[int, float] = {}
+    for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
+        edge_start.setdefault(network.lanes[index].edge, start_m)
+    lane = network.lanes[vehicle.spot.lane]
+    ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
+    if ahead_m > 0.0:
+        return 0 if lane.index in chain.lanes else 1, float(ahead_m)
+    points = [network.lanes[spot.lane].centre.at(spot.front_m) for spot in (emv.spot, vehicle.spot)]
+    return 2, float(np.linalg.norm(points[1] - points[0]))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,15 @@ from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import YAW, compiled
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook, Rights, limit_at_mps, rank_at
-from siren_ros.simulation.conflicts.people import ID, NOBODY, Line, Outlines, Passer, least_wait_for_people, outlines_of
+from siren_ros.simulation.conflicts.junction_approach import (
+    ID,
+    NOBODY,
+    Line,
+    Outlines,
+    Passer,
+    least_wait_for_people,
+    outlines_of,
+)
 from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Margins, Wait, least_wait
 from siren_ros.simulation.conflicts.zones import (
     ALONG,
@@ -45,8 +53,7 @@ from siren_ros.simulation.conflicts.zones import (
 )
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle
-from siren_ros.simulation.world.actors import TWO_WHEELED, Owner, rows_of_ids
-from siren_ros.simulation.world.traffic_state import TrafficFlags, TrafficState
+from siren_ros.simulation.world.actors import TWO_WHEELED, Owner, TrafficFlags, TrafficState, rows_of_ids
 
 # These are no parameters, but codes of SUMO.
 _HARD_BRAKE_MODE: Final = 27

@@ -1,10 +1,14 @@
-"""Puts planned vehicles into SUMO, each with its own vehicle type, and keeps the number of civilians."""
+"""Puts planned vehicles into SUMO, each with its own vehicle type, and keeps the number of civilians.
 
+Pedestrians and riders are kept near some points: those far away leave, and others of a reserve enter.
+"""
+
+import math
 import re
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Final, Generic, TypeAlias, TypeVar
 from xml.sax.saxutils import quoteattr
 
 import libsumo
@@ -15,9 +19,47 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, least_gap_m
-from siren_ros.simulation.traffic.sumo.nearby import PEOPLE_MARGIN_M, PEOPLE_WITHIN_M, Point, Reserve, nearest_m
 from siren_ros.simulation.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+
+Point: TypeAlias = tuple[float, float]
+Planned = TypeVar("Planned")
+
+
+PEOPLE_WITHIN_M: Final = 180.0
+"""Distance of an EMV or the AV under test within which the demanded pedestrians, cyclists and motorcyclists are. At
+larger distances sensors hardly tell them apart."""
+PEOPLE_MARGIN_M: Final = 15.0
+"""Length by which people enter nearer than that, so that they stay for a while."""
+
+
+def nearest_m(point: Point, others: Iterable[Point]) -> float:
+    """Distance of a point to the nearest of some others; infinite where there are none."""
+    return min((math.hypot(point[0] - x, point[1] - y) for x, y in others), default=math.inf)
+
+
+class Reserve(Generic[Planned]):
+    """Planned people who have not entered yet, in their order, each with a place of entry."""
+
+    def __init__(self, planned: Sequence[Planned], places: Sequence[Point]) -> None:
+        self._planned = planned
+        self._places = np.array(places).reshape(-1, 2)
+        self._waiting = np.ones(len(planned), np.bool_)
+
+    def let_in(
+        self, points: Collection[Point], least_m: float, most_m: float, enter: Callable[[Planned], bool]
+    ) -> None:
+        """Tries to let in those whose distance to the nearest point is in a range.
+
+        ``enter`` says whether it succeeded.
+        """
+        if not points:
+            return
+        apart = self._places[:, None] - np.array([*points])
+        nearest = np.hypot(apart[..., 0], apart[..., 1]).min(axis=1)
+        for row in np.flatnonzero(self._waiting & (nearest >= least_m) & (nearest <= most_m)).tolist():
+            self._waiting[row] = not enter(self._planned[row])
+
 
 _SHAPES: Final[Mapping[ActorClass, str]] = {
     ActorClass.HATCHBACK: "passenger/hatchback",

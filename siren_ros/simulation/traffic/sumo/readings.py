@@ -15,8 +15,7 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Rows
 from siren_ros.base.numerics.compiled import YAW, compiled, wrapped_rad
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.simulation.world.actors import NO_ACTOR, Lights
-from siren_ros.simulation.world.traffic_state import EmvAdvice, TrafficFlags
+from siren_ros.simulation.world.actors import NO_ACTOR, EmvAdvice, Lights, TrafficFlags
 
 Offset = tuple[float, float]
 """The net's ``netOffset``: ``map = sumo − offset``."""

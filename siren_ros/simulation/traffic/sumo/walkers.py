@@ -15,15 +15,21 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import YAW, compiled
-from siren_ros.simulation.conflicts.people import NOBODY, outlines_of, people_at
+from siren_ros.simulation.conflicts.junction_approach import NOBODY, outlines_of, people_at
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, PlannedWalker, TrafficPlan
-from siren_ros.simulation.traffic.sumo.kerbs import Kerbs
-from siren_ros.simulation.traffic.sumo.nearby import PEOPLE_MARGIN_M, PEOPLE_WITHIN_M, Point, Reserve, nearest_m
+from siren_ros.simulation.traffic.sumo.population import PEOPLE_MARGIN_M, PEOPLE_WITHIN_M, Point, Reserve, nearest_m
 from siren_ros.simulation.traffic.sumo.readings import ANGLE, SPEED, Offset, X, Y, map_from_sumo
-from siren_ros.simulation.traffic.sumo.sidewalks import Corners
-from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates, Owner, rows_of_ids
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+from siren_ros.simulation.traffic.sumo.sidewalks import Corners, Kerbs
+from siren_ros.simulation.world.actors import (
+    TRAFFIC_STATE_DTYPES,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    Owner,
+    TrafficState,
+    rows_of_ids,
+)
 
 _SUBSCRIBED: Final = (libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_ROAD_ID)
 _IN_ORDER: Final = itemgetter(*_SUBSCRIBED)

@@ -5,13 +5,13 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
-from made_training_frames import made_episode
+from made_training_data import made_episode
 
 from siren_ros.errors import InputError
 from siren_ros.lab.training.detection.samples import read_frames_file, write_frames
 from siren_ros.lab.training.detection.training import DetectorTraining, train_detector
 from siren_ros.lab.training.settings import DetectionFit, FittedNetwork
-from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import FORM_VERSION
+from siren_ros.scoring.evaluation.detection.pillar_detector import FORM_VERSION
 
 
 def _training(folder, **changed) -> DetectorTraining:

@@ -9,15 +9,14 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 
-from made_training_frames import SMALL_GRID, made_episode
+from made_training_data import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
-from siren_ros.lab.training.detection.batches import FrameDraws
+from siren_ros.lab.training.detection.samples import FrameDraws
 from siren_ros.lab.training.fitting.detection import BoxesOf, box_loss, export, fit, heat_loss, pillar_tensors
 from siren_ros.lab.training.settings import DetectionFit, NetworkSize
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES
-from siren_ros.scoring.evaluation.detection.detectors.pillar_detector import FORM_VERSION, load_detector
-from siren_ros.scoring.evaluation.detection.detectors.pillars import pillars_of
+from siren_ros.scoring.evaluation.detection.pillar_detector import FORM_VERSION, load_detector, pillars_of
 
 SIZE = NetworkSize(pillar=8, stages=(8, 12, 12), layers=1, neck=8, head=12)
 CONFIG = DetectionFit(steps=4, checkpoint_steps=2, averaging=0.5, half=False)

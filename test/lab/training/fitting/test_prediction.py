@@ -11,12 +11,12 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 pytest.importorskip("onnx", reason="the extra models is not installed")
 
-from hand_made import made_record
+from made_training_data import made_record
 
 from siren_ros.errors import InputError
 from siren_ros.lab.training.data_files import MadeFiles
 from siren_ros.lab.training.fitting import prediction
-from siren_ros.lab.training.fitting.path_network import MODES, NetworkSize, PathNetwork
+from siren_ros.lab.training.fitting.networks import MODES, NetworkSize, PathNetwork
 from siren_ros.lab.training.fitting.prediction import (
     NETWORKS,
     export,
@@ -25,8 +25,7 @@ from siren_ros.lab.training.fitting.prediction import (
     losses,
     tensors,
 )
-from siren_ros.lab.training.prediction.plan import PlannedEpisode
-from siren_ros.lab.training.prediction.samples import read_store
+from siren_ros.lab.training.prediction.samples import PlannedEpisode, read_store
 from siren_ros.lab.training.prediction.training import train_variant, with_ablations
 from siren_ros.lab.training.settings import ARCHITECTURES, FitConfig
 from siren_ros.scoring.evaluation.prediction.predictors import checked
@@ -38,8 +37,7 @@ from siren_ros.scoring.evaluation.prediction.samples import (
     samples_of,
 )
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, Features, TrainedNetwork, make
-from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import EpisodeRequest, Split
 
 CONFIG = FitConfig(epochs=3, batch=64, width=16, layers=1)
 

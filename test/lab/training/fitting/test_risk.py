@@ -3,20 +3,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from training.risk.hand_made_films import hand_made_film
+from made_training_data import hand_made_film
 
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 pytest.importorskip("onnx", reason="the extra models is not installed")
 
 from siren_ros.lab.training.data_files import MadeFiles
 from siren_ros.lab.training.fitting.risk import FilmNetwork, fitted_film_network
-from siren_ros.lab.training.risk.batches import labelled
-from siren_ros.lab.training.risk.samples import PlannedFilm, write_film
-from siren_ros.lab.training.risk.training import train_sequence_model
+from siren_ros.lab.training.risk import PlannedFilm, labelled, train_sequence_model, write_film
 from siren_ros.lab.training.settings import FilmFitConfig
 from siren_ros.scoring.evaluation.risk.labels import RiskClass
 from siren_ros.scoring.evaluation.risk.sequence_model import HEIGHT, WIDTH
-from siren_ros.simulation.scenario.splits import EpisodeIdentity, Split
+from siren_ros.simulation.scenario.episode import EpisodeIdentity, Split
 
 CONFIG = FilmFitConfig(epochs=1, steps=2, batch=3, clip_frames=12)
 

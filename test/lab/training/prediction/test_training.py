@@ -13,7 +13,7 @@ from siren_ros.lab.training.prediction.training import (
     errors_json,
     table_lines,
 )
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import Split
 
 
 def errors(template: str, map_name: str, siren: float, samples: int = 10) -> EpisodeErrors:

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from siren_ros.data.interfaces import topics, wire
-from siren_ros.data.interfaces.conversions import to_av_control
-from siren_ros.data.interfaces.episode_conversions import Phase, StepReport
+from siren_ros.data.interfaces.conversions import Phase, StepReport, to_av_control
 from siren_ros.running.ros.participants.master import AvProxy
 from siren_ros.simulation.world.commands import AV_SOURCE, AvControl
 

@@ -1,9 +1,17 @@
-"""A node's program ends, also where DDS does not let go of it."""
+"""A node's program starts without a home, and ends, also where DDS does not let go of it."""
 
+import os
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
+from faulty_episodes import in_own_mounts
 from live_episodes import Domain, finish
+
+from siren_ros.errors import InputError
+from siren_ros.running.ros.programs.program import choose_log_folder
 
 pytest.importorskip("rclpy", reason="needs ROS")
 
@@ -31,3 +39,72 @@ def test_a_node_that_cannot_be_destroyed_does_not_stay() -> None:
         run = finish(process, timeout_s=60.0)
     assert "destroying" in run.out
     assert run.code == -signal.SIGALRM
+
+
+PROGRAM = """
+import sys
+from siren_nodes.cosim import main
+sys.exit(main())
+"""
+NAMES = ("ROS_LOG_DIR", "ROS_HOME")
+
+
+@pytest.fixture(autouse=True)
+def _no_choice(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in NAMES:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_users_own_choice_stays_where_it_can_be_written(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(name, str(tmp_path / "mine"))
+    choose_log_folder()
+    assert [os.environ.get(variable) for variable in NAMES] == [
+        str(tmp_path / "mine") if variable == name else None for variable in NAMES
+    ]
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(name, str(tmp_path / "file"))
+    with pytest.raises(InputError, match=rf"^{name}: '.*file' cannot be used; allowed: a folder that can be written"):
+        choose_log_folder()
+
+
+def test_otherwise_it_is_below_the_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    choose_log_folder()
+    assert os.environ["ROS_LOG_DIR"] == str(tmp_path / ".ros/log")
+
+
+def without_home(home: str | None) -> dict[str, str]:
+    environment = {key: value for key, value in Domain().environment.items() if key not in {"HOME", *NAMES}}
+    return environment | ({} if home is None else {"HOME": home})
+
+
+WORDS = [sys.executable, "-c", PROGRAM, "--ros-args", "-p", "no_such:=1"]
+
+
+def assert_refused_by_name(run: "subprocess.CompletedProcess[str]") -> None:
+    """One line beside those that say what a slow machine waits for."""
+    lines = [line for line in run.stderr.splitlines() if not line.startswith("cosim: waiting for ")]
+    assert (run.returncode, len(lines)) == (2, 1), run.stderr
+    assert "no_such" in lines[0]
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("home", [None, "/nonexistent/home"])
+def test_a_program_starts_without_a_home(home: str | None) -> None:
+    """It comes as far as the user's mistake."""
+    pytest.importorskip("rclpy", reason="needs ROS")
+    run = subprocess.run(WORDS, env=without_home(home), capture_output=True, text=True, check=False)
+    assert_refused_by_name(run)
+    assert not Path("/nonexistent").exists()
+
+
+@pytest.mark.timeout(120)
+def test_a_program_starts_with_a_home_that_is_read_only(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS")
+    run = in_own_mounts(f"mount -t tmpfs -o ro tmpfs '{tmp_path}'", WORDS, without_home(str(tmp_path)))
+    if run is None:
+        pytest.skip("mount namespaces with a small disk cannot be made here")
+    assert_refused_by_name(run)

@@ -13,7 +13,7 @@ from rclpy.context import Context  # noqa: E402
 
 from siren_ros.errors import InputError  # noqa: E402
 from siren_ros.running.ros import node_configs  # noqa: E402
-from siren_ros.running.ros.programs.arguments import answer, help_text, outside_ros, quoted  # noqa: E402
+from siren_ros.running.ros.programs.processes import answer, help_text, outside_ros, quoted  # noqa: E402
 from siren_ros.running.ros.programs.program import reading_arguments  # noqa: E402
 
 NODES = (*node_configs.DEFAULT_PARTICIPANTS, *node_configs.OPTIONAL_PARTICIPANTS, "player", "viewer", "cosim")

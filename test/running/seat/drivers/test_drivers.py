@@ -1,7 +1,170 @@
+"""What the drivers decide, in steps made by hand, and the card of the shipped one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_sights import LIMIT_MPS, ROWS, car, sight, siren, straight_way
 from seen_on_crossing import sight_at
 
-from siren_ros.running.seat.drivers.drivers import driver_of
-from siren_ros.running.seat.manoeuvres import Manoeuvre
+from siren_ros.errors import InputError
+from siren_ros.running.seat.drivers.drivers import DRIVERS, driver_of
+from siren_ros.running.seat.drivers.lawful import FAULTS, HABITS, LawfulDriver, LawfulState, Phase, faulty
+from siren_ros.running.seat.policy import Manoeuvre
+from siren_ros.simulation.world.actors import Lights
+
+CALLED = (siren(20.0),)
+
+
+def after(driver, seconds, first=None, **known):
+    """State and last answer of a driver that sees the same for some time, at a speed of its own choice."""
+    state, answer = first or driver.start, None
+    for step in range(round(20 * seconds)):
+        state, answer = driver.step(state, replace(sight(**known), step=step))
+    return state, answer
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_every_driver_answers_with_and_without_a_siren(name):
+    for sirens in ((), CALLED, (siren(-40.0),)):
+        _, answer = after(driver_of(name), 4.0, sirens=sirens, others=(car(8.0),))
+        answer.check()
+
+
+def test_an_unknown_driver_is_refused():
+    with pytest.raises(InputError, match="lawful-california"):
+        driver_of("nobody")
+
+
+def test_without_a_siren_it_drives():
+    state, answer = after(driver_of("lawful-california"), 2.0)
+    assert state == LawfulState()
+    assert (answer.brake, answer.steer_rad, answer.lights) == (0.0, 0.0, 0)
+
+
+def test_it_signals_and_slows_before_it_moves_to_the_right_and_stands_there():
+    driver = driver_of("lawful-california")
+    state, answer = after(driver, 0.7, sirens=CALLED)
+    assert state.phase is Phase.DRIVES  # within its reaction time
+    state, answer = after(driver, 1.5, sirens=CALLED)
+    assert answer.lights == Lights.INDICATOR_RIGHT
+    assert answer.brake > 0.0
+    assert state.offset_m == 0.0
+    state, answer = after(driver, 4.0, sirens=CALLED)
+    assert state.offset_m < -1.0
+    edge_m = -5.25 + 0.9 + 0.15
+    state, answer = after(driver, 8.0, sirens=CALLED, left_m=edge_m, speed_mps=3.0)
+    assert answer.brake > 0.0
+    assert state.offset_m == pytest.approx(edge_m)
+
+
+def test_it_stands_until_the_last_one_is_far_ahead():
+    waiting = LawfulState(Phase.MAKES_WAY, since=0)
+    for gap_m, phase in ((20.0, Phase.MAKES_WAY), (-60.0, Phase.MAKES_WAY), (-150.0, Phase.RETURNS)):
+        state, _ = after(driver_of("lawful-california"), 0.05, waiting, sirens=(siren(gap_m),))
+        assert state.phase is phase, gap_m
+    both = (siren(-150.0), siren(60.0))
+    assert after(driver_of("lawful-california"), 0.05, waiting, sirens=both)[0].phase is Phase.MAKES_WAY
+    assert after(driver_of("leaves-early-california"), 0.05, waiting, sirens=both)[0].phase is Phase.RETURNS
+    assert after(driver_of("never-returns-california"), 0.05, waiting)[0].phase is Phase.MAKES_WAY
+
+
+def test_it_does_not_move_beside_somebody_and_not_before_an_emv_on_the_right():
+    driver = driver_of("lawful-california")
+    for hindered in ({"others": (car(-3.0, left_m=-3.4, speed_mps=10.0),)}, {"sirens": (siren(10.0, left_m=-3.4),)}):
+        state, _ = after(driver, 5.0, **{"sirens": CALLED, **hindered})
+        assert state.phase is Phase.MAKES_WAY
+        assert state.offset_m > -0.8
+    behind = car(-20.0, left_m=-3.4, speed_mps=18.0)  # is beside it in 2.5 s
+    assert after(driver, 5.0, sirens=CALLED, others=(behind,))[0].offset_m > -0.8
+
+
+def test_it_clears_a_junction_and_does_not_stop_right_before_one():
+    driver, faulty_one = driver_of("lawful-california"), driver_of("stops-in-the-junction-california")
+    inside = {"s_m": 110.0, "speed_mps": 4.0, "sirens": CALLED}
+    assert after(driver, 3.0, **inside)[1].throttle > 0.0
+    assert after(faulty_one, 3.0, **inside)[1].brake > 0.0
+    assert after(driver, 3.0, s_m=95.0, speed_mps=8.0, sirens=CALLED)[1].brake == 0.0
+
+
+def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder():
+    shoulder = {"right_m": np.full(ROWS, -4.25), "driving_right_m": np.full(ROWS, -1.75)}
+    motorway = straight_way(**shoulder, duty=np.ones(ROWS, np.bool_))
+    driver = driver_of("lawful-germany")
+    left, _ = after(driver, 8.0, way=motorway, sirens=CALLED)
+    assert left.offset_m == pytest.approx(1.75 - 0.9 - 0.15)
+    right_lane = replace(motorway, leftmost=np.zeros(ROWS, np.bool_))
+    assert after(driver, 8.0, way=right_lane, sirens=CALLED)[0].offset_m == pytest.approx(-1.75 + 0.9 + 0.15)
+    blocks = after(driver_of("blocks-the-shoulder-germany"), 8.0, way=right_lane, sirens=CALLED)[0]
+    assert blocks.offset_m == pytest.approx(-4.25 + 0.9 + 0.15)
+    before = after(driver, 3.0, way=motorway, speed_mps=1.0)[0]  # slow traffic, and nobody calls
+    assert before.phase is Phase.DRIVES
+    assert before.offset_m > 0.3
+    assert after(driver, 3.0, way=motorway, speed_mps=LIMIT_MPS)[0].offset_m == 0.0
+    # On the wrong side it signals the longer move, and stays behind who is ahead in its lane.
+    wrong = {"way": motorway, "speed_mps": 1.0, "others": (car(2.0, left_m=0.8),)}
+    state, answer = after(driver_of("wrong-side-germany"), 0.1, **wrong)
+    assert answer.lights == Lights.INDICATOR_RIGHT
+    state, answer = after(driver_of("wrong-side-germany"), 4.0, left_m=-1.45, **wrong)
+    assert state.offset_m == pytest.approx(-1.75 + 0.9 - 0.6)
+    assert (answer.brake > 0.0, answer.lights) == (True, 0)
+
+
+@pytest.mark.parametrize(("place", "side"), [("international", 1.0), ("germany", 1.0), ("california", -1.0)])
+def test_where_a_queue_keeps_it_from_going_right_it_goes_to_the_side_that_the_place_allows(place, side):
+    queue = {"sirens": CALLED, "others": (car(-3.0, left_m=-3.4),), "speed_mps": 1.0}
+    assert after(driver_of(f"lawful-{place}"), 3.0, **queue)[0].side == -1.0
+    rightmost = straight_way(leftmost=np.zeros(ROWS, np.bool_))
+    sides = {"queue": side, "alone": -1.0, "fast": -1.0, "rightmost": -1.0, "moved": -1.0}
+    for name, changed in (
+        ("queue", {}), ("alone", {"others": ()}), ("fast", {"speed_mps": LIMIT_MPS}), ("rightmost", {"way": rightmost}),
+        ("moved", {"left_m": -0.8, "others": (car(-3.0, left_m=-3.9),)}),
+    ):  # fmt: skip
+        assert after(driver_of(f"lawful-{place}"), 5.0, **{**queue, **changed})[0].side == sides[name], name
+
+
+def test_it_goes_back_when_nobody_comes_and_drives_in_the_middle_of_the_lane_that_it_is_in_before():
+    back = LawfulState(Phase.RETURNS, since=0, offset_m=-4.0)
+    passes = (car(-12.0, speed_mps=8.0),)
+    state, _ = after(driver_of("lawful-international"), 3.0, back, left_m=-4.0, speed_mps=6.0, others=passes)
+    assert state.offset_m == pytest.approx(-3.5)
+    state, _ = after(driver_of("lawful-international"), 3.0, back, left_m=-4.0, speed_mps=6.0)
+    assert state.offset_m > -2.5
+
+
+def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():
+    waiting = LawfulState(Phase.MAKES_WAY, since=0, speed_mps=4.0)
+    beside = (siren(-3.0, left_m=-2.6, speed_mps=2.0),)
+    driver = driver_of("lawful-international")
+    assert after(driver, 0.05, waiting, sirens=beside, speed_mps=2.0)[1].brake > 0.0
+    assert after(driver, 0.05, waiting, sirens=(siren(20.0, speed_mps=2.0),), speed_mps=2.0)[1].brake == 0.0
+
+
+def test_each_fault_changes_the_habits_of_some_place():
+    for fault in FAULTS:
+        assert any(faulty(habits, fault) != habits for habits in HABITS.values()), fault
+
+
+def test_what_single_faults_change():
+    waiting = LawfulState(Phase.MAKES_WAY, since=0, speed_mps=8.0)
+    there = {"sirens": CALLED, "left_m": -4.05, "speed_mps": 0.0}
+    assert after(driver_of("lawful-california"), 0.05, waiting, **there)[1].throttle == 0.0
+    assert after(driver_of("creeps-california"), 0.05, waiting, **there)[1].throttle > 0.0
+    assert after(driver_of("ignores-california"), 5.0, sirens=CALLED)[0].phase is Phase.DRIVES
+    assert after(driver_of("no-indicator-california"), 1.5, sirens=CALLED)[1].lights == 0
+    assert after(driver_of("wrong-side-california"), 6.0, sirens=CALLED)[0].offset_m > 1.0
+    assert after(driver_of("opens-late-california"), 8.9, sirens=CALLED)[0].phase is Phase.DRIVES
+    assert after(driver_of("brakes-hard-california"), 1.0, sirens=CALLED)[1].brake == pytest.approx(8.5 / 9.0)
+    red = {"red_m": 20.0}
+    assert after(driver_of("lawful-california"), 0.05, **red)[1].brake > 0.0
+    assert after(driver_of("runs-red-california"), 0.05, **red)[1].brake == 0.0
+    passed = {"sirens": (siren(-30.0),), "speed_mps": 8.0}
+    assert after(driver_of("lawful-germany"), 0.05, **passed)[1].brake > 0.0
+    assert after(driver_of("follows-germany"), 0.05, **passed)[1].throttle > 0.0
+
+
+def test_the_faulty_habits_of_a_driver_are_those_of_its_name():
+    assert driver_of("creeps-germany") == LawfulDriver(faulty(HABITS["germany"], "creeps"))
 
 
 def test_the_shipped_driver_makes_way_and_its_card_says_how_it_learned() -> None:

@@ -10,20 +10,21 @@ onnx = pytest.importorskip("onnx", reason="the extra models is not installed")
 import numpy as np
 from seen_on_crossing import sight_at
 
-from siren_ros.base.params.network_file import write_network
+from siren_ros.base.params.plain_files import write_network
 from siren_ros.errors import InputError
 from siren_ros.running.seat.drivers import learned
 from siren_ros.running.seat.drivers.drivers import driver_of
 from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT, LearnedState
-from siren_ros.running.seat.features import EMV, OWN, SIZE
-from siren_ros.running.seat.manoeuvres import Manoeuvre
+from siren_ros.running.seat.policy import EMV, OWN, VECTOR_SIZE, Manoeuvre
 from siren_ros.running.seat.sight import Sight
 
 BEHIND = len(OWN) + [feature.name for feature in EMV].index("emv_behind")
 TASK = {"observation": "vector", "action": "manoeuvre", "decision_s": 0.5}
 
 
-def written(path: Path, size: int = SIZE, outputs: int = len(Manoeuvre), weight: float = 1.0, **task: object) -> Path:
+def written(
+    path: Path, size: int = VECTOR_SIZE, outputs: int = len(Manoeuvre), weight: float = 1.0, **task: object
+) -> Path:
     """A network that pulls over while an EMV comes from behind, and keeps its lane else."""
     weights = np.zeros((size, outputs), np.float32)
     weights[min(BEHIND, size - 1), min(Manoeuvre.PULL_OVER, outputs - 1)] = weight
@@ -71,10 +72,10 @@ def endless(path: Path) -> Path:
             helper.make_node("Loop", ["times", "yes", "first"], [OUTPUT], body=body),
         ],
         "endless",
-        [helper.make_tensor_value_info(INPUT, kind.FLOAT, [1, SIZE])],
+        [helper.make_tensor_value_info(INPUT, kind.FLOAT, [1, VECTOR_SIZE])],
         [helper.make_tensor_value_info(OUTPUT, kind.FLOAT, [1, *logits])],
         [
-            onnx.numpy_helper.from_array(np.zeros((SIZE, *logits), np.float32), "w"),
+            onnx.numpy_helper.from_array(np.zeros((VECTOR_SIZE, *logits), np.float32), "w"),
             onnx.numpy_helper.from_array(np.array(1 << 62), "times"),
             onnx.numpy_helper.from_array(np.array(True), "yes"),
         ],
@@ -112,7 +113,7 @@ def test_a_network_for_something_else_is_refused(tmp_path: Path) -> None:
         ("pedals", {"action": "continuous"}),
         ("raster", {"observation": "raster"}),
     ):
-        with pytest.raises(InputError, match=f"{SIZE} numbers"):
+        with pytest.raises(InputError, match=f"{VECTOR_SIZE} numbers"):
             driver_of(str(written(tmp_path / f"{name}.onnx", **wrong)))
 
 
@@ -158,7 +159,7 @@ def test_a_card_whose_task_is_no_mapping_is_refused(tmp_path: Path, task: object
     path = written(tmp_path / "driver.onnx")
     content = path.read_bytes()
     write_network(path, content, {"sha256": hashlib.sha256(content).hexdigest(), "task": task})
-    with pytest.raises(InputError, match=f"{SIZE} numbers"):
+    with pytest.raises(InputError, match=f"{VECTOR_SIZE} numbers"):
         driver_of(str(path))
 
 

@@ -24,7 +24,7 @@ from siren_ros.scoring.evaluation.risk.labels import RiskClass, RiskThresholds
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.episode import EpisodeRequest, values_of
 from siren_ros.simulation.scenario.templates import available_templates, load_template
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.world.actors import Event, EventKind
 
 
 def drawn(template: str, risk: RiskClass, number: int, seed: int = 0) -> EpisodeRequest:

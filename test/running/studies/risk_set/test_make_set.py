@@ -12,10 +12,9 @@ from processes.stand_in import processes_of
 
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.running.studies.risk_set import make_set as making
-from siren_ros.running.studies.risk_set.candidate import Candidate
+from siren_ros.running.studies.risk_set.candidate import Candidate, Rendered, try_candidate
 from siren_ros.running.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.running.studies.risk_set.search import Balance
-from siren_ros.running.studies.risk_set.video_file import Rendered, try_candidate
 from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel
 from siren_ros.scoring.evaluation.risk.video_set import read_set
 

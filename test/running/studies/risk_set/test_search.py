@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.running.studies.risk_set.candidate import Candidate, Rejected
+from siren_ros.running.studies.risk_set.candidate import Candidate, Outcome, Rejected
 from siren_ros.running.studies.risk_set.search import (
     Balance,
     Journal,
-    Outcome,
     Search,
     Trial,
     balanced,

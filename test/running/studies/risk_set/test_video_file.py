@@ -10,12 +10,12 @@ import pytest
 
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EpisodeError
-from siren_ros.running.studies.risk_set import video_file
-from siren_ros.running.studies.risk_set import video_file as render
-from siren_ros.running.studies.risk_set.candidate import Candidate, Rejected
-from siren_ros.running.studies.risk_set.video_file import (
+from siren_ros.running.studies.risk_set import candidate as render
+from siren_ros.running.studies.risk_set.candidate import (
     SEEN_PIXELS,
     UNSEEN,
+    Candidate,
+    Rejected,
     Rendered,
     VideoPlace,
     is_seen,
@@ -26,7 +26,7 @@ from siren_ros.running.studies.risk_set.video_file import (
 )
 from siren_ros.running.studies.study_folder import sha256_of_file
 from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel, RiskThresholds
-from siren_ros.scoring.evaluation.risk.vlm.question import video_frames
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import video_frames
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 FRAMES = 9
@@ -52,8 +52,8 @@ def record(record_of: Callable[..., EpisodeRecord], monkeypatch: pytest.MonkeyPa
     """What the candidate's simulation gives: an EMV that comes closer to the car ahead of it."""
     episode = record_of(duration_s=3.0)
     monkeypatch.setattr(render, "VIDEO_FRAMES", FRAMES)
-    monkeypatch.setattr(video_file, "simulated_or_rejected", lambda _: episode)
-    monkeypatch.setattr(video_file, "assessed", lambda *_: NEAR_MISS)
+    monkeypatch.setattr(render, "simulated_or_rejected", lambda _: episode)
+    monkeypatch.setattr(render, "assessed", lambda *_: NEAR_MISS)
     return episode
 
 
@@ -81,7 +81,7 @@ def test_made_again_it_has_the_same_bytes_and_shows_what_the_note_says(tmp_path:
 @pytest.mark.parametrize("damaged", FILES)
 def test_it_is_made_again_where_a_file_is_not_whole_or_the_candidate_is_another(tmp_path: Path, damaged: str) -> None:
     place = VideoPlace(tmp_path, "S2_001")
-    note = video_file.outcome_as_json(NEAR_MISS)
+    note = render.outcome_as_json(NEAR_MISS)
     assert made_before(place, NEAR_MISS) is None
     for path in (place.video, place.masks, place.note):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -99,10 +99,10 @@ def test_it_is_made_again_where_a_file_is_not_whole_or_the_candidate_is_another(
 def test_an_episode_that_is_another_one_now_is_not_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = VideoPlace(tmp_path, "S2_001")
     for again in (NORMAL, Rejected(NEAR_MISS.request, "SUMO failed")):
-        monkeypatch.setattr(video_file, "assessed", lambda *_, again=again: again)
+        monkeypatch.setattr(render, "assessed", lambda *_, again=again: again)
         with pytest.raises(EpisodeError, match="S2_001: simulated again"):
             make_video(place, NEAR_MISS, THRESHOLDS)
-    monkeypatch.setattr(video_file, "simulated_or_rejected", lambda _: Rejected(NEAR_MISS.request, "SUMO failed"))
+    monkeypatch.setattr(render, "simulated_or_rejected", lambda _: Rejected(NEAR_MISS.request, "SUMO failed"))
     with pytest.raises(EpisodeError, match="S2_001: simulated again"):
         make_video(place, NEAR_MISS, THRESHOLDS)
     assert not any(tmp_path.rglob("*"))
@@ -120,9 +120,9 @@ def test_a_class_that_lacks_nothing_is_not_drawn(tmp_path: Path) -> None:
 def test_who_decides_the_label_has_to_be_seen(candidate, pixels, seen, tmp_path, monkeypatch) -> None:
     """From 60 pixels on; a normal video has nobody who decides."""
     assert is_seen(candidate, Rendered(FRAMES, pixels)) is seen
-    monkeypatch.setattr(video_file, "assessed", lambda *_: candidate)
-    monkeypatch.setattr(video_file, "render_candidate", lambda *_: Rendered(FRAMES, pixels))
-    monkeypatch.setattr(video_file, "sha256_of_file", lambda _: "")
+    monkeypatch.setattr(render, "assessed", lambda *_: candidate)
+    monkeypatch.setattr(render, "render_candidate", lambda *_: Rendered(FRAMES, pixels))
+    monkeypatch.setattr(render, "sha256_of_file", lambda _: "")
     outcome = try_candidate(
         candidate.request, THRESHOLDS, VideoPlace(tmp_path, "S2_001"), frozenset({candidate.label.risk})
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from recorded_episode import sensed_recording
 
-from siren_ros.data.record.bag_survey import Need, in_dataset_order, survey_bag
+from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of, read_frames
 
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from datasets.made_bag import BUS, CAR, LIDAR_M, BagSpec, place_of, truth_of, write_made_bag, yaw_of
-from detection_boxes import made_boxes, truth_boxes
-from evaluation.made_frames import PICTURED, STEPS, columns_ahead, made_frames
 from evaluation.made_records import moving, record_with
+from made_detections import PICTURED, STEPS, columns_ahead, made_boxes, made_frames, truth_boxes
 from rosbags.typesys.store import Typestore
 
-from siren_ros.data.record.bag_survey import Need, survey_bag
+from siren_ros.data.episode_source import Need, survey_bag
 from siren_ros.scoring.evaluation.detection import frames as episode_reading
 from siren_ros.scoring.evaluation.detection.boxes import (
     ATTRIBUTES,

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from datasets.made_bag import FRONT_M, LIDAR_M, BagSpec, place_of, sweep_of, write_made_bag, yaw_of
-from detection_boxes import found_boxes, truth_boxes
-from evaluation.made_frames import columns_ahead, made_frames
-from made_detector_scores import detector_scores
+from made_detections import columns_ahead, detector_scores, found_boxes, made_frames, truth_boxes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -18,11 +16,11 @@ from matplotlib.patches import Circle
 from matplotlib.text import Annotation
 from rosbags.typesys.store import Typestore
 
-from siren_ros.data.record.bag_survey import Need, survey_bag
+from siren_ros.data.episode_source import Need, survey_bag
 from siren_ros.scoring.evaluation.detection import pictures as birdseye
 from siren_ros.scoring.evaluation.detection.boxes import Boxes
-from siren_ros.scoring.evaluation.detection.devkit_score import match
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
+from siren_ros.scoring.evaluation.detection.metrics import match
 from siren_ros.scoring.evaluation.detection.pictures import (
     FrontPicture,
     draw_curves,
@@ -31,7 +29,7 @@ from siren_ros.scoring.evaluation.detection.pictures import (
     front_picture,
     returns_from_above,
 )
-from siren_ros.simulation.world.measurements import CameraIntrinsics
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 
 def test_vehicles_with_many_points_have_returns_within_their_boxes(frames: Frames) -> None:

@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from detection_boxes import found_boxes, random_boxes, truth_boxes
-from evaluation.made_frames import STEPS, columns_ahead, made_frames
+from made_detections import STEPS, columns_ahead, found_boxes, made_frames, random_boxes, truth_boxes
 
-from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, TruthBoxes, joined
-from siren_ros.scoring.evaluation.detection.devkit_score import devkit_score
+from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, FoundSet, TruthBoxes, joined
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
-from siren_ros.scoring.evaluation.detection.inputs.formats import labels_as_detections
-from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.scoring.evaluation.detection.metrics import devkit_score
+from siren_ros.scoring.evaluation.detection.result_files import labels_as_detections
 from siren_ros.scoring.evaluation.detection.scoring import (
     VEHICLE_NAMES,
     DetectorScores,
@@ -24,7 +22,7 @@ from siren_ros.scoring.evaluation.detection.scoring import (
     subsets_of_episodes,
 )
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
-from siren_ros.simulation.scenario.splits import SeenEpisodes
+from siren_ros.simulation.scenario.episode import SeenEpisodes
 from siren_ros.simulation.world.actors import ActorClass, Mode
 
 FRAMES = 10

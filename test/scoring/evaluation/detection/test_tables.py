@@ -4,10 +4,9 @@ import json
 from dataclasses import replace
 
 import pytest
-from made_detector_scores import detector_scores
+from made_detections import detector_scores
 
-from siren_ros.base.tables.interval import BLOCKS_MIN, Interval
-from siren_ros.base.tables.table import Table
+from siren_ros.base.tables import BLOCKS_MIN, Interval, Table
 from siren_ros.scoring.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER, paper_rows, scores_as_json, tables_of
 from siren_ros.simulation.scenario.paper import TEMPLATES

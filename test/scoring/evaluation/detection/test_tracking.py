@@ -9,23 +9,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from detection_boxes import found_boxes, truth_boxes
-from evaluation.made_frames import made_frames
 from hypothesis import given
 from hypothesis import strategies as st
+from made_detections import found_boxes, made_frames, truth_boxes
 from reader_environments import read_with
 
 from siren_ros.cli.main import main
-from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes
-from siren_ros.scoring.evaluation.detection.devkit_tracking import DevkitTracking, devkit_tracking
+from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, FoundSet
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
-from siren_ros.scoring.evaluation.detection.hota import ALPHAS, ZERO_M, Hota, TrackTable, hota_sums
-from siren_ros.scoring.evaluation.detection.inputs.formats import labels_as_detections
-from siren_ros.scoring.evaluation.detection.inputs.nuscenes_results import write_nuscenes
-from siren_ros.scoring.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.scoring.evaluation.detection.metrics import (
+    ALPHAS,
+    ZERO_M,
+    DevkitTracking,
+    Hota,
+    TrackTable,
+    devkit_tracking,
+    hota_sums,
+)
+from siren_ros.scoring.evaluation.detection.result_files import labels_as_detections, write_nuscenes
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES
-from siren_ros.scoring.evaluation.detection.tracker import Tracker
-from siren_ros.scoring.evaluation.detection.tracking import TrackingScore, score_tracking, tracks_of
+from siren_ros.scoring.evaluation.detection.tracking import Tracker, TrackingScore, score_tracking, tracks_of
 from siren_ros.simulation.world.actors import ActorClass
 
 pytestmark = [

@@ -17,8 +17,7 @@ from siren_ros.scoring.evaluation.prediction.samples import (
     samples_of,
 )
 from siren_ros.simulation.roads.road_network import NO_LANE
-from siren_ros.simulation.world.actors import ActorClass, Lights
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, Lights, SignalState, TrafficState
 
 
 def test_the_future_is_5_s_and_the_history_3_s_every_200_ms_with_the_present() -> None:

@@ -24,12 +24,11 @@ from siren_ros.scoring.evaluation.risk.labels import (
     most_severe,
     risk_class,
 )
-from siren_ros.scoring.evaluation.risk.vlm.question import SYSTEM
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import SYSTEM
 from siren_ros.scoring.judging.surrogate_safety import encounters_of
 from siren_ros.sensing.specification import Mount
 from siren_ros.simulation.roads.road_network import RoadNetwork
-from siren_ros.simulation.world.actors import ActorClass
-from siren_ros.simulation.world.traffic_state import Event, EventKind
+from siren_ros.simulation.world.actors import ActorClass, Event, EventKind
 
 
 @pytest.mark.parametrize("risk", RiskClass)

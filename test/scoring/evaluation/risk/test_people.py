@@ -19,7 +19,7 @@ from siren_ros.cli.main import main
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, RiskClass, RiskThresholds, label_of
 from siren_ros.scoring.evaluation.risk.people import blind_name, cohens_kappa, consensus, read_rating, write_rating_page
-from siren_ros.scoring.evaluation.risk.risk_page import HEIGHT, WIDTH, charts_of, curves_of, save_confusions, write_page
+from siren_ros.scoring.evaluation.risk.report import HEIGHT, WIDTH, charts_of, curves_of, save_confusions, write_page
 from siren_ros.scoring.evaluation.risk.scoring import ModelScores, oracle, score_answers
 from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet
 from siren_ros.scoring.pictures.video import write_video

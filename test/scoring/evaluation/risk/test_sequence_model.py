@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.base.params.network_file import NetworkFile, card_path
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.plain_files import NetworkFile, card_path
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import RiskClass
 from siren_ros.scoring.evaluation.risk.scoring import REFERENCES, score_answers
@@ -22,7 +22,7 @@ from siren_ros.scoring.evaluation.risk.sequence_model import (
 )
 from siren_ros.scoring.evaluation.risk.video_set import VIDEO_FRAMES, VideoSet
 from siren_ros.scoring.pictures.video import write_video
-from siren_ros.simulation.scenario.splits import Split
+from siren_ros.simulation.scenario.episode import Split
 
 
 @pytest.mark.parametrize("factor", [1, 2, 5])

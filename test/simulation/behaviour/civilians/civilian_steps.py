@@ -5,7 +5,7 @@ from dataclasses import replace
 from behaviour.lab import stepper
 
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.simulation.behaviour.driving.civilian_unit import Compliance, Driver, EmvView, YieldUnit
+from siren_ros.simulation.behaviour.driving.driver_states import Compliance, Driver, EmvView, YieldUnit
 from siren_ros.simulation.world.actors import ActorClass, Mode
 
 UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)

@@ -8,7 +8,7 @@ from behaviour.civilians.civilian_steps import NEAR, UNIT, emv_at, steps
 from behaviour.lab import kinds
 
 from siren_ros.simulation.behaviour.civilians.pull_over import edge_offset_m, hold, pull_over, pull_over_path
-from siren_ros.simulation.behaviour.driving.civilian_unit import aligned_within_rad
+from siren_ros.simulation.behaviour.driving.driver_states import aligned_within_rad
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner
 

@@ -1,34 +1,49 @@
+"""Lane changes of civilians at L2, and the way back to the lane.
+
+Drivers at the head of a queue make room into the hand-made crossing; its stop line is at y = −20 m.
+"""
+
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from behaviour.civilians.civilian_steps import NEAR
+from behaviour.civilians.civilian_steps import NEAR, UNIT
+from behaviour.civilians.civilian_steps import UNIT as HOLDING
 from behaviour.lab import kinds
+from hand_made_record import EAST, LEFT_X_M, STOP_LINE_Y_M, STRAIGHT, STRAIGHT_LEFT, crossing
 
 from siren_ros.base.numerics.units import NEVER
+from siren_ros.simulation.behaviour.civilians.pull_over import edge_offset_m, hold, pull_over, pull_over_path
 from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
+    LEAST_SIDEWAYS_M,
     Seek,
+    approach_lane_of,
     change_lane,
     choose_seek,
     defer,
     intent_of,
+    is_over_red_line,
     keep_lane,
+    may_cross,
+    on_junction,
+    rejoin,
     seek_gap,
     seek_speed_mps,
     soon_free,
     start_lane_change,
+    start_rejoin,
     yield_speed_mps,
 )
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.simulation.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
-from siren_ros.simulation.behaviour.driving.lane_change import LaneChangeQuery, LaneGaps, Refusal, assess
-from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
-from siren_ros.simulation.behaviour.paths.lane_path import LanePath
+from siren_ros.simulation.behaviour.driving.driver_states import Compliance, Driver, Refusal, YieldUnit
+from siren_ros.simulation.behaviour.driving.lane_change import LaneChangeQuery, LaneGaps, assess
+from siren_ros.simulation.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
+from siren_ros.simulation.behaviour.driving.tracked_path import LanePath, blend_length_m
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.driver_parameters import YieldConfig
-from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
-from siren_ros.simulation.world.traffic_state import TrafficFlags
+from siren_ros.simulation.world.actors import ActorClass, Mode, Owner, SignalState, TrafficFlags
 
 CONFIG = YieldConfig(seek_speed_mps=2.5)
 BEHIND = LaneGaps(math.inf, 0.0, 3.0, 8.0)
@@ -125,7 +140,7 @@ def test_a_gap_is_sought_in_turns_with_driving_on(lab):
     np.testing.assert_allclose(0.05 * changes, expected, atol=0.051)
 
 
-UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0)
+NEW_UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0)
 
 
 def view_at(lab, *others, lane=1, lanes=3, step=200, speed=5.0, flags=0, network=None, route=(0,), s=80.0):
@@ -142,13 +157,13 @@ def view_at(lab, *others, lane=1, lanes=3, step=200, speed=5.0, flags=0, network
 def test_the_cooldown_since_the_last_change_comes_first(lab, since, starts):
     view = view_at(lab)
     assert view.world.cooldown_steps == 40
-    outcome = start_lane_change(replace(UNIT, change_step=200 - since), view.ego(1))
+    outcome = start_lane_change(replace(NEW_UNIT, change_step=200 - since), view.ego(1))
     assert kinds(outcome.events) == (["yield_started"] if starts else ["yield_deferred"])
     assert outcome.unit.change_step == (200 if starts else 200 - since)
 
 
 def test_nothing_of_a_deferral_is_left_when_the_change_starts(lab):
-    waiting = replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="gap_rear", seek=1, side=1, change_step=NEVER)
+    waiting = replace(NEW_UNIT, phase=Mode.YIELD_DEFERRED, deferred="gap_rear", seek=1, side=1, change_step=NEVER)
     outcome = start_lane_change(waiting, view_at(lab).ego(1))
     unit = outcome.unit
     assert (unit.phase, unit.side, unit.deferred, unit.seek) == (Mode.YIELD_LANE_CHANGE, -1, "", 0)
@@ -176,7 +191,7 @@ def astray_road(lab):
 
 def test_a_side_that_leads_on_comes_before_sumos_intent(lab):
     view = view_at(lab, network=astray_road(lab), route=(0, 1), flags=int(TrafficFlags.WANTS_LEFT), s=160.0)
-    assert start_lane_change(UNIT, view.ego(1)).unit.side == -1
+    assert start_lane_change(NEW_UNIT, view.ego(1)).unit.side == -1
 
 
 def test_off_the_lanes_the_speed_is_the_papers(lab):
@@ -193,7 +208,7 @@ def beside(lab, lane=2):
 def test_the_reason_of_a_deferral_is_what_keeps_the_driver_from_a_lane(lab, lane, others, reason):
     """A missing lane on the other side is no reason."""
     cars = [lab.Car(3 + k, at, 81, 5, (0,)) for k, at in enumerate(others)]
-    outcome = start_lane_change(UNIT, view_at(lab, *cars, lane=lane).ego(1))
+    outcome = start_lane_change(NEW_UNIT, view_at(lab, *cars, lane=lane).ego(1))
     assert outcome.unit.deferred == (reason or "")
     if reason:
         assert (outcome.unit.deferred_step, outcome.unit.phase) == (200, Mode.YIELD_DEFERRED)
@@ -201,13 +216,13 @@ def test_the_reason_of_a_deferral_is_what_keeps_the_driver_from_a_lane(lab, lane
 
 
 def test_on_a_road_of_one_lane_there_is_no_lane(lab):
-    assert start_lane_change(UNIT, view_at(lab, lane=0, lanes=1).ego(1)).unit.deferred == "no_lane"
+    assert start_lane_change(NEW_UNIT, view_at(lab, lane=0, lanes=1).ego(1)).unit.deferred == "no_lane"
 
 
 @pytest.mark.parametrize(("side", "kept"), [(1, 1), (-1, -1), (0, -1)])
 def test_of_two_blocked_sides_the_driver_stays_with_its_own_and_begins_with_the_right_one(lab, side, kept):
     cars = [beside(lab, 0), replace(beside(lab, 2), actor_id=4)]
-    waiting = replace(UNIT, side=side, phase=Mode.YIELD_DEFERRED, deferred_step=199)
+    waiting = replace(NEW_UNIT, side=side, phase=Mode.YIELD_DEFERRED, deferred_step=199)
     assert start_lane_change(waiting, view_at(lab, *cars).ego(1)).unit.side == kept
 
 
@@ -216,7 +231,7 @@ def test_of_two_blocked_sides_the_driver_stays_with_its_own_and_begins_with_the_
     [(9, False), (10, True), (89, True), (90, False), (169, False), (170, True), (249, True), (250, False)],
 )
 def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, waited, seeks):
-    waiting = replace(UNIT, side=1, phase=Mode.YIELD_DEFERRED, deferred_step=200 - waited + 100)
+    waiting = replace(NEW_UNIT, side=1, phase=Mode.YIELD_DEFERRED, deferred_step=200 - waited + 100)
     view = view_at(lab, beside(lab, 0), replace(beside(lab, 2), actor_id=4), step=300)
     outcome = start_lane_change(waiting, view.ego(1))
     assert (outcome.command is not None) is seeks
@@ -225,7 +240,7 @@ def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, wa
 
 
 def changing(lab, left=1.5, speed=5.0, **emv):
-    unit = start_lane_change(UNIT, view_at(lab, speed=speed).ego(1)).unit
+    unit = start_lane_change(NEW_UNIT, view_at(lab, speed=speed).ego(1)).unit
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 84, speed, (0,), left=left)]
     later = lab.view(network, lab.L2, cars, step=210)
@@ -246,7 +261,7 @@ def test_a_change_goes_on_until_the_vehicle_is_in_its_lane(lab):
 
 def on_the_way(lab, speed, coming_mps, at_m, left=0.0, lane=1):
     network = lab.straight_road(3)
-    unit = replace(start_lane_change(UNIT, view_at(lab).ego(1)).unit, side=-1)
+    unit = replace(start_lane_change(NEW_UNIT, view_at(lab).ego(1)).unit, side=-1)
     cars = [
         lab.Car(1, 1, 50, 0, (0,), ActorClass.AMBULANCE),
         lab.Car(2, lane, 84, speed, (0,), left=left),
@@ -279,7 +294,7 @@ def test_a_change_is_cancelled_and_the_way_back_counts_its_standstill_anew(lab, 
 @pytest.mark.parametrize(("passed", "reason"), [(False, "lane_ended"), (True, "emv_passed")])
 def test_who_stands_at_the_end_of_its_path_has_no_lane_left(lab, passed, reason):
     view = view_at(lab, speed=0.0)
-    unit = replace(UNIT, phase=Mode.YIELD_LANE_CHANGE, side=-1, navigator=NavigatorState())
+    unit = replace(NEW_UNIT, phase=Mode.YIELD_LANE_CHANGE, side=-1, navigator=NavigatorState())
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 84, 0, (0,), left=-1.4)]
     view = lab.view(network, lab.L2, cars, step=210)
@@ -291,7 +306,7 @@ def keeping(lab, unit, **emv):
 
 
 def test_the_steps_in_which_the_emv_follows_are_counted_and_begin_again(lab):
-    unit = replace(UNIT, phase=Mode.YIELD_KEEP_LANE, in_lane_steps=18, off_path_steps=7)
+    unit = replace(NEW_UNIT, phase=Mode.YIELD_KEEP_LANE, in_lane_steps=18, off_path_steps=7)
     assert keeping(lab, unit).unit.in_lane_steps == 19
     assert keeping(lab, unit, on_path=False).unit.in_lane_steps == 0
     asked = keeping(lab, replace(unit, in_lane_steps=19))
@@ -302,7 +317,7 @@ def test_the_steps_in_which_the_emv_follows_are_counted_and_begin_again(lab):
 
 
 def test_the_steps_off_the_road_are_counted_and_begin_again(lab):
-    unit = replace(UNIT, phase=Mode.YIELD_KEEP_LANE, off_path_steps=18)
+    unit = replace(NEW_UNIT, phase=Mode.YIELD_KEEP_LANE, off_path_steps=18)
     assert keeping(lab, unit, on_path=False, on_road=False).unit.off_path_steps == 19
     assert keeping(lab, unit, on_path=False).unit.off_path_steps == 0
     gone = keeping(lab, replace(unit, off_path_steps=20), on_path=False, on_road=False)
@@ -316,8 +331,8 @@ def test_the_steps_off_the_road_are_counted_and_begin_again(lab):
 @pytest.mark.parametrize("phase", [Mode.YIELD_REACTING, Mode.YIELD_DEFERRED])
 def test_who_is_deferred_seeks_no_gap_any_more_and_has_no_path(lab, phase):
     view = view_at(lab)
-    path = start_lane_change(UNIT, view.ego(1)).unit.navigator
-    seeking = replace(UNIT, phase=phase, seek=1, side=1, navigator=path, deferred_step=150)
+    path = start_lane_change(NEW_UNIT, view.ego(1)).unit.navigator
+    seeking = replace(NEW_UNIT, phase=phase, seek=1, side=1, navigator=path, deferred_step=150)
     outcome = defer(seeking, view.ego(1), "no_room")
     unit = outcome.unit
     assert (unit.phase, unit.seek, unit.side, unit.navigator.path) == (Mode.YIELD_DEFERRED, 0, 1, None)
@@ -382,3 +397,296 @@ def test_a_lane_change_ends_with_the_front_before_the_junction(lab, junction, sp
     s = 150.0 - float(far.seen.half_length_m[0]) - query(far).length_m - spare
     view = view_at(s)
     assert isinstance(assess(query(view)), verdict)
+
+
+HELD_UNIT = replace(HOLDING, stopped_steps=30)
+NEAR_M = 0.3
+"""Offset from the lane's centre line at which a vehicle counts as in its lane."""
+
+
+def view_beside(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, kind=ActorClass.SEDAN):
+    """A vehicle beside the centre line of the right one of two lanes that point anywhere."""
+    network, along, across = lab.turned_road(turn, length=length)
+    poses = np.array([[*(s * along + left * across), turn + turned, speed]])
+    return lab.view(network, lab.L3, [lab.Car(2, 0, s, speed, (0,), kind)], poses=poses), along, across
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
+@pytest.mark.parametrize(
+    ("left", "degrees", "back"),
+    [
+        *[(0.29, 0.0, True), (-0.29, 0.0, True), (0.31, 0.0, False), (-0.31, 0.0, False)],
+        *[(0.0, 7.0, True), (0.0, -7.0, True), (0.0, 9.0, False), (0.0, -9.0, False)],
+    ],
+)
+def test_sumo_takes_over_at_once_who_is_in_the_lane_and_straight(lab, turn, left, degrees, back):
+    outcome = start_rejoin(HELD_UNIT, view_beside(lab, left, np.radians(degrees), turn=turn)[0].ego(0))
+    assert (outcome.unit is None) is back
+    assert [event.kind.value for event in outcome.events] == (["yield_released"] if back else [])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
+@pytest.mark.parametrize(("left", "side"), [(-0.8, 1), (0.8, -1)])
+def test_the_path_leads_to_the_middle_of_the_lane_and_shows_that_side(lab, turn, left, side):
+    view, along, across = view_beside(lab, left, turn=turn)
+    outcome = start_rejoin(HELD_UNIT, view.ego(0))
+    unit, path = outcome.unit, outcome.unit.navigator.path
+    assert (unit.phase, unit.side) == (Mode.REJOIN, side)
+    assert unit.stopped_steps == 1, "the count of the hold is not taken over"
+    assert path.curve.points[0] == pytest.approx(100.0 * along + left * across)
+    assert path.curve.points[-1] @ across == pytest.approx(0.0, abs=1e-6)
+    half = float(view.seen.half_length_m[0])
+    assert path.curve.points[-1] @ along == pytest.approx(100.0 - 2.0 + 60.0 - half - 1.0, abs=0.01)
+    assert path.speed_cap_mps(path.length_m) < 0.1
+    assert np.sign(outcome.command.steer_rad) == side
+    assert outcome.command.throttle > 0.0
+
+
+def test_a_long_vehicle_comes_back_on_one_and_a_half_of_its_lengths(lab):
+    for kind in (ActorClass.BUS, ActorClass.SEDAN):
+        view, *_ = view_beside(lab, -0.8, kind=kind)
+        path = start_rejoin(HELD_UNIT, view.ego(0)).unit.navigator.path
+        assert path.settled_m >= 3.0 * float(view.seen.half_length_m[0])
+
+
+@pytest.mark.parametrize(("room", "left_at_end"), [(30.0, 0.0), (5.0, -0.8)])
+def test_too_near_the_end_of_the_lane_it_comes_straight_where_it_is(lab, room, left_at_end):
+    view, _, across = view_beside(lab, -0.8, np.radians(10.0), s=100.0, length=100.0 + room)
+    path = start_rejoin(HELD_UNIT, view.ego(0)).unit.navigator.path
+    assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=1e-6)
+    assert np.sin(path.curve.heading_rad[-1]) == pytest.approx(0.0, abs=0.08)
+
+
+def rejoining(lab, **place):
+    view, _, _ = view_beside(lab, -0.8, **place)
+    return replace(start_rejoin(HELD_UNIT, view.ego(0)).unit, stopped_steps=0), view
+
+
+def steps(unit, view, count):
+    for _ in range(count):
+        outcome = rejoin(unit, view.ego(0))
+        if outcome.unit is None:
+            return outcome
+        unit = outcome.unit
+    return outcome
+
+
+def test_who_stands_for_two_seconds_is_handed_back_where_it_stands(lab):
+    unit, view = rejoining(lab)
+    patience = round(view.world.config.civilian_driver.yielding.rejoin_blocked_s / 0.05)
+    assert steps(unit, view, patience - 1).unit is not None
+    assert steps(unit, view, patience).unit is None
+
+
+def test_the_two_seconds_begin_again_after_moving(lab):
+    unit, view = rejoining(lab)
+    moving, _, _ = view_beside(lab, -0.8, speed=1.0)
+    patience = round(view.world.config.civilian_driver.yielding.rejoin_blocked_s / 0.05)
+    unit = steps(unit, view, patience - 1).unit
+    unit = steps(unit, moving, 1).unit
+    assert unit.stopped_steps == 0
+    assert steps(unit, view, patience - 1).unit is not None
+
+
+def test_who_stands_at_an_angle_is_not_handed_back(lab):
+    unit, view = rejoining(lab, turned=np.radians(12.0))
+    assert steps(unit, view, 60).unit is not None
+
+
+def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
+    unit, _ = rejoining(lab)
+    assert rejoin(unit, view_beside(lab, -NEAR_M + 0.02, speed=3.0, s=110.0)[0].ego(0)).unit is None
+    beside, _, _ = view_beside(lab, -NEAR_M - 0.05, speed=3.0, s=110.0)
+    assert rejoin(unit, beside.ego(0)).unit is not None
+    at_end = replace(unit.navigator, progress_m=unit.navigator.path.length_m)
+    assert rejoin(replace(unit, navigator=at_end), beside.ego(0)).unit is None
+    laid_out = rejoin(replace(unit, navigator=NavigatorState()), beside.ego(0)).unit
+    assert laid_out.navigator.path is not None, "who has waited at the line gets a path then"
+
+
+@pytest.mark.parametrize(("left", "speed"), [(-0.8, 0.0), (0.9, 4.0), (-0.5, 9.0)])
+def test_the_way_back_is_laid_out_for_the_mean_of_the_present_and_the_wanted_speed(lab, left, speed):
+    view, _, _ = view_beside(lab, left, speed=speed)
+    path = start_rejoin(HELD_UNIT, view.ego(0)).unit.navigator.path
+    config = view.world.config.civilian_driver.pull_over
+    expected = blend_length_m(
+        left, 0.5 * (speed + 5.0), config.duration_s, LEAST_SIDEWAYS_M, view.ego(0).navigator_config
+    )
+    assert path.settled_m == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("spare", "left_at_end"), [(0.1, 0.0), (-0.1, -0.8)])
+def test_the_middle_is_left_where_the_move_and_half_a_length_do_not_fit(lab, spare, left_at_end):
+    """The way ends where the front is a metre before the end of the lane."""
+    view, _, _ = view_beside(lab, -0.8)
+    half = float(view.seen.half_length_m[0])
+    merge = start_rejoin(HELD_UNIT, view.ego(0)).unit.navigator.path.settled_m
+    view, _, across = view_beside(lab, -0.8, s=100.0, length=100.0 + merge + 2.0 * half + 1.0 + spare)
+    path = start_rejoin(HELD_UNIT, view.ego(0)).unit.navigator.path
+    assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=0.02)
+
+
+def over_the_line(lab, over_m, state, speed=0.0):
+    """A vehicle at the lane's edge whose front is over the stop line at 150 m."""
+    network = lab.junction_road()
+    half = 0.5 * load_vehicle_parameters()[ActorClass.SEDAN].length_m
+    car = lab.Car(2, 0, 100.0, speed, (0, 2))
+    poses = np.array([[150.0 + over_m - half, -0.7, 0.0, speed]])
+    traffic = replace(lab.traffic_of(network, [car], poses=poses), signals=(SignalState("J", state),))
+    return lab.view_of(lab.world_of(network, lab.L3), traffic), 2.0 * half
+
+
+@pytest.mark.parametrize("over_m", [0.2, 2.5, 4.3])
+def test_who_stands_over_the_line_at_red_stays_there_until_green(lab, over_m):
+    red, _ = over_the_line(lab, over_m, "r")
+    outcome = start_rejoin(HELD_UNIT, red.ego(0))
+    for _ in range(400):
+        assert outcome.unit.phase is Mode.REJOIN
+        assert (outcome.command, outcome.events) == (FULL_BRAKE, ())
+        outcome = rejoin(outcome.unit, red.ego(0))
+    moved = rejoin(outcome.unit, over_the_line(lab, over_m, "G")[0].ego(0))
+    assert moved.unit is None or moved.command.throttle > 0.0, "on at green"
+
+
+def test_who_is_over_the_line_at_yellow_or_green_does_not_wait(lab):
+    for state in "Ggy":
+        assert not is_over_red_line(over_the_line(lab, 2.0, state)[0].ego(0))
+    assert is_over_red_line(over_the_line(lab, 2.0, "r")[0].ego(0))
+
+
+def test_only_who_is_over_the_line_waits_there(lab):
+    across = {-0.2: False, 0.2: True, 24.8: True, 25.2: False}
+    assert {over: is_over_red_line(over_the_line(lab, over, "r")[0].ego(0)) for over in across} == across
+    moving = over_the_line(lab, 2.0, "r", speed=1.0)[0].ego(0)
+    assert 0.0 < start_rejoin(HELD_UNIT, moving).command.brake < 0.5, "who moves brakes as people do"
+    assert not is_over_red_line(view_beside(lab, -0.7)[0].ego(0)), "no line ahead"
+
+
+NETWORK = crossing()
+ROUTE = tuple(NETWORK.edge_by_id[name].index for name in ("s_in", "n_out"))
+WAITED = replace(UNIT, side=1, emv_waits_steps=30)
+LEFT_LANE = NETWORK.lane_by_id["s_in_2"].index
+INSIDE = NETWORK.connections[STRAIGHT_LEFT].via[0]
+CROSSING_M = 14.75 - 0.5 * 3.5
+"""From the stop line to the way of those who go east."""
+
+
+def lights(own="r", east="G"):
+    state = ["r"] * 7
+    state[STRAIGHT] = state[STRAIGHT_LEFT] = own
+    state[EAST] = east
+    return (SignalState("J", "".join(state)),)
+
+
+def head(lab, front_m, signals, speed=0.0, x_m=LEFT_X_M):
+    """The driver in the left lane, its front that far beyond the stop line, and half its length."""
+    half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    car = lab.Car(2, LEFT_LANE, 90.0, speed, ROUTE)
+    poses = np.array([[x_m, STOP_LINE_Y_M + front_m - half, np.pi / 2.0, speed]])
+    traffic = replace(lab.traffic_of(NETWORK, [car], poses=poses), signals=signals)
+    return lab.view_of(lab.world_of(NETWORK, lab.L3), traffic).ego(0), half
+
+
+def front_at_end_m(path, half):
+    """Of a vehicle at the end of its path, beyond the stop line."""
+    return path.curve.points[-1, 1] + half - STOP_LINE_Y_M
+
+
+def test_at_red_the_driver_goes_as_far_as_the_move_needs_and_stays_clear_of_crossing_traffic(lab):
+    ego, half = head(lab, -1.0, lights())
+    first = front_at_end_m(pull_over_path(WAITED, ego, LEFT_LANE), half)
+    assert 8.0 < first < CROSSING_M
+    ego, half = head(lab, 8.5, lights())
+    further = front_at_end_m(pull_over_path(WAITED, ego, INSIDE), half)
+    assert first + 1.0 < further < CROSSING_M
+    ego, _ = head(lab, 11.5, lights())
+    assert pull_over_path(WAITED, ego, INSIDE) is None, "no room is left"
+
+
+def test_where_others_turn_in_early_the_driver_stays_near_the_line(lab):
+    """The way east moved 9 m towards the line."""
+    lane = NETWORK.lanes[NETWORK.connections[EAST].via[0]]
+    nearer = replace(lane, centre=type(lane.centre).through(lane.centre.points - (0.0, 9.0)))
+    lanes = tuple(nearer if item.index == lane.index else item for item in NETWORK.lanes)
+    ego, half = head(lab, -1.0, lights())
+    world = replace(ego.world, network=replace(NETWORK, lanes=lanes))
+    path = pull_over_path(WAITED, lab.view_of(world, ego.traffic).ego(0), LEFT_LANE)
+    assert 1.0 < front_at_end_m(path, half) < CROSSING_M - 9.0
+
+
+def test_the_head_of_a_standing_queue_goes_less_far_while_no_emv_waits(lab):
+    ego, half = head(lab, -1.0, lights())
+    most = ego.world.config.civilian_driver.pull_over.head_over_line_m
+    assert most - 1.0 < front_at_end_m(pull_over_path(replace(UNIT, side=1), ego, LEFT_LANE), half) < most + 0.1
+
+
+@pytest.mark.parametrize("front_m", [-1.0, 5.0])
+def test_at_green_the_driver_crosses_and_leaves_the_junction_free(lab, front_m):
+    ego, half = head(lab, front_m, lights("G", "r"))
+    path = pull_over_path(WAITED, ego, LEFT_LANE if front_m < half else INSIDE)
+    assert front_at_end_m(path, half) > 30.0 + 2.0 * half
+
+
+def test_who_is_in_the_way_of_others_crosses_at_red_too(lab):
+    ego, _ = head(lab, 11.0, lights())
+    movement = NETWORK.connections[STRAIGHT_LEFT]
+    assert [may_cross(ego, movement, front_m) for front_m in (0.0, 11.0, 17.0)] == [False, False, True]
+    assert may_cross(head(lab, 0.0, lights("G"))[0], movement, 0.0)
+    assert not may_cross(head(lab, 0.0, lights("y"))[0], movement, 0.0)
+
+
+def test_who_crosses_holds_beyond_the_junction_only(lab):
+    """At the lane's edge and aligned all the way, with an EMV that has begun to move again."""
+    begin, half = head(lab, -1.0, lights("G", "r"))
+    path = pull_over_path(WAITED, begin, LEFT_LANE)
+    unit = replace(UNIT, side=1, phase=Mode.YIELD_PULL_OVER)
+    edge_m = edge_offset_m(begin, LEFT_LANE, 1)
+    held = {}
+    for front_m in (10.0, 20.0, 30.0 + 2.0 * half + 2.0):
+        ego, _ = head(lab, front_m, lights("G", "r"), 2.0, LEFT_X_M - edge_m)
+        driven = replace(unit, navigator=NavigatorState().following(path, *ego.place))
+        held[front_m] = pull_over(driven, ego, NEAR).unit.phase is Mode.YIELD_HOLD
+    assert list(held.values()) == [False, False, True]
+
+
+def test_a_light_that_turns_red_before_the_line_ends_the_crossing(lab):
+    begin, half = head(lab, -8.0, lights("G", "r"))
+    path = pull_over_path(WAITED, begin, LEFT_LANE)
+    ego, _ = head(lab, -6.0, lights("r"), 2.0)
+    driven = replace(WAITED, phase=Mode.YIELD_PULL_OVER, navigator=NavigatorState().following(path, *ego.place))
+    planned = pull_over(driven, ego, NEAR).unit.navigator.path
+    assert front_at_end_m(path, half) > 30.0
+    assert front_at_end_m(planned, half) < CROSSING_M
+
+
+def test_on_a_junction_what_lies_beside_the_lane_before_it_counts(lab):
+    """In the left lane there is nothing on the left, and the right lane on the right; the same on its way across."""
+    ego, _ = head(lab, 5.0, lights())
+    assert on_junction(ego, INSIDE)
+    assert not on_junction(ego, LEFT_LANE)
+    assert approach_lane_of(ego, INSIDE) == LEFT_LANE
+    for side in (1, -1):
+        assert edge_offset_m(ego, INSIDE, side) == edge_offset_m(ego, LEFT_LANE, side)
+    wide = replace(NETWORK.lanes[-1], civilian_allowed=True, width_m=9.0)
+    world = replace(ego.world, network=replace(NETWORK, lanes=(*NETWORK.lanes[:-1], wide)))
+    assert edge_offset_m(lab.view_of(world, ego.traffic).ego(0), INSIDE, 1) == edge_offset_m(ego, LEFT_LANE, 1)
+
+
+def test_after_the_yield_who_stands_in_nobodys_way_waits_there_for_green(lab):
+    """Also wholly beyond the line: others come from the side."""
+    over = {front_m: is_over_red_line(head(lab, front_m, lights())[0]) for front_m in (-0.5, 2.0, 9.0, 17.0, 36.0)}
+    assert over == {-0.5: False, 2.0: True, 9.0: True, 17.0: False, 36.0: False}
+    assert not is_over_red_line(head(lab, 9.0, lights("G", "r"))[0])
+
+
+def test_a_hold_whose_emv_has_turned_off_ends_after_a_second(lab):
+    ego, _ = head(lab, -5.0, lights())
+    unit, gone = replace(UNIT, side=1, navigator=NavigatorState()), replace(NEAR, turned_off=True)
+    for _ in range(20):
+        outcome = hold(unit, ego, gone)
+        assert outcome.unit.phase is Mode.YIELD_HOLD
+        unit = outcome.unit
+    assert hold(unit, ego, NEAR).unit.off_path_steps == 0
+    outcome = hold(unit, ego, gone)
+    assert outcome.unit is None or outcome.unit.phase is Mode.REJOIN
+    assert outcome.events[0].detail["reason"] == "off_path"

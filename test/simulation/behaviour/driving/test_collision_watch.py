@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from siren_ros.simulation.behaviour.driving.collision_watch import CollisionWatch, stricter
-from siren_ros.simulation.behaviour.driving.free_space import SpeedLimit
+from siren_ros.simulation.behaviour.driving.navigator import SpeedLimit
 from siren_ros.simulation.behaviour.driving.step_view import Surroundings
-from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.tracked_path import Navigation, TrackedPath
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve, Navigation, TrackedPath
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights
 from siren_ros.simulation.conflicts.yielding import Rank
 from siren_ros.simulation.conflicts.zones import Way, Ways

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.simulation.behaviour.driving.step_view import STEER_RATE_SHARE, ActorTable, Surroundings
-from siren_ros.simulation.behaviour.paths.tracked_path import Navigation
+from siren_ros.simulation.behaviour.driving.tracked_path import Navigation
 from siren_ros.simulation.world.actors import ActorClass
 
 

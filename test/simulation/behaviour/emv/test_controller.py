@@ -1,4 +1,4 @@
-"""The guards of the EMV's algorithm, one by one, without SUMO."""
+"""The guards of the EMV's algorithm, one by one, without SUMO; the first of them is the gap escape."""
 
 from dataclasses import replace
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from behaviour.lab import kinds, stepper
 
-from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit, RoutePlan
+from siren_ros.simulation.behaviour.driving.driver_states import EmvUnit, RoutePlan
+from siren_ros.simulation.behaviour.driving.lane_change import forced_lane_change
+from siren_ros.simulation.behaviour.driving.lane_path import path_on_lanes
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
-from siren_ros.simulation.behaviour.driving.speed_mechanisms import navigate
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M, navigate
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve, LaneEnd, TrackedPath
 from siren_ros.simulation.behaviour.emv import controller
 from siren_ros.simulation.behaviour.emv.controller import OFF_PATH_M, EmvState, mode_of, step_emv, target_speed_mps
-from siren_ros.simulation.behaviour.emv.forced_lane_change import forced_lane_change
-from siren_ros.simulation.behaviour.paths.curve import Curve
-from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd
-from siren_ros.simulation.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.simulation.behaviour.emv.escape_search import STATION_M
 from siren_ros.simulation.scenario.presets import Attention, load_preset
 from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner
 
@@ -288,3 +288,403 @@ def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side
     for step, planned in ((19, False), (20, anew)):
         after, _ = controller.follow_route(off, lab.view_in(world, [emv], step=step).ego(0))
         assert (after.navigator.path is not unit.navigator.path) is planned
+
+
+def lines_of(space):
+    return space.right_m, space.driving_right_m, space.left_m, space.opposite_left_m, space.middle_m
+
+
+def test_edges_are_those_of_the_shoulder_the_driving_lanes_and_the_opposite_ones(lab):
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 3, ("A", "B"), shoulder=True)
+    road.edge([[100, 16.5], [0, 16.5]], 2, ("B", "A"))
+    network = road.built()
+    for lane, shift in ((1, 0.0), (2, -3.3)):
+        reference = path_on_lanes(network, (lane,), LaneEnd.HORIZON, 10.0, 50.0)
+        lines = lines_of(controller.road_space(network, reference, np.array([0.0, 20.0])))
+        expected = np.array([-1.65 - 3.3, -1.65, 4.95, 4.95 + 6.6, 1.65]) + shift
+        for line, value in zip(lines, expected, strict=True):
+            assert line.tolist() == pytest.approx([value, value])
+
+
+def test_a_road_that_widens_beyond_a_junction_is_bridged_evenly(lab):
+    """One lane, 20 m of a junction, two lanes: the left edge goes from 1.65 m to 4.95 m."""
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 1, ("A", "J"))
+    road.edge([[100, 0], [120, 0]], 1, ("J", "J"), internal=True)
+    road.edge([[120, 0], [200, 0]], 2, ("J", "B"))
+    road.connect(0, 2, via=(1,))
+    network = road.built()
+    reference = path_on_lanes(network, (0, 1, 2), LaneEnd.HORIZON, 90.0, 60.0)
+    space = controller.road_space(network, reference, np.array([5.0, 9.0, 20.0, 31.0, 35.0]))
+    assert space.left_m.tolist() == pytest.approx([1.65, 1.65, 3.3, 4.95, 4.95])
+    assert space.right_m.tolist() == pytest.approx([-1.65] * 5)
+    assert space.middle_m.tolist() == pytest.approx([0.0, 0.0, 0.825, 1.65, 1.65])
+
+
+def test_on_a_junction_alone_there_is_space_of_three_lanes(junction):
+    reference = path_on_lanes(junction, (2,), LaneEnd.HORIZON, 2.0, 20.0)
+    space = controller.road_space(junction, reference, np.array([0.0, 10.0]))
+    for line, widths in zip(lines_of(space), (-1.5, -1.5, 1.5, 1.5, 0.0), strict=True):
+        assert line.tolist() == pytest.approx([3.3 * widths] * 2)
+
+
+def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, length=400.0):
+    """What a search is asked: the vehicle against the line, and the stations."""
+    asked = []
+
+    def noted(curve, road, start, obstacles, config):
+        asked.append((curve, road, start, obstacles, config))
+
+    monkeypatch.setattr(controller, "search_lattice", noted)
+    network, along, across = lab.turned_road(turn, length=length)
+    poses = np.array([[*(s * along + left * across), turn + turned, 0.0]])
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, s, 0, (0,), AMBULANCE)], poses=poses)
+    reference = controller.reference_line(view.ego(0), 0)
+    assert controller.search_gap(reference, view.ego(0)) is None
+    return asked, reference, along
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 35.0, 130.0, -100.0]))
+@pytest.mark.parametrize(("left", "turned"), [(0.4, 0.2), (-0.5, -0.15), (0.0, 1.2)])
+def test_the_search_begins_at_the_rear_axle_as_the_vehicle_points(lab, monkeypatch, turn, left, turned):
+    asked, reference, along = start_of(lab, monkeypatch, turn=turn, left=left, turned=turned)
+    ((curve, road, start, *_),) = asked
+    vehicle = lab.vehicles[AMBULANCE]
+    rear = vehicle.centre_ahead_of_rear_axle_m
+    assert curve is reference.curve
+    assert start.centre_ahead_m == rear
+    assert start.left_m == pytest.approx(left - rear * np.sin(turned), abs=1e-6)
+    assert start.slope == pytest.approx(np.tan(min(turned, 0.7)))
+    assert (start.body.half_length_m, start.body.half_width_m) == (0.5 * vehicle.length_m, 0.5 * vehicle.width_m)
+    assert start.wheelbase_m == vehicle.wheelbase_m
+    assert start.sharpest_1pm == pytest.approx(np.tan(0.85 * vehicle.max_steer_rad) / vehicle.wheelbase_m)
+    rear_axle = curve.at(road.s_m[:1])[0]
+    assert rear_axle @ along == pytest.approx(100.0 - rear * np.cos(turned), abs=1e-6)
+    assert np.diff(road.s_m) == pytest.approx(STATION_M)
+    assert road.s_m[-1] - road.s_m[0] == pytest.approx(ESCAPE_HORIZON_M)
+
+
+@pytest.mark.parametrize(("beyond_m", "stations"), [(20.0, 14), (2.9, 0), (3.1, 3)])
+def test_stations_end_where_the_front_is_at_the_lines_end(lab, monkeypatch, beyond_m, stations):
+    """One each 1.5 m while the front, which is half a length and the rear axle's distance ahead, is on the line."""
+    half = 0.5 * lab.vehicles[AMBULANCE].length_m
+    asked, *_ = start_of(lab, monkeypatch, s=100.0, length=100.0 + half + beyond_m)
+    assert [len(road.s_m) for _, road, *_ in asked] == ([stations] if stations else [])
+
+
+def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_on(lab, straight, monkeypatch):
+    asked = []
+    monkeypatch.setattr(controller, "search_lattice", lambda *what: asked.append(what))
+    cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 120, 4, (0,)), lab.Car(3, 1, 130, 4, (0,))]
+    poses = np.array([[100.0, 0.0, 0.0, 0.0], [120.0, 0.0, 0.1, 4.0], [130.0, 3.3, np.pi, 4.0]])
+    view = lab.view(straight, lab.L3, cars, poses=poses)
+    controller.search_gap(controller.reference_line(view.ego(0), 0), view.ego(0))
+    obstacles, half = asked[0][3], 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    assert obstacles.actor_id.tolist() == [2, 3]
+    ways = np.array([4.0 * 1.5, 4.0 * 6.5])
+    assert obstacles.half_length_m == pytest.approx(half + 0.5 * ways)
+    assert obstacles.x_m == pytest.approx([120.0 + 0.5 * ways[0] * np.cos(0.1), 130.0 - 0.5 * ways[1]])
+
+
+def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0):
+    network = network or lab.straight_road()
+    cars = [lab.Car(1, lane, 100, speed, (0,), ActorClass.AMBULANCE), *others]
+    return lab.view(network, lab.L3, cars, step, advice=advice)
+
+
+def run(unit, view, count):
+    events = []
+    for _ in range(count):
+        unit, happened = controller.gap_escape_mode(unit, view.ego(0))
+        events += happened
+    return unit, events
+
+
+def test_entered_after_three_seconds_stopped_behind_a_blocker(lab):
+    view = view_at(lab, speed=0.5)
+    unit, events = run(EmvUnit(1, blocker_id=2), view, 59)
+    assert not unit.gap_escape_active
+    assert not events
+    unit, events = run(unit, view, 1)
+    assert unit.gap_escape_active
+    assert (kinds(events), events[0].other_id) == (["gap_escape_entered"], 2)
+
+
+def test_stop_timer_starts_again_after_moving(lab):
+    unit, _ = run(EmvUnit(1, blocker_id=2), view_at(lab), 50)
+    unit, _ = run(unit, view_at(lab, speed=0.6), 1)
+    assert unit.stopped_s == 0.0
+    unit, events = run(unit, view_at(lab), 59)
+    assert not unit.gap_escape_active
+    assert not events
+
+
+def test_not_entered_without_a_blocker(lab):
+    assert not run(EmvUnit(1), view_at(lab), 200)[0].gap_escape_active
+
+
+def test_left_after_two_seconds_without_a_blocker(lab):
+    unit, events = run(EmvUnit(1, gap_escape_active=True), view_at(lab), 39)
+    assert unit.gap_escape_active
+    unit, events = run(unit, view_at(lab), 1)
+    assert not unit.gap_escape_active
+    assert kinds(events) == ["gap_escape_left"]
+
+
+def test_the_time_without_a_blocker_begins_again_with_each_blocker(lab):
+    unit, _ = run(EmvUnit(1, gap_escape_active=True), view_at(lab), 39)
+    unit, events = run(replace(unit, blocker_id=2), view_at(lab), 1)
+    assert unit.blocker_free_s == 0.0
+    unit, more = run(replace(unit, blocker_id=0), view_at(lab), 39)
+    assert not events
+    assert not more
+    assert kinds(run(unit, view_at(lab), 1)[1]) == ["gap_escape_left"]
+
+
+def test_preempts_a_forced_lane_change(lab):
+    unit, events = run(EmvUnit(1, blocker_id=2, change_side=1, stopped_s=5.0), view_at(lab), 1)
+    assert unit.gap_escape_active
+    assert not unit.lane_change_forced
+    assert kinds(events) == ["lane_change_cancelled", "gap_escape_entered"]
+
+
+def test_without_a_corridor_only_a_lane_change_that_stands_still_leads_to_it(lab):
+    """An EMV that stands too close behind a vehicle for a lane change would stand there for ever."""
+
+    def after(unit, count):
+        for _ in range(count):
+            unit, _ = controller.lane_change_stuck(unit, view_at(lab).ego(0))
+        return unit
+
+    assert not after(EmvUnit(1, blocker_id=2), 200).gap_escape_active
+    changing = EmvUnit(1, blocker_id=2, change_side=1)
+    assert not after(changing, 59).gap_escape_active
+    escaping = after(changing, 60)
+    assert escaping.gap_escape_active
+    assert not escaping.lane_change_forced
+    assert not after(replace(escaping, blocker_id=0), 40).gap_escape_active
+    assert after(replace(changing, change_side=0, stopped_s=2.0), 1).stopped_s == 0.0
+
+
+@pytest.mark.parametrize(("gap", "speed", "blocks"), [(79.0, 0.0, True), (81.0, 0.0, False), (30.0, 8.0, False)])
+def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
+    view = view_at(lab, others=[lab.Car(9, 0, 130, speed, (0,))], advice={"leader_id": 9, "leader_gap_m": gap})
+    assert (controller.blocker_of(EmvUnit(1), view.ego(0)) == 9) is blocks
+
+
+def in_both_lanes(lab, centre_m=108.0):
+    return [lab.Car(2 + lane, lane, centre_m, 0, (0,)) for lane in (0, 1)]
+
+
+def reference_of(view, lane):
+    return path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 95.0, 60.0)
+
+
+@pytest.mark.parametrize(("speed", "right_m", "blocks"), [(3.0, 2.3, False), (3.0, 1.5, True), (0.0, 2.3, True)])
+def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, speed, right_m, blocks):
+    others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
+    view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
+    assert (controller.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 2) is blocks
+
+
+def test_search_goes_round_a_blocker(lab):
+    view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
+    path = controller.search_gap(reference_of(view, 0), view.ego(0))
+    clear = path.left_m[-1] - 1.05 - 0.915
+    assert clear > 0.1
+    assert path.length_m > 25.0
+
+
+def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
+    view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))], network=lab.two_way_road())
+    assert controller.search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
+    view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=lab.straight_road(2, shoulder=True), lane=1)
+    assert controller.search_gap(reference_of(view, 1), view.ego(0)).left_m.min() < -1.9
+
+
+def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
+    view = view_at(lab, others=in_both_lanes(lab))
+    assert controller.search_gap(reference_of(view, 0), view.ego(0)) is None
+
+
+def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
+    never = lab.world_of(lab.straight_road(), lab.L3, preset=load_preset("paper").for_scenario(40.0, 0.0, 0.0))
+    cars = [lab.Car(2 + lane, lane, 80, 0, (0,), desired=0) for lane in (0, 1)]
+    cars.insert(0, lab.Car(1, 0, 60, 5, (0,), AMBULANCE))
+    loop = lab.Loop(never, cars).run(200)
+    assert len(loop.of("gap_escape_entered")) == len(loop.of("gap_escape_waiting")) == 1
+    assert loop.body.forward_mps[0] < 0.05
+    loop.cars[2].desired = 4.0
+    loop.run(300)
+    assert len(loop.of("gap_escape_left")) == 1
+    assert loop.body.x_m[0] > 95.0
+    fast = max(row[1][3] for row in loop.log if row[1][5] == 4)
+    assert fast * 3.6 < 21.0
+    assert not loop.touching()
+
+
+def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
+    active = EmvUnit(1, gap_escape_active=True)
+    behind = [lab.Car(2, 0, 114, 0, (0,))]
+    view = view_at(lab, others=behind)
+    first, events = controller.escape_path(active, view.ego(0))
+    assert kinds(events) == ["gap_escape_replanned"]
+    assert first.escape_offset_m > 1.9
+    again = replace(first, escape_planned_step=-20)
+    kept, events = controller.escape_path(again, view.ego(0))
+    assert kept.navigator.path is first.navigator.path
+    assert not events
+    other, _ = controller.escape_path(again, view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))]).ego(0))
+    assert other.navigator.path is not first.navigator.path
+
+
+def test_waits_where_the_path_ends_and_no_other_is_found(lab):
+    both = in_both_lanes(lab)
+    view = view_at(lab, others=both)
+    unit, events = controller.escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))
+    assert unit.escape_offset_m is None
+    assert kinds(events) == ["gap_escape_waiting"]
+    assert controller.escape_speed_mps(unit, view) == 0.0
+    _, events = controller.escape_path(unit, view_at(lab, others=both, step=20).ego(0))
+    assert not events
+
+
+@pytest.mark.parametrize(("clearance", "speed_mps"), [(0.3, 20.0 / 3.6), (0.15, 1.8), (0.08, 0.8)])
+def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
+    unit = EmvUnit(1, gap_escape_active=True, escape_offset_m=0.0, escape_clearance_m=clearance)
+    assert controller.escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)
+
+
+def driving_around(lab, step=0):
+    """An EMV that has just found its way around a blocker, and its view."""
+    view = view_at(lab, others=[lab.Car(2, 0, 114, 0, (0,))], step=step)
+    return controller.escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))[0], view
+
+
+def test_a_path_is_looked_at_again_after_half_a_second(lab):
+    unit, _ = driving_around(lab)
+    closed = [lab.Car(2, 0, 114, 0, (0,)), lab.Car(3, 1, 126, 0, (0,))]
+    assert controller.escape_path(unit, view_at(lab, others=closed, step=9).ego(0)) == (unit, ())
+    again, _ = controller.escape_path(unit, view_at(lab, others=closed, step=10).ego(0))
+    assert again.escape_planned_step == 10
+    assert again.navigator.path is not unit.navigator.path
+
+
+@pytest.mark.parametrize(
+    ("moved_m", "recorded"), [(0.0, False), (0.4, False), (-0.4, False), (0.6, True), (-0.6, True)]
+)
+def test_another_path_is_told_where_it_ends_half_a_metre_beside_the_last_one(lab, moved_m, recorded):
+    unit, view = driving_around(lab, step=20)
+    astray = replace(unit, escape_planned_step=0, escape_offset_m=unit.escape_offset_m + moved_m)
+    astray = replace(astray, navigator=replace(unit.navigator, left_m=1.0))
+    other, events = controller.escape_path(astray, view.ego(0))
+    assert other.escape_offset_m == pytest.approx(unit.escape_offset_m)
+    assert [event.detail["left_m"] for event in events] == ([pytest.approx(unit.escape_offset_m)] if recorded else [])
+
+
+def test_a_path_to_the_other_side_is_told_although_it_ends_as_far_from_the_line(lab):
+    unit, view = driving_around(lab, step=20)
+    mirrored = replace(unit, escape_planned_step=0, escape_offset_m=-unit.escape_offset_m)
+    mirrored = replace(mirrored, navigator=replace(unit.navigator, left_m=1.0))
+    assert kinds(controller.escape_path(mirrored, view.ego(0))[1]) == ["gap_escape_replanned"]
+
+
+@pytest.mark.parametrize(("centre_m", "goes_on"), [(108.5, True), (106.3, False)])
+def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_free(lab, centre_m, goes_on):
+    """The EMV's front is at 103.25 m, the rears of both others are 2.375 m behind their centres."""
+    unit, _ = driving_around(lab)
+    after, events = controller.escape_path(unit, view_at(lab, others=in_both_lanes(lab, centre_m), step=10).ego(0))
+    assert (after.escape_offset_m == unit.escape_offset_m) is goes_on
+    assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])
+
+
+def test_an_escape_that_begins_plans_at_once_and_starts_without_a_path(lab):
+    """Whatever an escape before it has left behind."""
+    before = EmvUnit(1, blocker_id=2, stopped_s=5.0, escape_planned_step=95, escape_offset_m=1.0)
+    unit, _ = controller.gap_escape_mode(before, view_at(lab, step=100).ego(0))
+    assert unit.gap_escape_active
+    assert unit.escape_offset_m is None
+    assert unit.escape_planned_step < 0
+    planned, events = controller.escape_path(unit, view_at(lab, others=in_both_lanes(lab), step=100).ego(0))
+    assert planned.escape_planned_step == 100
+    assert kinds(events) == ["gap_escape_waiting"]
+
+
+def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
+    view = view_at(lab)
+    active = EmvUnit(1, plan=RoutePlan((0,), LaneEnd.HORIZON, 0), gap_escape_active=True, blocker_free_s=5.0)
+    active = replace(active, escape_offset_m=1.2, corridor_planned_step=7)
+    unit, events = controller.gap_escape_mode(active, view.ego(0))
+    assert kinds(events) == ["gap_escape_left"]
+    assert not unit.gap_escape_active
+    assert unit.escape_offset_m is None
+    assert unit.plan is None
+    assert unit.corridor_planned_step < 0
+
+
+@pytest.mark.parametrize(("speed", "counts"), [(0.51, False), (0.5, True)])
+def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
+    assert (run(EmvUnit(1, blocker_id=2), view_at(lab, speed=speed), 1)[0].stopped_s > 0.0) is counts
+
+
+@pytest.mark.parametrize(("gap", "blocks"), [(14.9, True), (15.1, False)])
+def test_while_escaping_the_vehicle_ahead_in_the_lane_blocks_within_15_m(lab, gap, blocks):
+    centre = 100.0 + 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
+    view = view_at(lab, others=[lab.Car(5, 0, centre + gap, 0, (0,))])
+    assert (controller.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 5) is blocks
+    assert controller.blocker_of(EmvUnit(1), view.ego(0)) == 0, "outside an escape the navigator sees it"
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("turned", [0.0, 0.4, -0.4])
+def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(lab, side, turned):
+    body, other = lab.vehicles[ActorClass.AMBULANCE], lab.vehicles[ActorClass.SEDAN]
+    half = 0.5 * (body.width_m + other.width_m * np.cos(turned) + other.length_m * abs(np.sin(turned)))
+    network = lab.straight_road(3)
+    cars = [lab.Car(1, 1, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 112, 0, (0,))]
+    for apart, meets in ((-0.05, True), (0.05, False)):
+        poses = np.array([[100.0, 3.5, 0.0, 3.0], [112.0, 3.5 + side * (half + 0.1 + apart), turned, 0.0]])
+        view = lab.view(network, lab.L3, cars, poses=poses)
+        assert view.world.config.emv_driver.corridor.clearance_m == 0.1
+        assert controller.in_the_way(view.ego(0), 1, 1) is meets
+
+
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+def test_a_leader_of_sumo_that_nobody_knows_blocks_an_emv_under_way_too(lab, speed):
+    view = view_at(lab, speed, advice={"leader_id": 99, "leader_gap_m": 20.0})
+    assert controller.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 99
+
+
+def queue_beside_the_opposite_lane(lab, oncoming=(), level=None):
+    """Five vehicles that stand and do not make way, 20 m before the EMV, and some that come towards it."""
+    never = load_preset("paper").for_scenario(40.0, 0.0, 0.0)
+    world = lab.world_of(lab.two_way_road(), level or lab.L3, preset=never)
+    cars = [lab.Car(1, 0, 60, 5, (0,), AMBULANCE)]
+    cars += [lab.Car(2 + place, 0, 80 + 7.5 * place, 0, (0,), desired=0) for place in range(5)]
+    cars += [lab.Car(20 + number, 1, *car, (1,), desired=car[1]) for number, car in enumerate(oncoming)]
+    return lab.Loop(world, cars)
+
+
+def test_the_emv_passes_a_queue_on_the_free_opposite_lane_in_one_go(lab):
+    loop = queue_beside_the_opposite_lane(lab).run(600)
+    assert len(loop.of("gap_escape_entered")) == 1
+    entered = loop.of("gap_escape_entered")[0].step
+    passed = next(step for step, row in enumerate(loop.log) if row[1][0] > 120.0)
+    assert (passed - entered) * 0.05 < 20.0
+    assert min(row[1][3] for row in loop.log[entered + 60 : passed]) > 1.0
+    assert abs(loop.body.y_m[0]) < 0.5
+    assert not loop.touching()
+
+
+def test_at_levels_without_gap_escape_it_waits(lab):
+    loop = queue_beside_the_opposite_lane(lab, level=lab.L2).run(300)
+    assert loop.body.x_m[0] < 75.0
+    assert loop.body.forward_mps[0] < 0.05
+
+
+@pytest.mark.parametrize(("away_m", "free"), [(75.0, False), (120.0, True)])
+def test_nobody_may_come_towards_it_in_the_time_that_it_needs(lab, away_m, free):
+    """Over 30 m at 20 km/h, and a second more, an oncoming vehicle at 10 m/s comes 65 m nearer."""
+    cars = [lab.Car(2, 0, 112, 0, (0,)), lab.Car(3, 1, 300.0 - away_m, 10, (1,))]
+    view = view_at(lab, others=cars, network=lab.two_way_road())
+    path = controller.search_gap(reference_of(view, 0), view.ego(0))
+    assert (path is not None) is free

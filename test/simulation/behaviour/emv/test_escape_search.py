@@ -8,9 +8,10 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.simulation.behaviour.driving.free_space import Obstacles, separations_m
+from siren_ros.simulation.behaviour.driving.navigator import Obstacles, separations_m
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
 from siren_ros.simulation.behaviour.driving.step_view import Body
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve
 from siren_ros.simulation.behaviour.emv import escape_search
 from siren_ros.simulation.behaviour.emv.escape_search import (
     OFFSET_COST,
@@ -22,7 +23,6 @@ from siren_ros.simulation.behaviour.emv.escape_search import (
     moved_costs,
     search_lattice,
 )
-from siren_ros.simulation.behaviour.paths.curve import Curve
 from siren_ros.simulation.scenario.driver_parameters import GapEscapeConfig
 
 CONFIG = GapEscapeConfig()

@@ -7,10 +7,12 @@ from behaviour.lab import kinds
 
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.numerics.units import NEVER
-from siren_ros.simulation.behaviour.driving.emv_unit import EmvUnit
+from siren_ros.simulation.behaviour.driving.driver_states import EmvUnit
+from siren_ros.simulation.behaviour.driving.lane_change import forced_lane_change
+from siren_ros.simulation.behaviour.driving.lane_path import path_on_lanes
+from siren_ros.simulation.behaviour.driving.tracked_path import LaneEnd
 from siren_ros.simulation.behaviour.emv import rescue_corridor as corridor
 from siren_ros.simulation.behaviour.emv.controller import follow_route
-from siren_ros.simulation.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.simulation.behaviour.emv.rescue_corridor import (
     along_corridor,
     braking_ahead,
@@ -20,7 +22,6 @@ from siren_ros.simulation.behaviour.emv.rescue_corridor import (
     corridor_path,
     smoothed,
 )
-from siren_ros.simulation.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.simulation.roads.road_network import LaneKind
 from siren_ros.simulation.world.actors import ActorClass, Lights, Owner
 

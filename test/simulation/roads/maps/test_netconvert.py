@@ -1,26 +1,53 @@
+"""Calls of netconvert, shapes of lanes, and ways for people on compiled maps."""
+
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
+import numpy as np
 import pytest
+import shapely
 from defusedxml.ElementTree import fromstring
+from made_district import write_district
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
+from repository import shared_file
 
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.maps import netconvert
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.maps.map_formats import only_joins, taper_patches
+from siren_ros.simulation.roads.maps.map_source import MapSource, SourceKind
 from siren_ros.simulation.roads.maps.netconvert import (
     control_patches,
+    crossing_places,
+    crosswalk_junctions,
     document,
+    has_corners,
+    mend_junction_paths,
+    mended_lanes,
     netconvert_path,
     netconvert_version,
     normal_edges,
+    points_of,
+    real_junctions,
+    rounded,
     run_netconvert,
+    text_of,
+    with_cycle_lanes,
+    with_sidewalks_on_streets,
     without_header,
+    without_outlines,
+    without_steps_back,
 )
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import LaneKind
+from siren_ros.simulation.roads.routing import movement_turn_rad
 
 
 def test_the_dated_header_goes_and_the_net_stays():
@@ -175,7 +202,7 @@ def is_running(process):
         return False
 
 
-NET = """<net>
+JUNCTION_NET = """<net>
 <edge id=":J_0" function="internal"/><edge id=":J_w" function="walkingarea"/>
 <edge id="n" to="J" priority="5"/><edge id="e" to="J" priority="3"/><edge id="s" to="J"/>
 <edge id="w" to="J" priority="4"/>
@@ -185,14 +212,14 @@ NET = """<net>
 
 def patched(stopping, yielding="", kind="priority"):
     """Types of nodes and priorities of edges; nobody drives on the path."""
-    net = fromstring(NET.format(kind=kind))
+    net = fromstring(JUNCTION_NET.format(kind=kind))
     signs = stopping.split(), yielding.split()
     nodes, priorities = control_patches(net, *signs, lambda edge: edge.attrib["id"] != "path")
     return {node.attrib["id"]: node.attrib["type"] for node in nodes}, dict(priorities)
 
 
 def test_edges_outside_junctions_are_the_normal_ones():
-    net = fromstring(NET.format(kind="priority"))
+    net = fromstring(JUNCTION_NET.format(kind="priority"))
     assert [edge.attrib["id"] for edge in normal_edges(net)] == ["n", "e", "s", "w", "path", "away"]
 
 
@@ -217,7 +244,498 @@ def test_a_signal_outranks_signs(kind):
 
 
 def test_a_plain_file_holds_the_elements():
-    nodes, _ = control_patches(fromstring(NET.format(kind="priority")), ["n"], [], lambda _: True)
+    nodes, _ = control_patches(fromstring(JUNCTION_NET.format(kind="priority")), ["n"], [], lambda _: True)
     root = fromstring(document("nodes", nodes))
     assert root.tag == "nodes"
     assert [dict(node.attrib) for node in root] == [{"id": "J", "type": "priority_stop"}]
+
+
+CORNER_NET = """<net>
+  <edge id=":J_0" function="internal"><lane id=":J_0_0" shape="{path}"/></edge>
+  <edge id=":J_1" function="internal"><lane id=":J_1_0" shape="{rest}"/></edge>
+  <edge id="a"><lane id="a_0" shape="-50,0,1 0,0,1"/></edge>
+  <edge id="b"><lane id="b_0" shape="10,10 10,60"/></edge>
+  <connection from="a" to="b" fromLane="0" toLane="0" via=":J_0_0"/>
+  <connection from=":J_0" to="b" fromLane="0" toLane="0" {via}/>
+  <connection from=":J_1" to="b" fromLane="0" toLane="0"/>
+</net>"""
+
+
+def shapes_of(path, rest=""):
+    net = fromstring(CORNER_NET.format(path=path, rest=rest or "0,0 1,1", via='via=":J_1_0"' if rest else ""))
+    mend_junction_paths(net)
+    return {lane.attrib["id"]: points_of(lane.attrib["shape"]) for lane in net.iter("lane")}
+
+
+@pytest.mark.parametrize("rest", ["", "4,4,2 10,10,3"])
+def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest):
+    shapes = shapes_of("0,0,1 4,4,2" if rest else "0,0,1 10,10,3", rest)
+    curve = shapes[":J_0_0"]
+    if rest:
+        assert shapes[":J_1_0"][0] == pytest.approx(curve[-1])
+        assert len(curve) < len(shapes[":J_1_0"]) + 1, "the parts keep their shares"
+        curve = np.concatenate((curve, shapes[":J_1_0"][1:]))
+    assert (curve[0], curve[-1]) == (pytest.approx([0.0, 0.0, 1.0]), pytest.approx([10.0, 10.0, 3.0]))
+    assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
+    heading = np.arctan2(*np.diff(curve[:, :2], axis=0).T[::-1])
+    assert np.abs(heading[[0, -1]] - [0.0, np.pi / 2.0]).max() < 0.06
+    assert np.diff(curve[:, 2]) == pytest.approx(2.0 / 16.0), "heights stay linear"
+
+
+@pytest.mark.parametrize("path", ["0,0 5,0 9,1 10,5 10,10", "0,0 1,1.2"])
+def test_paths_without_corners_and_short_ones_stay(path):
+    assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
+
+
+@pytest.mark.parametrize(("begins_m", "path"), [(-0.09, "-0.19,0,4 -0.09,0,4"), (0.09, "0,0,1 0.09,0,4")])
+def test_a_joint_leads_ahead_where_its_roads_overlap(begins_m, path):
+    """A short way back would turn SUMO's vehicles round, and put who drives on the right there on the left."""
+    net = fromstring(
+        f"""<net><edge id=":J_0" function="internal"><lane id=":J_0_0" shape="0,0,1 {begins_m},0,4"/></edge>
+        <edge id="a"><lane id="a_0" shape="-50,0,1 0,0,1"/></edge>
+        <edge id="b"><lane id="b_0" shape="{begins_m},0,4 50,0,4"/></edge>
+        <connection from="a" to="b" fromLane="0" toLane="0" via=":J_0_0"/></net>"""
+    )
+    mend_junction_paths(net)
+    shape = points_of(net.find(".//lane").attrib["shape"])
+    assert shape == pytest.approx(points_of(path))
+
+
+@pytest.mark.parametrize(
+    ("path", "rest", "mended"),
+    [
+        ("0,0 4,0 5,1 5,5", "5,5 10,10", True),
+        ("0,0 4,0 6,2", "6,2 10,6 10,10", False),
+        ("0,0 6,6", "6,6 10,7 10,10", True),
+    ],
+)
+def test_a_corner_at_either_end_of_a_path_in_two_parts_counts(path, rest, mended):
+    """The end is that of the last part; a corner where the parts meet is none."""
+    shapes = shapes_of(path, rest)
+    curve = np.concatenate((shapes[":J_0_0"], shapes[":J_1_0"][1:]))
+    assert (len(curve) == 17) == mended
+    if mended:
+        assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
+    else:
+        assert shapes[":J_1_0"] == pytest.approx(points_of(rest))
+
+
+def test_a_curve_is_a_beziers_with_handles_along_the_lanes():
+    """From the east-going lane at the origin onto one that goes north from (10, 10) moved to (24, 10)."""
+    net = fromstring(
+        CORNER_NET.format(path="0,0,1 24,10,3", rest="0,0 1,1", via="").replace("10,10 10,60", "24,10 24,60")
+    )
+    mend_junction_paths(net)
+    curve = points_of(next(lane.attrib["shape"] for lane in net.iter("lane") if lane.attrib["id"] == ":J_0_0"))
+    share = np.linspace(0.0, 1.0, 17)[:, None]
+    handle_m = 0.39 * np.hypot(24.0, 10.0)
+    start, end = np.zeros(2), np.array([24.0, 10.0])
+    one, other = np.array([handle_m, 0.0]), end - np.array([0.0, handle_m])
+    bezier = (1 - share) ** 3 * start + 3 * share * (1 - share) ** 2 * one + 3 * share**2 * (1 - share) * other
+    assert curve[:, :2] == pytest.approx(bezier + share**3 * end, abs=1e-4)
+    assert curve[:, 2] == pytest.approx(1.0 + 2.0 * share[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("path", "mended"),
+    [
+        *[("0,0 5,0.8 9,4 10,10", False), ("0,0 5,1.1 9,4 10,10", True)],
+        *[("0,0 5,0 9,4 9.5,7.5 10,10", True), ("0,0 5,0 9,4 9.6,7.5 10,10", False)],
+    ],
+)
+def test_ten_degrees_at_either_end_are_a_corner(path, mended):
+    assert (len(shapes_of(path)[":J_0_0"]) == 17) is mended
+
+
+def test_where_a_lane_is_missing_nothing_changes():
+    text = CORNER_NET.format(path="0,0 10,10", rest="0,0 1,1", via="").replace(
+        '<lane id="b_0" shape="10,10 10,60"/>', ""
+    )
+    net = fromstring(text)
+    mend_junction_paths(net)
+    assert next(net.iter("lane")).attrib["shape"] == "0,0 10,10"
+
+
+def test_numbers_are_written_to_a_tenth_of_a_millimetre():
+    assert text_of(np.array([[1.0, -2.5, 0.12344], [10.0, 0.0, 100.0]])) == "1,-2.5,0.1234 10,0,100"
+    assert points_of("1,2,3 4,5").tolist() == [[1.0, 2.0], [4.0, 5.0]]
+
+
+NET_LANE_SHAPES = b"""<?xml version="1.0" encoding="UTF-8"?>
+<net version="1.20" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="net.xsd">
+  <location netOffset="0,0" convBoundary="0,0,100,100" origBoundary="0,0,1,1" projParameter="!"/>
+  <edge id="alike" from="a" to="b"><lane id="alike_0" index="0" speed="9" length="77" shape="0,0 100,0"/>
+    <lane id="alike_1" index="1" speed="9" length="77" shape="0,3 102,3"/></edge>
+  <edge id="unlike" from="a" to="b"><lane id="unlike_0" index="0" speed="9" length="60" shape="0,0 40,0"/>
+    <lane id="unlike_1" index="1" speed="9" length="60" shape="0,3 86,3"/></edge>
+  <edge id="bend" from="a" to="b"><lane id="bend_0" index="0" speed="9" length="60" shape="0,0 92,0"/>
+    <lane id="bend_1" index="1" speed="9" length="60" shape="0,3 100,3"/>
+    <lane id="bend_2" index="2" speed="9" length="60" shape="0,6 108,6"/></edge>
+  <edge id="walked" from="a" to="b">
+    <lane id="walked_0" index="0" allow="pedestrian" speed="1" length="60" shape="0,0 80,0"/>
+    <lane id="walked_1" index="1" speed="9" length="60" shape="0,3 100,3"/></edge>
+  <edge id=":b_w0" function="walkingarea">
+    <lane id=":b_w0_0" index="0" allow="pedestrian" speed="1" length="5" shape="0,0 3,0 3,3"/></edge>
+</net>"""
+
+
+def lengths_of(net):
+    return {lane.attrib["id"]: float(lane.attrib["length"]) for lane in fromstring(net).iter("lane")}
+
+
+def test_lengths_are_those_of_the_shapes():
+    """But for the lanes of one edge that are nearly as long: places side by side on them are so for SUMO, too."""
+    assert lengths_of(mended_lanes(NET_LANE_SHAPES)) == {
+        "alike_0": 101.0, "alike_1": 101.0, "unlike_0": 40.0, "unlike_1": 86.0,
+        "bend_0": 100.0, "bend_1": 100.0, "bend_2": 100.0, "walked_0": 100.0, "walked_1": 100.0, ":b_w0_0": 5.0,
+    }  # fmt: skip
+
+
+def test_nothing_else_of_a_net_changes():
+    before, after = fromstring(NET_LANE_SHAPES), fromstring(mended_lanes(NET_LANE_SHAPES))
+    for one, other in zip(before.iter(), after.iter(), strict=True):
+        assert one.tag == other.tag
+        kept = [{key: value for key, value in item.attrib.items() if key != "length"} for item in (one, other)]
+        assert kept[0] == kept[1]
+
+
+def test_mending_twice_changes_no_length_that_fits():
+    once = mended_lanes(NET_LANE_SHAPES)
+    assert lengths_of(mended_lanes(once)) == lengths_of(once)
+
+
+@pytest.mark.parametrize("sides", [8, 24])
+def test_a_polygon_becomes_nearly_a_circle(sides):
+    angle = np.linspace(0.0, np.pi, sides)
+    points = rounded(20.0 * np.stack((np.cos(angle), np.sin(angle)), axis=-1))
+    radius = np.hypot(points[:, 0], points[:, 1])
+    assert 20.0 * np.cos(np.pi / (sides - 1) / 2.0) - 0.01 < radius.min() <= radius.max() <= 20.0 + 1e-9
+    heading = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
+    assert np.abs(np.diff(heading)).max() < 0.08
+
+
+def test_a_corner_is_passed_closely_and_the_ends_stay():
+    corner = np.array([[0.0, 0.0, 1.0], [30.0, 0.0, 2.0], [30.0, 30.0, 3.0]])
+    points = rounded(corner)
+    assert np.array_equal(points[[0, -1]], corner[[0, -1]])
+    assert np.linalg.norm(points[:, :2] - corner[1, :2], axis=1).min() == pytest.approx(0.3, abs=0.02)
+    assert np.all(np.diff(points[:, 2]) > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("before_m", "after_m", "turn_rad", "cut_m"),
+    [
+        *[(1.0, 30.0, np.pi / 2.0, 0.5), (30.0, 0.8, np.pi / 2.0, 0.4)],
+        *[(30.0, 30.0, np.pi / 2.0, 0.6 / np.sin(np.pi / 4.0)), (30.0, 30.0, -1.0, 0.6 / np.sin(0.5))],
+        (30.0, 30.0, 0.1, 6.0),
+    ],
+)
+def test_a_corner_becomes_a_parabola_between_its_sides(before_m, after_m, turn_rad, cut_m):
+    """It begins half a side, 6 m, or what keeps it 0.3 m from the corner before it; a point every 0.05 rad or less."""
+    ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    points = rounded(np.array([(-before_m, 0.0), (0.0, 0.0), after_m * ahead]))
+    assert (points[0].tolist(), points[-1]) == ([-before_m, 0.0], pytest.approx(after_m * ahead))
+    bend = points[1:-1]
+    assert (bend[0], bend[-1]) == (pytest.approx([-cut_m, 0.0]), pytest.approx(cut_m * ahead))
+    count = int(np.ceil(abs(turn_rad) / 0.05)) + 2
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    parabola = (1.0 - share) ** 2 * [-cut_m, 0.0] + share**2 * (cut_m * ahead)
+    near = np.min(np.hypot(*(parabola[:, None] - bend[None]).transpose(2, 0, 1)), axis=1)
+    assert near.max() < 0.05 if len(bend) < count else near.max() < 1e-9
+
+
+@pytest.mark.parametrize(("turn_rad", "count"), [(0.019, 3), (0.021, 5)])
+def test_corners_of_about_a_degree_stay(turn_rad, count):
+    ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    assert len(rounded(np.array([(-30.0, 0.0), (0.0, 0.0), 30.0 * ahead]))) == count
+
+
+def test_straight_lines_and_repeated_points_stay():
+    line = np.array([[0.0, 0.0], [10.0, 0.05], [20.0, 0.0]])
+    assert np.array_equal(rounded(line), line)
+    doubled = np.array([[0.0, 0.0], [0.0, 0.0], [5.0, 0.0]])
+    assert np.array_equal(rounded(doubled), doubled)
+
+
+@pytest.mark.parametrize(
+    ("line", "kept"),
+    [
+        ([(0, 0), (5, 0), (4.9, 0.05), (10, 0)], [(0, 0), (4.9, 0.05), (10, 0)]),
+        ([(0, 0), (0, 5), (0.02, 4.9), (0, 5.1), (0, 4.8), (0, 9)], [(0, 0), (0, 4.8), (0, 9)]),
+        ([(0, 0), (5, 0), (3, 0.1), (10, 0)], None),
+        ([(0, 0), (5, 0), (5, 0.5), (10, 0.5)], None),
+    ],
+    ids=["a short step back", "two of them along y", "a long way back leads somewhere", "a right angle"],
+)
+def test_short_steps_back_are_left_out(line, kept):
+    assert without_steps_back(np.array(line, float)).tolist() == np.array(kept or line, float).tolist()
+
+
+@pytest.mark.parametrize(("permission", "points"), [('allow="pedestrian"', 3), ('disallow="pedestrian"', 4)])
+def test_sidewalks_alone_lose_their_steps_back(permission, points):
+    net = f'<net><edge id="a"><lane id="a_0" {permission} shape="0,0 5,0 4.4,0 10,0"/></edge></net>'
+    shape = points_of(fromstring(mended_lanes(net.encode())).find(".//lane").attrib["shape"])
+    goes_back = bool((np.diff(shape[:, 0]) < 0.0).any())
+    assert goes_back == (points == 4)
+
+
+def test_what_is_no_net_is_given_back():
+    assert mended_lanes(b"<osm/>") == b"<osm/>"
+
+
+FANNED_OUT_OSM = """<?xml version="1.0"?><osm version="0.6">
+<node id="1" lat="52.5200" lon="13.3900" version="1"/><node id="2" lat="52.5200" lon="13.3950" version="1"/>
+<node id="3" lat="52.5200" lon="13.4000" version="1"><tag k="highway" v="traffic_signals"/></node>
+<node id="4" lat="52.5200" lon="13.4050" version="1"/>
+<node id="5" lat="52.5170" lon="13.4000" version="1"/><node id="6" lat="52.5230" lon="13.4000" version="1"/>
+<way id="10" version="1"><nd ref="1"/><nd ref="2"/><tag k="highway" v="primary"/>
+<tag k="lanes" v="1"/><tag k="oneway" v="yes"/><tag k="maxspeed" v="70"/></way>
+<way id="11" version="1"><nd ref="2"/><nd ref="3"/><nd ref="4"/><tag k="highway" v="primary"/>
+<tag k="lanes" v="3"/><tag k="oneway" v="yes"/><tag k="maxspeed" v="70"/></way>
+<way id="12" version="1"><nd ref="5"/><nd ref="3"/><nd ref="6"/><tag k="highway" v="primary"/></way></osm>"""
+
+
+@pytest.fixture(scope="module")
+def net(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maps")
+    source = folder / "wider.osm"
+    source.write_text(FANNED_OUT_OSM)
+    return compile_map(source, folder / "cache").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def network(net):
+    return parse_road_network(net)
+
+
+def test_a_lane_fans_out_into_three_over_a_long_way(network):
+    fan = [connection for _, connection in network.connections_at["2"]]
+    assert len(fan) == 3
+    for connection in fan:
+        assert sum(network.lanes[lane].length_m for lane in connection.via) > 20.0, "one lane aside, 30 km/h, 3 m/s²"
+        assert movement_turn_rad(network, connection) < 0.8
+
+
+def test_only_sharp_joints_are_lengthened(network):
+    assert taper_patches(network) == []
+    turns = [movement_turn_rad(network, connection) for _, connection in network.connections_at["3"]]
+    assert max(turns) > 1.0, "turns at the junction are sharp and stay so"
+
+
+def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net):
+    phases = list(fromstring(net).iter("phase"))
+    assert {float(phase.attrib["duration"]) for phase in phases if "y" in phase.attrib["state"]} == {3.0}
+
+
+@pytest.mark.parametrize(
+    ("joined", "is_joint"),
+    [
+        *[(((A_RIGHT, B_RIGHT), (A_LEFT, B_LEFT)), True), (((A_RIGHT, B_RIGHT), (B_LEFT, A_LEFT)), True)],
+        *[(((A_RIGHT, B_RIGHT), (A_LEFT, C_LEFT)), False), (((A_RIGHT, C_RIGHT), (B_LEFT, C_LEFT)), False)],
+    ],
+    ids=["one road", "both directions", "a fork", "a merge"],
+)
+def test_a_joint_neither_forks_nor_merges_nor_nor_is_controlled(joined, is_joint):
+    roads = streets()
+    plain = replace(roads.connections[0], direction="s", signal_id=None, must_stop=False)
+    movements = [replace(plain, from_lane=source, to_lane=target) for source, target in joined]
+    assert only_joins(roads, movements) is is_joint
+    for change in ({"direction": "r"}, {"signal_id": "J"}, {"must_stop": True}):
+        assert not only_joins(roads, [movements[0], replace(movements[1], **change)])
+
+
+STREETS_NET = """<net><edge id="1" from="a" to="x"/><edge id="-1" from="x" to="a"/><edge id="2" from="x" to="b"/>
+<edge id="3" from="x" to="c"/><edge id="4" from="c" to="d"/><edge id=":d_c0" function="crossing"/>
+<junction id="a" type="dead_end"/><junction id="x" type="priority"/><junction id="c" type="priority"/>
+<junction id="d" type="priority"/><junction id=":x_0_0" type="internal"/></net>"""
+SIDEWALKS_OSM = """<osm version="0.6"><node id="1" lat="52.5" lon="13.400"/><node id="2" lat="52.5" lon="13.405"/>
+<node id="3" lat="52.5" lon="13.410"/><node id="4" lat="52.503" lon="13.405"/><node id="5" lat="52.497" lon="13.405"/>
+<way id="10"><nd ref="1"/><nd ref="2"/><nd ref="3"/><tag k="highway" v="secondary"/><tag k="lanes" v="4"/>
+<tag k="maxspeed" v="50"/><tag k="sidewalk" v="both"/><tag k="cycleway" v="lane"/></way>
+<way id="11"><nd ref="4"/><nd ref="2"/><nd ref="5"/><tag k="highway" v="tertiary"/><tag k="lanes" v="2"/>
+<tag k="maxspeed" v="50"/><tag k="sidewalk" v="separate"/></way></osm>"""
+
+
+def kinds(path, cache, *, for_people):
+    network = parse_road_network(compile_map(path, cache, for_people=for_people).read_bytes())
+    found = {kind: sum(lane.kind is kind for lane in network.lanes) for kind in LaneKind}
+    return {kind: number for kind, number in found.items() if number and kind is not LaneKind.INTERNAL}
+
+
+def road(junction, length_m, s_m):
+    return (
+        f'<road id="1" junction="{junction}" length="{length_m}"><link>'
+        '<predecessor elementType="junction" elementId="7"/><successor elementType="junction" elementId="8"/></link>'
+        f'<objects><object id="1" type="crosswalk" s="{s_m}"/><object id="2" type="pole" s="0"/></objects></road>'
+    )
+
+
+@pytest.mark.parametrize(("junction", "s_m", "found"), [("9", 1.0, "9"), ("-1", 49.0, "7"), ("-1", 51.0, "8")])
+def test_a_crosswalk_belongs_to_its_junction_or_to_the_nearer_one(junction, s_m, found):
+    assert crosswalk_junctions(fromstring(f"<OpenDRIVE>{road(junction, 100, s_m)}</OpenDRIVE>")) == {found}
+
+
+def test_three_streets_make_a_junction_and_a_crossing_stays():
+    assert real_junctions(fromstring(STREETS_NET)) == {"x", "d"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "expected"),
+    [
+        (SourceKind.SUMO, "", {"a", "c"}),
+        (SourceKind.OPENDRIVE, f"<OpenDRIVE>{road('c', 9, 1)}</OpenDRIVE>", {"a", "d", "x"}),
+    ],
+)
+def test_nothing_crosses_elsewhere(kind, content, expected):
+    elements = list(crossing_places(MapSource("m", kind, content.encode()), fromstring(STREETS_NET)))
+    assert {element.get("node") for element in elements} == expected
+    assert {element.get("discard") for element in elements} == {"true"}
+
+
+@pytest.mark.parametrize(
+    ("tag", "expected"),
+    [
+        (b'k="sidewalk" v="separate"', b'k="sidewalk" v="both"'),
+        (b"k='sidewalk:left' v='separate'", b"k='sidewalk:left' v='yes'"),
+        (b'k="sidewalk:right" v="no"', b'k="sidewalk:right" v="no"'),
+        (b'k="cycleway" v="separate"', b'k="cycleway" v="separate"'),
+    ],
+)
+def test_separate_sidewalks_lie_on_their_street(tag, expected):
+    assert with_sidewalks_on_streets(tag) == expected
+
+
+def test_an_extract_has_ways_for_people_only_where_they_are_asked_for(tmp_path):
+    path = tmp_path / "mini.osm"
+    path.write_text(SIDEWALKS_OSM, encoding="utf-8")
+    assert kinds(path, tmp_path, for_people=False) == {LaneKind.DRIVING: 12, LaneKind.SIDEWALK: 4}
+    assert kinds(path, tmp_path, for_people=True) == {
+        LaneKind.DRIVING: 12,
+        LaneKind.SIDEWALK: 8,
+        LaneKind.CYCLE: 4,
+        LaneKind.CROSSING: 4,
+    }
+
+
+def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(tmp_path):
+    town = compile_map(None, tmp_path)
+    path = tmp_path / "copy.net.xml"
+    path.write_bytes(town.read_bytes())
+    assert has_corners(town.read_bytes())
+    plain, peopled = (compile_map(path, tmp_path, for_people=asked).read_bytes() for asked in (False, True))
+    assert b"outlineShape" in plain
+    assert peopled == without_outlines(plain)
+    assert b"outlineShape" not in peopled
+    assert compile_map(None, tmp_path, for_people=True) == town
+
+
+def test_opendrives_crosswalks_are_the_crossings(tmp_path):
+    """One in each street of the two junctions that have some: four and three."""
+    path = write_district(tmp_path)
+    plain, peopled = (kinds(path, tmp_path, for_people=asked) for asked in (False, True))
+    assert LaneKind.CROSSING not in plain
+    assert peopled.pop(LaneKind.CROSSING) == path.read_text(encoding="utf-8").count('type="crosswalk"') == 7
+    assert peopled == plain
+
+
+def test_crossings_are_as_wide_as_their_lanes(tmp_path):
+    network = parse_road_network(compile_map(write_district(tmp_path), tmp_path, for_people=True).read_bytes())
+    lengths_m = [lane.length_m for lane in network.lanes if lane.kind is LaneKind.CROSSING]
+    areas_m2 = [shapely.Polygon(outline).area for outline in network.crossings]
+    assert len(areas_m2) == 7
+    assert areas_m2 == pytest.approx([4.0 * length_m for length_m in lengths_m], rel=0.02)
+
+
+def test_the_papers_maps_crosswalks_are_its_crossings_and_its_sidewalks_do_not_go_back(tmp_path):
+    """netconvert's sidewalk of a bend of this map does, by 5 cm."""
+    source = shared_file("maps", "Town10HD_Opt.xodr")
+    network = parse_road_network(compile_map(source, tmp_path, for_people=True).read_bytes())
+    assert len(network.crossings) == source.read_text(encoding="utf-8").count('type="crosswalk"') == 16
+    for lane in network.lanes:
+        if lane.kind is LaneKind.SIDEWALK:
+            side = np.diff(lane.centre.points, axis=0)
+            assert ((side[1:] * side[:-1]).sum(axis=1) > 0.0).all()
+
+
+FILES = {
+    "--edge-files": b"""<edges>
+    <edge id="a" type="arterial" numLanes="2"><lane index="0" allow="pedestrian"/><lane index="1"/></edge>
+    <edge id="b" type="arterial" numLanes="2"><lane index="0" allow="pedestrian"/><lane index="1"/></edge>
+    <edge id="c" type="lane" numLanes="2"><lane index="0" allow="pedestrian"/><lane index="1"/></edge></edges>""",
+    "--connection-files": b"""<connections><connection from="a" to="b" fromLane="0" toLane="0"/>
+    <connection from="a" to="b" fromLane="1" toLane="1"/><connection from="a" to="c" fromLane="1" toLane="1"/>
+    <connection from="c" to="c" fromLane="1" toLane="1"/><crossing node="n" edges="a b"/></connections>""",
+    "--tllogic-files": b"""<tlLogics><connection from="a" to="b" fromLane="1" toLane="1" tl="n" linkIndex="3"/>
+    </tlLogics>""",
+}
+
+
+def movements(content):
+    wanted = "from", "to", "fromLane", "toLane", "linkIndex"
+    return [tuple(c.get(key, "") for key in wanted) for c in fromstring(content).iterfind("connection")]
+
+
+def test_lanes_and_movements_shift_and_those_of_cyclists_are_added():
+    files = with_cycle_lanes(FILES)
+    lanes = {
+        edge.get("id"): [(lane.get("index"), lane.get("allow")) for lane in edge]
+        for edge in fromstring(files["--edge-files"])
+    }
+    wide = [("0", "pedestrian"), ("1", "bicycle"), ("2", None)]
+    assert lanes == {"a": wide, "b": wide, "c": [("0", "pedestrian"), ("1", None)]}
+    assert movements(files["--connection-files"]) == [
+        *[("a", "b", "0", "0", ""), ("a", "b", "2", "2", ""), ("a", "c", "2", "1", ""), ("c", "c", "1", "1", "")],
+        *[("a", "b", "1", "1", ""), ("a", "c", "1", "1", "")],
+    ]
+    assert movements(files["--tllogic-files"]) == [("a", "b", "2", "2", "3"), ("a", "b", "1", "1", "3")]
+
+
+@pytest.fixture(scope="module")
+def nets(cache):
+    return [parse_road_network(compile_map(name, cache).read_bytes()) for name in (None, Path("city"))]
+
+
+def test_the_city_has_the_lanes_and_movements_of_the_town_and_cycle_lanes(nets):
+    town, city = nets
+    kinds = [[lane.kind for lane in net.lanes if lane.kind is not LaneKind.INTERNAL] for net in nets]
+    assert sorted(kinds[1]) == sorted([*kinds[0], *[LaneKind.CYCLE] * kinds[1].count(LaneKind.CYCLE)])
+    assert kinds[1].count(LaneKind.CYCLE) == 32
+
+    def ways(net):
+        named = [(net.lanes[c.from_lane], net.lanes[c.to_lane], c.signal_link) for c in net.connections]
+        return sorted(
+            (net.edges[a.edge].edge_id, net.edges[b.edge].edge_id, len(net.edges[a.edge].lanes) - a.position, link)
+            for a, b, link in named
+        )
+
+    assert ways(city) == ways(town)
+    assert not town.cycle_connections
+
+
+def test_cyclists_can_go_wherever_cars_can_from_a_cycle_lane(nets):
+    _, city = nets
+
+    def pairs(connections):
+        return {(city.lanes[c.from_lane].edge, city.lanes[c.to_lane].edge) for c in connections}
+
+    cycle = [lane for lane in city.lanes if lane.kind is LaneKind.CYCLE]
+    wide = {lane.edge for lane in cycle}
+    assert pairs(city.cycle_connections) == {pair for pair in pairs(city.connections) if wide & {*pair}}
+    for lane in cycle:
+        assert not lane.civilian_allowed
+        assert not lane.emergency_allowed
+        right = city.neighbour(lane, -1)
+        assert right is not None
+        assert right.kind is LaneKind.SIDEWALK
+
+
+def test_cyclists_go_with_the_signal_of_their_direction(nets):
+    _, city = nets
+    for movement in city.cycle_connections:
+        pair = city.lanes[movement.from_lane].edge, city.lanes[movement.to_lane].edge
+        others = [
+            other.signal_link
+            for other in city.connections
+            if (city.lanes[other.from_lane].edge, city.lanes[other.to_lane].edge) == pair
+        ]
+        assert movement.signal_link in others

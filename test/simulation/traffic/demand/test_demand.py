@@ -35,14 +35,20 @@ from siren_ros.simulation.traffic.demand import demand
 from siren_ros.simulation.traffic.demand.demand import (
     EMV_ROUTE_SLACK_S,
     av_way,
-    choose_av,
     plan_traffic,
     sharing_junction_paths,
     way_to_lane,
 )
 from siren_ros.simulation.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.simulation.traffic.demand.group_demand import ROUTE_SLACK_S, ROUTE_SPEED_MPS, STAGE_BEHIND_M
-from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, load_drivers
+from siren_ros.simulation.traffic.demand.plan import (
+    LaneInterval,
+    PlannedVehicle,
+    Spot,
+    TrafficPlan,
+    choose_av,
+    load_drivers,
+)
 from siren_ros.simulation.world.actors import ActorClass
 
 

@@ -1,4 +1,4 @@
-"""Populations of drivers: where each number of a file goes, and what a draw changes."""
+"""Populations of drivers, plans of traffic, and the head of a jam."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +8,14 @@ import pytest
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, SOUTH, A, B, C, D, streets
 from traffic_helpers import responding
 
+from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.presets import TruncatedNormal, load_preset
 from siren_ros.simulation.traffic.demand.plan import (
     ClassDriving,
     DriverPopulation,
+    JamHead,
     LaneChain,
     LaneInterval,
     PlannedVehicle,
@@ -217,3 +219,17 @@ def test_factors_scale_the_driving_of_civilians_and_the_headway_of_all() -> None
         assert scaled.classes[kind] == (before if kind.is_emergency else changed)
     assert scaled.traffic == traffic
     assert usual.by(TrafficDrivers()) == usual
+
+
+def speeds(head: JamHead, *times_s: float) -> list[float]:
+    return [head.speed_mps(round(time_s / STEP_S)) for time_s in times_s]
+
+
+def test_it_rolls_and_then_stands_for_good():
+    head = JamHead(("a", "b"), moves=False, roll_s=6.0, roll_mps=1.5, stand_s=15.0)
+    assert speeds(head, 0.0, 5.95, 6.0, 21.0, 500.0) == [1.5, 1.5, 0.0, 0.0, 0.0]
+
+
+def test_it_stops_and_goes_in_turn():
+    head = JamHead(("a",), moves=True, roll_s=6.0, roll_mps=1.5, stand_s=15.0)
+    assert speeds(head, 0.0, 6.0, 20.95, 21.0, 26.95, 27.0) == pytest.approx([1.5, 0.0, 0.0, 1.5, 1.5, 0.0])

@@ -11,11 +11,11 @@ import pytest
 from siren_ros.base.numerics.geometry import Polyline, rotate
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
-from siren_ros.simulation.conflicts.people import outlines_of, people_at
+from siren_ros.simulation.conflicts.junction_approach import outlines_of, people_at
 from siren_ros.simulation.conflicts.yielding import Margins
-from siren_ros.simulation.dynamics.parameters import load_vehicle_parameters
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.traffic.demand.vehicle_factory import LONG_VEHICLE_RADIUS_M
+from siren_ros.simulation.traffic.demand.road_users import LONG_VEHICLE_RADIUS_M
 from siren_ros.simulation.traffic.sumo import caution as caution_module
 from siren_ros.simulation.traffic.sumo.caution import (
     AMONG_THEMSELVES,
@@ -31,8 +31,7 @@ from siren_ros.simulation.traffic.sumo.caution import (
     cautions,
     near_pairs,
 )
-from siren_ros.simulation.world.actors import ActorClass, Owner
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
+from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, Owner, TrafficFlags, TrafficState
 
 TURNS = np.radians([0.0, 30.0, 60.0])
 HALF_LENGTH, HALF_WIDTH = 2.3, 0.9

@@ -22,8 +22,7 @@ from siren_ros.simulation.traffic.sumo.readings import (
     read_vehicles,
     sumo_from_map,
 )
-from siren_ros.simulation.world.actors import NO_ACTOR, Lights
-from siren_ros.simulation.world.traffic_state import TrafficFlags
+from siren_ros.simulation.world.actors import NO_ACTOR, Lights, TrafficFlags
 
 NETWORK = streets()
 LEFT, RIGHT, BRAKE = Lights.INDICATOR_LEFT, Lights.INDICATOR_RIGHT, Lights.BRAKE

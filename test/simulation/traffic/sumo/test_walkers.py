@@ -23,8 +23,14 @@ from siren_ros.simulation.traffic.demand.plan import PlannedWalker
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import walkers as walkers_module
 from siren_ros.simulation.traffic.sumo.walkers import PeopleTable, Walkers, poses_of, steps_into, with_people
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates, Owner
-from siren_ros.simulation.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
+    TRAFFIC_STATE_DTYPES,
+    ActorClass,
+    ActorStates,
+    Owner,
+    TrafficState,
+)
 
 PEOPLE = 40
 CITY = load_map(Path("city"))[1]

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.base.tables.interval import CONFIDENCE, Bounds
-from siren_ros.base.tables.table import Cell, Row, Table, csv_text, text_of
+from siren_ros.base.tables import CONFIDENCE, Bounds, Cell, Row, Table, csv_text, text_of
 from siren_ros.errors import shown_text, write_text, writing
 from siren_ros.scoring.evaluation.prediction.metrics import BINS, METRICS, SCENE_METRICS, calibration_error
 from siren_ros.scoring.evaluation.prediction.predictors import LABEL, is_simple
@@ -28,9 +27,9 @@ from siren_ros.scoring.evaluation.prediction.reports.score_table import (
 from siren_ros.scoring.evaluation.prediction.samples import Population, future_times_s
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scoring.evaluation.statistics import RANKED_MIN
-from siren_ros.simulation.scenario.interaction_region import REGION_TEXT
+from siren_ros.simulation.scenario.episode import Split, counted_standings, overlap_warning
 from siren_ros.simulation.scenario.paper import TEMPLATES
-from siren_ros.simulation.scenario.splits import Split, counted_standings, overlap_warning
+from siren_ros.simulation.scenario.scenario import REGION_TEXT
 
 SHOWN: Final = ("ade_m", "fde_m")
 """Metrics of the tables by group, as in the paper."""

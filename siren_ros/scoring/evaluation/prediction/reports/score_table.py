@@ -9,10 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.tables.brief import Brief, data_frame
-from siren_ros.base.tables.interval import NOTHING, Interval
-from siren_ros.base.tables.table import Row, Table
+from siren_ros.base.numerics.arrays import Brief, Flags, Floats, Rows, data_frame
+from siren_ros.base.tables import NOTHING, Interval, Row, Table
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric, calibration_error
 from siren_ros.scoring.evaluation.prediction.predictors import is_simple
@@ -27,7 +25,7 @@ from siren_ros.scoring.evaluation.statistics import (
     jackknife,
     paired_difference,
 )
-from siren_ros.scoring.judging.people import NAMES
+from siren_ros.scoring.judging.outcome import NAMES
 
 _PARTS: Final = 3
 """Number of ranges for a parameter with many values: low, middle, high, with equally many episodes."""

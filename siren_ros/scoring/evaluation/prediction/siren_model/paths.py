@@ -11,7 +11,7 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Flags, Floats, Points, Rows
 from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 from siren_ros.simulation.roads.road_network import Connection, LaneKind, RoadNetwork
-from siren_ros.simulation.world.traffic_state import Indices
+from siren_ros.simulation.world.actors import Indices
 
 _DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 _MARGIN_M: Final = 1.5

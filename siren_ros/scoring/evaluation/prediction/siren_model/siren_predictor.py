@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Floats32, Rows
-from siren_ros.base.params.network_file import NetworkFile, open_network
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.plain_files import NetworkFile, open_network
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
 from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
@@ -28,8 +28,8 @@ from siren_ros.scoring.evaluation.prediction.siren_model.columns import (
     traffic_columns,
 )
 from siren_ros.scoring.evaluation.prediction.siren_model.paths import PATH_POINTS, PATHS, choose_paths
-from siren_ros.simulation.roads.mirror_image import MIRROR
-from siren_ros.simulation.scenario.splits import SeenEpisodes
+from siren_ros.simulation.roads.road_network import MIRROR
+from siren_ros.simulation.scenario.episode import SeenEpisodes
 
 FEATURES_VERSION: Final = 1
 """Version of the features. It is raised when the meaning of a value changes; weights fit one version."""

@@ -10,7 +10,7 @@ from typing import Any, Final
 import httpx
 
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.risk.vlm.model import MOST_REPLY_BYTES
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import MOST_REPLY_BYTES
 
 _OF_THE_BODY: Final = frozenset({"content-encoding", "content-length", "transfer-encoding"})
 """Headers that describe how a body is transferred."""

@@ -1,4 +1,4 @@
-"""CSP, STDAN and BAT as predictors: on the map, and by the command; feet, sides, the order of modes and points."""
+"""CSP, STDAN and BAT as predictors: their inputs; on the map, and by the command; the order of modes and points."""
 
 import subprocess
 import sys
@@ -7,37 +7,330 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
 
 from made_records import Track, moving, samples_in
 from plain_networks import drawn, drawn_weights
-from published_files import WEIGHTS, weights
+from published_files import WEIGHTS, golden, golden_cells, weights
 
 from siren_ros.cli.main import main
+from siren_ros.data.datasets.trajectory_tables import FOOT_M
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses, Predictor, checked, predictors_named
 from siren_ros.scoring.evaluation.prediction.published import predictors
-from siren_ros.scoring.evaluation.prediction.published.inputs import (
+from siren_ros.scoring.evaluation.prediction.published.networks import (
+    Bat,
+    BatInput,
+    Csp,
+    Neighbours,
+    NetworkInput,
+    Stdan,
+)
+from siren_ros.scoring.evaluation.prediction.published.predictors import (
     NgsimView,
+    PublishedPredictor,
     bat_features,
     behaviour_tensor,
+    behaviours,
+    closeness_centralities,
     csp_features,
+    from_polar,
+    make_bat,
+    make_csp,
+    make_stdan,
     ngsim_view,
     polar,
     positions_ft,
     stdan_features,
 )
-from siren_ros.scoring.evaluation.prediction.published.layers import Neighbours, NetworkInput
-from siren_ros.scoring.evaluation.prediction.published.networks import Bat, BatInput, Csp, Stdan
-from siren_ros.scoring.evaluation.prediction.published.predictors import (
-    PublishedPredictor,
-    make_bat,
-    make_csp,
-    make_stdan,
-)
 from siren_ros.scoring.evaluation.prediction.samples import SampleBatch
 from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.world.actors import ActorClass
+
+RIGHT_LANE, LEFT_LANE, OPPOSITE_LANE = -5.25, -1.75, 1.75
+OFF_THE_LANES = 500.0
+FRAME = 30
+"""The first frame with a whole past."""
+
+
+def view_of(tracks: dict[int, Track], network: RoadNetwork) -> NgsimView:
+    return ngsim_view(samples_in(tracks, network).batch)
+
+
+def cells_of(view: NgsimView, target: int) -> dict[int, int]:
+    """Cells of the neighbours of an actor in the first frame, by the neighbour's id."""
+    first = (view.actors.actor_id[view.target] == target) & (view.actors.frame[view.target] == 0)
+    pairs = np.isin(view.sample, np.flatnonzero(first))
+    ids = view.actors.actor_id[view.neighbour[pairs]]
+    return dict(zip(ids.tolist(), view.cell[pairs].tolist(), strict=True))
+
+
+def standing(feet_ahead: float, lane_y_m: float = LEFT_LANE, yaw_rad: float = 0.0) -> Track:
+    """A vehicle that stands some feet ahead of x = 100 m."""
+    return moving(100.0 + feet_ahead * FOOT_M, lane_y_m, 0.0, yaw_rad=yaw_rad)
+
+
+def test_neighbours_are_in_their_cells(straight_road) -> None:
+    tracks = {
+        1: standing(0.0),
+        2: standing(30.0),
+        3: standing(-46.0, RIGHT_LANE),
+        4: standing(0.0, RIGHT_LANE),
+        5: standing(91.0),
+        6: standing(10.0, OPPOSITE_LANE, np.pi),
+    }
+    view = view_of(tracks, straight_road)
+    assert cells_of(view, 1) == {2: 13 + 8, 3: 26 + 3, 4: 26 + 6}
+    # Seen from the right lane, the left one is the first column.
+    assert cells_of(view, 4) == {1: 6, 2: 8, 3: 13 + 3}
+    # The vehicle that comes towards them has left and right the other way round, and nobody of its direction.
+    assert cells_of(view, 6) == {}
+
+
+def test_a_neighbour_without_a_whole_past_is_left_out(straight_road) -> None:
+    late, gap = moving(120.0, LEFT_LANE, 0.0, first_step=2), moving(80.0, LEFT_LANE, 0.0, without=frozenset({20}))
+    tracks = {1: standing(0.0), 2: late, 3: gap}
+    assert cells_of(view_of(tracks, straight_road), 1) == {}
+
+
+def test_the_later_actor_takes_the_cell(straight_road) -> None:
+    tracks = {1: standing(29.0), 2: standing(0.0), 3: standing(31.0)}
+    assert cells_of(view_of(tracks, straight_road), 2) == {3: 13 + 8}
+
+
+def test_on_a_lane_ahead_is_along_the_lane_whatever_the_heading(straight_road) -> None:
+    tracks = {1: moving(100.0, LEFT_LANE, 0.5, yaw_rad=0.3), 2: moving(110.0, LEFT_LANE, 0.0)}
+    view = view_of(tracks, straight_road)
+    row = np.flatnonzero((view.actors.actor_id[view.target] == 1) & (view.actors.frame[view.target] == 0))
+    assert view.tangent_rad[row] == pytest.approx([0.0])
+    past = view.right_ahead_m(view.target[row], row)[0]
+    time = np.arange(-15, 1) * 0.2
+    assert past == pytest.approx(np.stack((-0.5 * np.sin(0.3) * time, 0.5 * np.cos(0.3) * time), axis=1))
+
+
+@settings(max_examples=20, deadline=None)
+@given(yaw_rad=st.floats(-np.pi, np.pi), speed_mps=st.floats(1.0, 20.0))
+def test_off_the_lanes_ahead_is_the_heading(yaw_rad, speed_mps, straight_road) -> None:
+    across = np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
+    left_x, left_y = 3.5 * across
+    tracks = {
+        1: moving(0.0, OFF_THE_LANES, speed_mps, yaw_rad=yaw_rad),
+        2: moving(left_x, OFF_THE_LANES + left_y, speed_mps, yaw_rad=yaw_rad),
+    }
+    view = view_of(tracks, straight_road)
+    assert cells_of(view, 1) == {2: 6}
+    assert cells_of(view, 2) == {1: 26 + 6}
+    past = view.right_ahead_m(view.target, np.arange(len(view)))
+    straight = np.stack((np.zeros(16), speed_mps * np.arange(-15, 1) * 0.2), axis=-1)
+    assert past == pytest.approx(np.broadcast_to(straight, past.shape), abs=1e-9)
+    alongside = view.right_ahead_m(view.neighbour, view.sample) - straight
+    side = np.where(view.actors.actor_id[view.neighbour] == 2, -3.5, 3.5)
+    assert alongside[..., 0] == pytest.approx(np.broadcast_to(side[:, None], alongside.shape[:2]), abs=1e-9)
+    assert alongside[..., 1] == pytest.approx(0.0, abs=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(yaw_rad=st.floats(-np.pi, np.pi))
+def test_there_and_back_is_the_record(yaw_rad, straight_road) -> None:
+    view = view_of({1: moving(3.0, OFF_THE_LANES, 7.0, yaw_rad=yaw_rad, accel_mps2=0.5)}, straight_road)
+    past = view.right_ahead_m(view.target, np.arange(len(view)))
+    assert view.on_map(past) == pytest.approx(view.actors.xy_m[view.target])
+    assert view.on_map(past[:, None])[:, 0] == pytest.approx(view.actors.xy_m[view.target])
+
+
+def test_parts_are_whole_frames_and_make_the_view(straight_road) -> None:
+    tracks = {key: moving(40.0 + 9.0 * key, RIGHT_LANE, 3.0) for key in (1, 2, 3)}
+    view = view_of(tracks, straight_road)
+    assert view.scene.tolist() == np.repeat(np.arange(len(view) // 3), 3).tolist()
+    parts = list(view.parts(4))
+    assert [len(part) for part in parts] == [6] * (len(view) // 6) + [len(view) % 6] * (len(view) % 6 > 0)
+    assert np.concatenate([part.target for part in parts]).tolist() == view.target.tolist()
+    assert np.concatenate([part.neighbour for part in parts]).tolist() == view.neighbour.tolist()
+    assert np.concatenate([part.cell for part in parts]).tolist() == view.cell.tolist()
+    assert np.concatenate([part.target[part.sample] for part in parts]).tolist() == view.target[view.sample].tolist()
+    assert all(part.scene[0] == 0 for part in parts)
+
+
+def test_without_samples_the_view_is_empty(straight_road) -> None:
+    view = view_of({1: moving(0.0, RIGHT_LANE, 5.0, steps=20)}, straight_road)
+    assert len(view) == 0
+    assert list(view.parts(8)) == []
+
+
+TIMES_S = np.arange(-15, 1) * 0.2
+
+
+@pytest.fixture
+def pair(straight_road: RoadNetwork) -> NgsimView:
+    """A car in the right lane, and a truck 6.096 m (20 feet) ahead in the left one, which accelerates."""
+    truck = moving(26.096, -1.75, 3.048, accel_mps2=0.3048, actor_class=ActorClass.TRUCK)
+    return view_of({1: moving(20.0, -5.25, 6.096), 2: truck}, straight_road)
+
+
+def test_csp_gets_feet_to_the_right_and_ahead(pair) -> None:
+    features, others = csp_features(pair)
+    assert features.dtype == np.float32
+    assert features.shape == (16, len(pair), 2)
+    assert features[:, 0] == pytest.approx(np.stack((np.zeros(16), 20.0 * TIMES_S), axis=1), abs=1e-4)
+    # At the first present, 3 s into the record: 20 + 10 * 3 + 0.5 * 3² − 20 * 3 feet ahead.
+    assert others[-1, 0] == pytest.approx([-3.5 / FOOT_M, -5.5], abs=1e-4)
+
+
+def test_stdan_gets_class_speed_and_acceleration_too(pair) -> None:
+    features, others = stdan_features(pair)
+    assert np.array_equal(features[..., :2], csp_features(pair)[0])
+    assert features[:, 0, 2:] == pytest.approx(np.tile([2.0, 20.0, 0.0], (16, 1)))
+    truck = np.stack((np.full(16, 3.0), 10.0 + 3.0 + TIMES_S, np.ones(16)), axis=1)
+    assert others[:, 0, 2:] == pytest.approx(truck, abs=1e-5)
+
+
+def test_bat_gets_polar_positions_displacements_and_lanes(pair) -> None:
+    features, others = bat_features(pair)
+    assert features[:, 0, 0] == pytest.approx(-20.0 * TIMES_S, abs=1e-4)
+    assert features[:-1, 0, 1] == pytest.approx(-np.pi / 2, abs=1e-6)
+    assert features[-1, 0, :2].tolist() == [0.0, 0.0]
+    assert features[0, 0, 2:4].tolist() == [0.0, 0.0]
+    assert features[1:, 0, 2:4] == pytest.approx(np.tile([0.0, 4.0], (15, 1)), abs=1e-4)
+    assert np.array_equal(features[..., 4:7], stdan_features(pair)[0][..., 2:])
+    # Lanes are counted from the left.
+    assert (features[:, 0, 7] == 2.0).all()
+    assert (others[:, 0, 7] == 1.0).all()
+
+
+def test_lanes_of_the_past_are_those_of_then(straight_road) -> None:
+    drift = moving(10.0, -5.25, 5.0)
+    drift.states[:, 1] = np.where(np.arange(len(drift.states)) < 45, -5.25, -1.75)
+    features, _ = bat_features(view_of({1: drift}, straight_road))
+    # The first present is step 60: the points before step 45 are in the right lane.
+    assert features[:, 0, 7].tolist() == [2.0] * 12 + [1.0] * 4
+
+
+def test_off_the_lanes_the_number_is_0(straight_road) -> None:
+    assert (bat_features(view_of({1: moving(0.0, 500.0, 5.0)}, straight_road))[0][..., 7] == 0.0).all()
+
+
+@given(yaw_rad=st.sampled_from([0.0, 0.7, 2.0, -2.0, np.pi, -np.pi / 2]))
+def test_the_direction_of_a_standing_vehicle_does_not_depend_on_the_heading(yaw_rad, straight_road) -> None:
+    features, _ = bat_features(view_of({1: moving(3.0, 500.0, 0.0, yaw_rad=yaw_rad)}, straight_road))
+    assert (features[..., :4] == 0.0).all()
+
+
+@given(x=st.floats(-1e3, 1e3), y=st.floats(-1e3, 1e3))
+def test_polar_there_and_back(x, y) -> None:
+    assert from_polar(polar(np.array([x, y]))) == pytest.approx([x, y], abs=1e-9)
+
+
+NEAR, FAR = 5.0, 100.0
+
+
+def centralities(*points: tuple[float, float]) -> Any:
+    return closeness_centralities(np.array(points)[None, None])[0, 0]
+
+
+def test_vertices_that_all_join_are_as_close_as_can_be() -> None:
+    assert centralities((0.0, 0.0), (0.0, 0.1), (0.1, 0.0)).tolist() == [1.0, 1.0, 1.0]
+
+
+def test_a_chain_has_a_middle() -> None:
+    chain = [(0.0, NEAR * place) for place in range(4)]
+    assert centralities(*chain) == pytest.approx([3 / 6, 3 / 4, 3 / 4, 3 / 6])
+
+
+def test_parts_count_by_their_size() -> None:
+    # Each reaches one of three others, at one hop: 1/1, scaled by 1/3.
+    pairs = [(0.0, 0.0), (0.0, NEAR), (FAR, 0.0), (FAR, NEAR)]
+    assert centralities(*pairs) == pytest.approx([1 / 3] * 4)
+    assert centralities((0.0, 0.0), (FAR, 0.0)).tolist() == [0.0, 0.0]
+
+
+def test_vertices_join_where_the_rounded_weight_is_not_zero() -> None:
+    assert centralities((0.0, 0.0), (5.29, 0.0)).tolist() == [1.0, 1.0]
+    assert centralities((0.0, 0.0), (5.30, 0.0)).tolist() == [0.0, 0.0]
+    assert round(float(np.exp(-5.29)), 2) == 0.01
+    assert round(float(np.exp(-5.30)), 2) == 0.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), reach_ft=st.floats(1.0, 60.0))
+def test_closeness_is_networkxs(seed, reach_ft) -> None:
+    networkx = pytest.importorskip("networkx")
+    points = np.random.default_rng(seed).uniform(0.0, reach_ft, (2, 2, 39, 2)).round(2)
+    closeness = closeness_centralities(points)
+    for sample, graph in np.ndindex(2, 2):
+        apart = np.hypot(*np.moveaxis(points[sample, graph][:, None] - points[sample, graph], -1, 0))
+        reference = networkx.closeness_centrality(networkx.from_numpy_array((-np.exp(-apart)).round(2)))
+        assert closeness[sample, graph] == pytest.approx([reference[vertex] for vertex in range(39)])
+
+
+def test_a_target_alone_that_stands_still_joins_all_empty_cells() -> None:
+    nobody = np.empty(0, dtype=np.intp)
+    tensor = behaviour_tensor(np.zeros((2, 16, 2)), np.empty((0, 16, 2)), nobody, nobody)
+    assert tensor.shape == (16, 2, 39, 6)
+    assert (tensor[..., :3] == 0.0).all()
+    assert (tensor[..., 3:] == 1.0).all()
+
+
+def with_neighbour(r_ft: float, phi_rad: float, cell: int) -> np.ndarray:
+    """The tensor of a target that stands, with a neighbour that stands."""
+    return behaviour_tensor(np.zeros((1, 16, 2)), np.full((1, 16, 2), (r_ft, phi_rad)), np.array([0]), np.array([cell]))
+
+
+def test_the_target_hides_a_neighbour_in_cell_20() -> None:
+    assert (with_neighbour(FAR, FAR, cell=20)[..., 3] == 1.0).all()
+    assert (with_neighbour(FAR, FAR, cell=21)[..., 3] < 1.0).any()
+
+
+@pytest.mark.parametrize(("away_ft", "joined"), [(5.294, True), (5.296, False)])
+def test_positions_are_rounded_to_hundredths_of_a_foot(away_ft, joined) -> None:
+    """Vertices join up to 5.298 feet; 5.296 counts as 5.30 and 5.294 as 5.29."""
+    assert bool((with_neighbour(away_ft, 0.0, cell=3)[..., 3:] == 1.0).all()) is joined
+
+
+def test_cells_and_points_are_listed_by_cell_and_read_by_point() -> None:
+    """Of one neighbour in cell 5 the list holds 16 points from place 80 on: graph 2 has the places 78 to 116."""
+    tensor = with_neighbour(FAR, FAR, cell=5)[:, 0, :, 3]
+    apart = np.isclose(tensor, round(15 / 38, 2))
+    assert np.argwhere(apart).tolist() == [[2, vertex] for vertex in range(2, 18)]
+    # The others of that graph reach 22 of 38 at one hop, and nobody else's neighbours are missing.
+    rest = np.isclose(tensor[2], round(22 / 38, 2))
+    assert np.flatnonzero(rest).tolist() == [0, 1, *range(18, 39)]
+    assert (np.delete(tensor, 2, axis=0) == 1.0).all()
+
+
+def test_it_is_the_published_tensor_up_to_the_order_of_graphs() -> None:
+    known = golden("bat")
+    sample, cell = golden_cells(known)
+    targets, others = (known[name].swapaxes(0, 1).astype(np.float64) for name in ("hist", "nbrs"))
+    grid = np.zeros((len(targets), 39, 16, 2))
+    grid[sample, cell] = others
+    grid[:, 20] = targets
+    closeness = closeness_centralities(np.round(grid, 2).reshape(-1, 16, 39, 2))
+    published = known["behaviour"][..., 3].swapaxes(0, 1)
+    # The published loader's threads have finished in some order: the row that each of its graphs is.
+    apart = np.abs(np.round(closeness, 2)[:, None].astype(np.float32) - published[:, :, None]).max(axis=-1)
+    in_that_order = np.take_along_axis(closeness, apart.argmin(axis=2)[..., None], axis=1)
+    assert np.array_equal(behaviours(in_that_order), known["behaviour"])
+    in_order = behaviour_tensor(targets, others, sample, cell)
+    assert np.array_equal(np.sort(in_order[..., 3].sum(axis=-1), axis=0), np.sort(published.sum(axis=-1).T, axis=0))
+
+
+def test_columns_of_made_centralities() -> None:
+    """Closeness in hundredths stands in the last three, the mixed-up changes in the second, and nothing elsewhere."""
+    closeness = np.random.default_rng(0).uniform(0.0, 1.0, (2, 16, 39))
+    tensor = behaviours(closeness)
+    assert tensor.shape == (16, 2, 39, 6)
+    assert not tensor[..., [0, 2]].any()
+    for sample, point, cell in ((0, 0, 0), (1, 3, 7), (1, 15, 38), (0, 9, 20), (1, 0, 15), (0, 0, 16)):
+        expected = round(float(closeness[sample, point, cell]), 2)
+        assert tensor[point, sample, cell, 3:] == pytest.approx([expected] * 3)
+        vertex, graph = divmod(39 * point + cell, 16)
+        along = closeness[sample, graph]
+        change = 0.0 if vertex == 38 else float(along[vertex + 1] - along[vertex])
+        assert tensor[point, sample, cell, 1] == pytest.approx(round(change, 2), abs=1e-6)
+
 
 MODES = {"csp": 6, "stdan": 1, "bat": 9}
 
@@ -116,7 +409,7 @@ def test_one_vehicle_alone_has_a_prediction(model, predictor, straight_road) -> 
     checked(model, predictor.predict(batch), len(batch))
 
 
-FOOT_M = 0.3048
+A_FOOT_M = 0.3048
 
 
 @pytest.fixture
@@ -138,13 +431,13 @@ def test_feet_to_the_right_and_ahead_are_metres_on_the_map(batch) -> None:
     assert hypotheses.probability[0].tolist() == [0.7, 0.3]
     # The road goes eastwards: ahead is +x, and the right is −y.
     for mode, (right_ft, ahead_ft) in enumerate([(-5.0, 200.0), (10.0, 100.0)]):
-        expected = batch.xy_m + np.array([ahead_ft * FOOT_M, -right_ft * FOOT_M])
+        expected = batch.xy_m + np.array([ahead_ft * A_FOOT_M, -right_ft * A_FOOT_M])
         assert hypotheses.xy_m[:, mode] == pytest.approx(np.repeat(expected[:, None], 25, axis=1))
 
 
 def on_the_road(batch: SampleBatch, right_ahead_ft: Any) -> Any:
     """Places on the map of what a network says in feet, along a road that goes eastwards."""
-    metres = np.asarray(right_ahead_ft, dtype=np.float64) * FOOT_M
+    metres = np.asarray(right_ahead_ft, dtype=np.float64) * A_FOOT_M
     return batch.xy_m[:, None, None] + np.stack((metres[..., 1], -metres[..., 0]), axis=-1)
 
 

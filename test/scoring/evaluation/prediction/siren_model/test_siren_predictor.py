@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from made_records import moving
 from scenes import batch_of, lit, moved, showing, with_signal
 
-from siren_ros.base.params.network_file import card_path
-from siren_ros.base.params.resources import params_dir
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.plain_files import card_path
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.predictors import checked
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import (
@@ -22,8 +22,7 @@ from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import 
     make,
     without,
 )
-from siren_ros.simulation.roads.mirror_image import MIRROR, mirrored_network
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.road_network import MIRROR, RoadNetwork, mirrored_network
 from siren_ros.simulation.world.actors import Lights
 
 

@@ -15,9 +15,8 @@ from evaluation.risk.vlm.tiny_model import save_tiny_model
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.video_set import key_frames, read_set, write_set
-from siren_ros.scoring.evaluation.risk.vlm.local_model import LocalModel
-from siren_ros.scoring.evaluation.risk.vlm.model import ModelUnavailableError, Question
-from siren_ros.scoring.evaluation.risk.vlm.question import as_jpeg
+from siren_ros.scoring.evaluation.risk.vlm.clients import LocalModel
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import ModelUnavailableError, Question, as_jpeg
 from siren_ros.scoring.pictures.video import write_video
 
 PICTURES = tuple(as_jpeg(np.full((60, 80, 3), 30 * number, np.uint8)) for number in range(8))

@@ -10,8 +10,8 @@ import pytest
 from evaluation.risk.vlm.chat_server import Behaviour, chat_server, dripping
 
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.risk.vlm.model import MOST_REPLY_BYTES, ModelUnavailableError, Question
-from siren_ros.scoring.evaluation.risk.vlm.openai_server import NO_KEY, OpenAiServer, key_from, reply_in
+from siren_ros.scoring.evaluation.risk.vlm.clients import NO_KEY, OpenAiServer, key_from, reply_in
+from siren_ros.scoring.evaluation.risk.vlm.pipeline import MOST_REPLY_BYTES, ModelUnavailableError, Question
 
 pytestmark = pytest.mark.skipif(find_spec("openai") is None, reason="the extra vlm is not installed")
 ASKED = Question("You judge.", "Which class?", (b"first", b"second"))

@@ -1,31 +1,40 @@
-"""Questions about the videos of a set, answers through the cache, and runs that are interrupted."""
+"""Questions to a model of the test about a set, replies that are kept, and classes in what a model says."""
 
 import json
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from evaluation.made_video_sets import small_video_set
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.risk.labels import RiskClass
+from siren_ros.scoring.evaluation.risk.labels import RiskClass, risk_class
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, batches, key_frames
-from siren_ros.scoring.evaluation.risk.vlm.model import ModelUnavailableError, Question, Reply, ReplyCache
+from siren_ros.scoring.evaluation.risk.vlm import pipeline
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import (
+    DEEPEST,
+    MOST_REPLY_BYTES,
+    ModelUnavailableError,
+    Question,
+    Reply,
+    ReplyCache,
     VideoAnswer,
     account,
-    ask_about_all,
-    questions_about,
-    write_answers,
-)
-from siren_ros.scoring.evaluation.risk.vlm.question import (
     as_jpeg,
+    ask_about_all,
+    class_in,
+    final_class,
     masks_of,
     numbers_of,
     outlined,
     question,
+    questions_about,
     video_frames,
+    write_answers,
 )
 from siren_ros.scoring.pictures.video import write_video
 
@@ -241,3 +250,203 @@ def test_questions_tokens_time_and_cost_are_summed() -> None:
 def test_nothing_is_said_of_times_and_prices_that_are_not_known() -> None:
     (line,) = account("m", [VideoAnswer("a", (RiskClass.NORMAL,), (Reply("x"),), 0)], None)
     assert line == "m: 1 questions, 0 of them answered before, 0 answers unreadable; 0 tokens in, 0 out"
+
+
+ASKED = Question("system", "text", (b"first", b"second"))
+REPLY = Reply("Normal", 3, 5, 0.5)
+
+
+def test_a_reply_comes_back_for_the_same_question(tmp_path: Path) -> None:
+    ReplyCache(tmp_path / "deep" / "cache").put("model", ASKED, REPLY)
+    assert ReplyCache(tmp_path / "deep" / "cache").get("model", ASKED) == REPLY
+
+
+def test_other_models_words_and_pictures_are_other_questions(tmp_path: Path) -> None:
+    cache = ReplyCache(tmp_path)
+    cache.put("model", ASKED, REPLY)
+    others = [
+        ("model2", ASKED),
+        ("model", replace(ASKED, system="system2")),
+        ("model", replace(ASKED, text="text2")),
+        ("model", replace(ASKED, system="systemt", text="ext")),
+        ("model", replace(ASKED, pictures=(b"first",))),
+        ("model", replace(ASKED, pictures=(b"second", b"first"))),
+        ("model", replace(ASKED, pictures=(b"firsts", b"econd"))),
+    ]
+    assert [cache.get(*other) for other in others] == [None] * len(others)
+
+
+KEPT = '{"text": "Normal", "prompt_tokens": 3, "completion_tokens": 5, "seconds": 0.5}'
+DAMAGED = [
+    *("", "{", "[]", '{"text": "a", "unknown": 1}', "[" * 200_000, "null", '"Normal"'),
+    KEPT.replace('"Normal"', '[{"type": "text", "text": "Normal"}]'),
+    KEPT.replace("3", '"3"'),
+    KEPT.replace("3", "-3"),
+    KEPT.replace("5,", "1e400,"),
+    KEPT.replace("0.5", "NaN"),
+    KEPT.replace("0.5", '"0.5"'),
+    KEPT.replace("0.5", "1e400"),
+    '{"text": "Normal"}',
+]
+
+
+def test_a_damaged_reply_is_none_and_is_replaced(tmp_path: Path) -> None:
+    cache = ReplyCache(tmp_path)
+    cache.put("model", ASKED, REPLY)
+    (file,) = tmp_path.iterdir()
+    for text in DAMAGED:
+        file.write_text(text, encoding="utf-8")
+        assert cache.get("model", ASKED) is None
+    cache.put("model", ASKED, REPLY)
+    assert cache.get("model", ASKED) == REPLY
+    assert json.loads(file.read_text(encoding="utf-8")) == json.loads(KEPT)
+
+
+def test_the_longest_reply_and_half_characters_come_back(tmp_path: Path) -> None:
+    cache = ReplyCache(tmp_path)
+    for text in ("\x00" * MOST_REPLY_BYTES, "a\ud800b\udfff\u2028"):
+        cache.put("model", ASKED, replace(REPLY, text=text))
+        assert cache.get("model", ASKED) == replace(REPLY, text=text)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cache: "):
+        ReplyCache(tmp_path / "file" / "replies").put("model", ASKED, REPLY)
+
+
+@pytest.mark.parametrize(
+    ("text", "risk"),
+    [
+        ('{"class": "Near-Miss", "reason": "hard braking"}', RiskClass.NEAR_MISS),
+        ('```json\n{"class": "normal"}\n```', RiskClass.NORMAL),
+        (
+            'It {might} be {"class": "Normal"}, but no: {"reason": "they touch", "class": "Collision"}.',
+            RiskClass.COLLISION,
+        ),
+        ('{"class": "Normal", "more": {"class": "Collision"}}', RiskClass.NORMAL),
+    ],
+)
+def test_the_last_object_with_a_class_counts(text: str, risk: RiskClass) -> None:
+    assert class_in(text) is risk
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "Normal",
+        "The class is Collision.",
+        '{"class": "Normal or Near-Miss"}',
+        '{"class": 2}',
+        '{"class": "Nor',
+        "[1]",
+    ],
+)
+def test_nothing_is_guessed(text: str) -> None:
+    assert class_in(text) is None
+
+
+def test_the_more_severe_prediction_is_the_videos() -> None:
+    assert final_class([RiskClass.NORMAL, RiskClass.NEAR_MISS]) is RiskClass.NEAR_MISS
+    assert final_class([None, RiskClass.NORMAL]) is RiskClass.NORMAL
+    assert final_class([None, None]) is None
+
+
+def class_by_trying(text: str) -> RiskClass | None:
+    """The same by trying Python's own reader at each brace: exact, and slow in long texts."""
+    found, place = None, text.find("{")
+    while place >= 0:
+        try:
+            content, end = json.JSONDecoder().raw_decode(text, place)
+        except ValueError:
+            end = place + 1
+        else:
+            found = content["class"] if isinstance(content.get("class"), str) else found
+        place = text.find("{", end)
+    try:
+        return None if found is None else risk_class(found)
+    except InputError:
+        return None
+
+
+PIECES = [
+    '"class"',
+    '"Normal"',
+    '"Collision"',
+    *'{}[],: \t\n"\\',
+    "1",
+    "-0.5e+3",
+    "01",
+    "null",
+    "NaN",
+    '"\\u0041"',
+    "x",
+]
+objects = st.recursive(
+    st.sampled_from(["Normal", "Near-Miss", 1, None, 'a "quoted" {', float("inf")]),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["class", "a", "{"]), inner, max_size=3)
+    ),
+    max_leaves=8,
+).map(json.dumps)
+
+
+@settings(max_examples=100, deadline=None)
+@given(text=st.lists(st.one_of(st.sampled_from(PIECES), objects), max_size=12).map("".join))
+@example('{"a" {"class": "Normal"} "}')
+@example('{"a": {"class": "Normal"}, b')
+@example('{"a": [{"class": "Normal"}, {"class": "Collision"} {')
+@example('{x {"a{": {"class": "Normal"}}')
+def test_any_text_is_read_as_python_reads_it(text: str) -> None:
+    assert class_in(text) is class_by_trying(text)
+
+
+SIZE = 60_000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{" * SIZE,
+        "{ " * (SIZE // 2),
+        '{"' * (SIZE // 2),
+        '{"a":1,' * (SIZE // 7),
+        '{"a":"' * (SIZE // 6),
+        '{"a":' * (DEEPEST - 1) + '{"a":[' + "0," * (SIZE // 2),
+        ('{"a":' * DEEPEST + "x") * (SIZE // 100),
+        '{"class": "Normal", "a": ' + "9" * SIZE + "x",
+        '{"class":' * 200_000,
+        "{" + " " * SIZE,
+    ],
+    ids=lambda text: text[:12],
+)
+def test_each_place_of_a_text_is_looked_at_a_few_times(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked_at = 0
+
+    class Counting:
+        def match(self, text: str, place: int) -> re.Match[str] | None:
+            nonlocal looked_at
+            found = token.match(text, place)
+            looked_at += 1 if found is None else found.end() - place
+            return found
+
+    token = pipeline.TOKEN
+    monkeypatch.setattr(pipeline, "TOKEN", Counting())
+    assert class_in(text) is None
+    assert looked_at <= 3 * len(text)
+
+
+def test_megabytes_without_an_answer() -> None:
+    assert class_in("{" * 3_000_000) is None
+
+
+def test_a_long_text_with_an_answer_is_read() -> None:
+    assert class_in("{" * SIZE + '{"class": "Normal", "length": ' + "9" * SIZE + "}") is RiskClass.NORMAL
+
+
+def test_objects_lie_no_deeper_in_each_other_than_allowed() -> None:
+    deepest = '{"a":' * (DEEPEST - 1) + "{}" + "}" * (DEEPEST - 1)
+    answer = '{"class": "Normal"}'
+    assert class_in(answer + deepest) is RiskClass.NORMAL
+    assert class_in(answer + '{"a":' + deepest + "}") is None

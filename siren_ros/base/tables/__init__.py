@@ -1,1 +1,0 @@
-"""Tables of results: intervals, cells, and their output for terminals, files and pages."""

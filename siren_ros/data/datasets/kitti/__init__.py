@@ -1,1 +1,0 @@
-"""KITTI export: the layout of the object benchmark, and the paper's layout."""

@@ -1,1 +1,0 @@
-"""nuScenes export: tables and files that nuscenes-devkit loads."""

@@ -1,1 +1,0 @@
-"""Trains the sequence model of the risk task: films of drawn episodes, fitting, card."""

@@ -1,0 +1,199 @@
+"""Parts of a driver's control: target speeds, free gaps beside it, and pedals and steering.
+
+Target speeds come from the limit, bends, the leader and red lines; indicators from the path.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from siren_ros.base.numerics.braking import safe_following_mps
+from siren_ros.running.seat.sight import Sight
+from siren_ros.simulation.world.actors import Lights, indicator_to
+from siren_ros.simulation.world.commands import AvControl
+
+_GENTLE_MPS2: Final = 2.0
+"""Gentle braking, and lateral acceleration in bends."""
+_HEADWAY_S: Final = 1.4
+_STANDSTILL_M: Final = 2.5
+_BESIDE_M: Final = 0.25
+"""Lateral distance kept to the vehicle ahead."""
+_LOOK_M: Final = (0.0, 4.0, 8.0, 14.0, 20.0)
+"""Distances ahead at which bends are checked."""
+_END_M: Final = 3.0
+"""Distance kept to the end of the path."""
+_PASSES_MPS: Final = 1.0
+"""A driver is slower than a passing EMV by this."""
+_PASSED_M: Final = 5.0
+"""An EMV has passed if its rear is this far ahead."""
+_NEXT_M: Final = 4.0
+"""An EMV has also passed if its centre is this far to the side."""
+_STUCK_MPS: Final = 0.3
+_WAITS_M: Final = 15.0
+_WAITS_MPS: Final = 2.0
+"""Limits of speed and gap for an EMV that cannot pass."""
+_LINE_M: Final = 1.0
+"""Distance kept to a stop line."""
+_SEEN_ROWS: Final = 80
+"""Rows of the path that are checked for junctions."""
+_SIGNALS_S: Final = 2.0
+_SLOW_MPS: Final = 5.0
+"""A slower vehicle may come to a stop."""
+_LATE_MPS2: Final = 5.0
+"""A driver that would need harder braking before a red line drives on."""
+
+
+def speed_to_limit(sight: Sight) -> float:
+    """Speed limit, reduced before bends and the end of the path, in m/s."""
+    way, curve = sight.way, sight.way.curve
+    at = [sight.s_m + ahead for ahead in _LOOK_M]
+    headings = curve.heading_rad([min(s, curve.length_m) for s in at]).tolist()
+    least = float(way.limit_mps[way.row(sight.s_m)])
+    for k in range(len(at) - 1):
+        bend_1pm = abs(math.remainder(headings[k + 1] - headings[k], 2.0 * math.pi)) / (at[k + 1] - at[k])
+        if bend_1pm > 0.01:
+            least = min(least, math.sqrt(_GENTLE_MPS2 / bend_1pm + 2.0 * _GENTLE_MPS2 * _LOOK_M[k]))
+    rest_m = max(curve.length_m - sight.s_m - _END_M, 0.0)
+    return min(least, math.sqrt(2.0 * _GENTLE_MPS2 * rest_m))
+
+
+def speed_to_leader(sight: Sight, offset_m: float) -> float:
+    """Speed behind the leader at the given or the present offset, in m/s; infinite without one."""
+    least = math.inf
+    for other in sight.others:
+        across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
+        if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
+            free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
+            least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
+    return least
+
+
+def speed_to_passing_emv(sight: Sight) -> float:
+    """Speed that lets an EMV beside the own vehicle get ahead, in m/s; infinite if none passes.
+
+    Beside one that squeezes through, or that is very close, it stands.
+    """
+    least = math.inf
+    for siren in sight.sirens:
+        if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M:
+            apart_m = abs(siren.left_m) - 0.5 * (sight.width_m + sight.bodies[siren.actor_id].width_m)
+            if apart_m < _BESIDE_M or _STUCK_MPS < siren.speed_mps < _WAITS_MPS:
+                return 0.0
+            if siren.speed_mps > _STUCK_MPS:
+                least = min(least, siren.speed_mps - _PASSES_MPS)
+    return least
+
+
+def emv_waits(sight: Sight) -> bool:
+    """Whether an EMV cannot pass the own vehicle: it almost stands close behind, or beside it."""
+    return any(siren.behind and siren.gap_m < _WAITS_M and siren.speed_mps < _WAITS_MPS for siren in sight.sirens)
+
+
+def speed_to_red(sight: Sight) -> float:
+    """Speed before the next red line, in m/s; infinite without one, or if it is too late to stop."""
+    if sight.red_m == math.inf or sight.red_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    return math.sqrt(2.0 * _GENTLE_MPS2 * max(sight.red_m - _LINE_M, 0.0))
+
+
+def speed_to_junction(sight: Sight) -> float:
+    """Speed before a junction that a slow vehicle makes impossible to leave, in m/s; infinite without one."""
+    way, row = sight.way, sight.way.row(sight.s_m)
+    ahead = way.in_junction[row : row + _SEEN_ROWS]
+    if not ahead.any() or ahead[0]:
+        return math.inf
+    first = int(ahead.argmax())
+    inside = ahead[first:]
+    front_m = 0.5 * sight.length_m
+    entry_m = first - front_m
+    exit_m = first + (len(inside) if inside.all() else int((~inside).argmax())) - front_m
+    if entry_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    for other in sight.others:
+        across = min(abs(other.left_m), abs(other.left_m - sight.left_m))
+        in_the_way = across < other.half_width_m + 0.5 * sight.width_m
+        if in_the_way and 0.0 < other.gap_m < exit_m + sight.length_m + _STANDSTILL_M and other.speed_mps < _SLOW_MPS:
+            return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+    return math.inf
+
+
+def indicators(sight: Sight) -> int:
+    """Indicators for a lane change that the path has soon."""
+    row = sight.way.row(sight.s_m)
+    reach = row + 1 + int(max(sight.speed_mps, 1.0) * _SIGNALS_S)
+    soon = sight.way.changes[row:reach]
+    if sight.in_junction or not soon.any():
+        return int(Lights.NONE)
+    return indicator_to(float(soon[np.flatnonzero(soon)[0]]))
+
+
+COMES_S: Final = 2.5
+"""Time for which approaching vehicles are predicted."""
+_FREE_BESIDE_M: Final = 0.5
+"""Lateral distance kept to other vehicles."""
+_FREE_BEHIND_M: Final = 5.0
+"""Distance kept to vehicles behind."""
+_FREE_AHEAD_M: Final = 1.0
+"""Distance kept to vehicles ahead at the same speed."""
+
+
+def is_free(wanted_m: float, sight: Sight, comes_s: float = COMES_S) -> bool:
+    """Whether no other vehicle is beside the own one on a move to the side, or will come there.
+
+    Args:
+        wanted_m: Where the move ends across the way, left positive.
+        sight: The step.
+        comes_s: How far ahead in time others are looked for.
+    """
+    least, greatest = sorted((sight.left_m, wanted_m))
+    for other in sight.others:
+        comes_m = comes_s * (other.speed_mps - sight.speed_mps)
+        beside = -sight.length_m - _FREE_BEHIND_M - max(comes_m, 0.0) < other.gap_m < _FREE_AHEAD_M - min(comes_m, 0.0)
+        away_m = abs(min(max(other.left_m, least), greatest) - other.left_m)
+        nearer = away_m < abs(sight.left_m - other.left_m) - 0.02
+        if beside and nearer and away_m < other.half_width_m + 0.5 * sight.width_m + _FREE_BESIDE_M:
+            return False
+    return True
+
+
+_WHEELBASE_M: Final = 2.7
+_FULL_BRAKE_MPS2: Final = 9.0
+_LARGEST_STEER_RAD: Final = 0.6
+_LEAST_REACH_M: Final = 6.0
+_PUSHES_PER_S: Final = 1.2
+"""Acceleration per m/s of missing speed."""
+_BRAKES_PER_S: Final = 3.0
+"""Deceleration per m/s of excess speed; it is higher, so that drivers do not cross a line."""
+
+
+def steered(
+    sight: Sight,
+    wanted_mps: float,
+    offset_m: float,
+    lights: int = int(Lights.NONE),
+    hardest_mps2: float = 3.5,
+) -> AvControl:
+    """Control for a step: proportional speed control, and steering by pure pursuit of the path.
+
+    Args:
+        sight: The step.
+        wanted_mps: Speed to come to.
+        offset_m: Place across the way to come to, left positive.
+        lights: Indicators.
+        hardest_mps2: Limit of braking.
+    """
+    missing_mps = wanted_mps - sight.speed_mps
+    push = (_BRAKES_PER_S if missing_mps < 0.0 else _PUSHES_PER_S) * missing_mps
+    brake = min(max(-push, 0.0), hardest_mps2) / _FULL_BRAKE_MPS2
+    if wanted_mps < 0.05 and sight.speed_mps < 0.3:
+        brake = 0.3
+    throttle = 0.0 if brake else min(max(0.3 * push, 0.0), 0.7)
+    curve, reach_m = sight.way.curve, max(_LEAST_REACH_M, sight.speed_mps)
+    target = curve.offset_points(sight.s_m + reach_m, offset_m)
+    here = curve.offset_points(sight.s_m, sight.left_m)
+    yaw = float(curve.heading_rad(sight.s_m)) + sight.turn_rad
+    dx, dy = float(target[0] - here[0]), float(target[1] - here[1])
+    side = math.cos(yaw) * dy - math.sin(yaw) * dx
+    steer = math.atan(2.0 * _WHEELBASE_M * side / max(dx * dx + dy * dy, 1.0))
+    return AvControl(sight.step, throttle, brake, min(max(steer, -_LARGEST_STEER_RAD), _LARGEST_STEER_RAD), lights)

@@ -1,1 +1,0 @@
-"""Detectors of the library; they run on recorded sweeps."""

@@ -1,1 +1,0 @@
-"""Measures how different episodes are, and what more seeds would add."""

@@ -1,1 +1,0 @@
-"""Paths of vehicles: curves along lanes, transitions between them, nearest positions on lanes."""

@@ -1,0 +1,330 @@
+"""Orders to signals and to single vehicles in SUMO.
+
+* A signal's programme is shifted so that a movement's red begins at a given time, or behind a platoon.
+* EMVs that SUMO drives stop where their route ends, as those do that are driven from outside: SUMO takes a vehicle out
+  of traffic at the end of its route, and an EMV's sensors would go with it.
+* The head of a jam blocks traffic. What causes a jam is beyond the map: SUMO's foremost drivers would go on.
+* Drivers on a junction go who would wait for a vehicle from outside that waits there, too. SUMO lets a driver wait for
+  a vehicle that comes to the same lane on the junction, whoever is ahead. An EMV waits for the body ahead of it, and
+  civilians who make room for an EMV stay on the junction: they and those who wait for them would then stand for good.
+  Once such a driver goes, the rule for vehicles that are driven from outside (``caution``) alone says when to wait.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import libsumo
+
+from siren_ros.base.numerics.braking import braking_distance_m
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.errors import MapError
+from siren_ros.simulation.conflicts.yielding import time_to_go_s
+from siren_ros.simulation.traffic.demand.plan import RED_BEHIND_S, JamHead, PlannedVehicle, SignalTiming
+from siren_ros.simulation.world.actors import Owner, TrafficFlags, TrafficState
+
+# These are no parameters: they are usual times of signal programmes, by which a template's time of the red is reached.
+_USUAL_CLEARANCE_S: Final = 1.5
+"""Time from the end of one movement's yellow to the green of the next."""
+_LONGEST_CLEARANCE_S: Final = 4.0
+_YELLOW_DRIVEN_S: Final = 2.2
+"""Time before the line at which a driver who sees yellow drives on: 1 s to react, and too near to stop gently from 30
+km/h."""
+_LONGEST_GREEN_S: Final = 10.0
+"""Longest extension of a green."""
+_BEFORE_EMV_S: Final = 0.4
+"""Least time from the beginning of the red to the EMV's arrival, so that it meets a red however late the platoon is."""
+_EMV_MPS2: Final = 2.0
+"""Acceleration of an ambulance where others leave its lane before the line."""
+_CREEP_MPS: Final = 1.0
+
+
+@dataclass(frozen=True)
+class SignalPhase:
+    """One phase of a programme: SUMO's ``rygGsuoO`` state string, and how long it lasts."""
+
+    duration_s: float
+    state: str
+
+
+def red_interval_s(phases: Sequence[SignalPhase], link: int) -> tuple[float, float] | None:
+    """Begin and length of a link's longest red in a programme's cycle; None where it is never or always red."""
+    red = [phase.state[link].lower() == "r" for phase in phases]
+    if all(red) or not any(red):
+        return None
+    best = (0.0, 0.0)
+    for number, begin in enumerate(_begins_s(phases)):
+        if not red[number] or red[number - 1]:
+            continue
+        length, at = 0.0, number
+        while red[at % len(phases)]:
+            length, at = length + phases[at % len(phases)].duration_s, at + 1
+        best = max(best, (length, begin))
+    return best[1], best[0]
+
+
+def _begins_s(phases: Sequence[SignalPhase]) -> list[float]:
+    return [sum(phase.duration_s for phase in phases[:number]) for number in range(len(phases))]
+
+
+def crossing_begin_s(phases: Sequence[SignalPhase], link: int, crossing: Collection[int]) -> float | None:
+    """When in the cycle traffic begins to cross a link's movement: the begin of the red, or soon before the green.
+
+    Where one approach after the other is green, the crossing movements may have to wait for long after the link's red
+    has begun. Their green then counts, less the usual time between a red and the next green. Where no link crosses or
+    all stay red, the begin of the red counts. None where the link is never or always red.
+    """
+    red = red_interval_s(phases, link)
+    if red is None:
+        return None
+    cycle_s = sum(phase.duration_s for phase in phases)
+    waits = [
+        (begin - red[0]) % cycle_s
+        for number, begin in enumerate(_begins_s(phases))
+        if any(_is_green(phases[number], other) and not _is_green(phases[number - 1], other) for other in crossing)
+    ]
+    wait_s = min((wait for wait in waits if wait < red[1]), default=0.0)
+    return red[0] if wait_s <= _LONGEST_CLEARANCE_S else (red[0] + wait_s - _USUAL_CLEARANCE_S) % cycle_s
+
+
+def _is_green(phase: SignalPhase, link: int) -> bool:
+    return phase.state[link].lower() == "g"
+
+
+def place_in_cycle(phases: Sequence[SignalPhase], begin_s: float, in_s: float) -> tuple[int, float]:
+    """Phase and remaining time with which a programme has to start to reach a place in its cycle in ``in_s``."""
+    cycle_s = sum(phase.duration_s for phase in phases)
+    left_s = (begin_s - in_s) % cycle_s
+    for number, phase in enumerate(phases):
+        if left_s < phase.duration_s:
+            return number, phase.duration_s - left_s
+        left_s -= phase.duration_s
+    return 0, phases[0].duration_s
+
+
+def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
+    """Sets a signal of the running simulation so that it follows the timing; step 0 is ``warm_up_s`` from now.
+
+    Raises:
+        MapError: the link is never red, or always.
+    """
+    signal = timing.signal_id
+    phases = _programme(signal)
+    begin_s = crossing_begin_s(phases, timing.link, timing.crossing)
+    if begin_s is None:
+        raise MapError(f"signal {signal}", "a programme in which the EMV's movement has both green and red")
+    phase, left_s = place_in_cycle(phases, begin_s, warm_up_s + timing.red_from_s)
+    libsumo.trafficlight.setPhase(signal, phase)
+    libsumo.trafficlight.setPhaseDuration(signal, left_s)
+
+
+def _programme(signal: str) -> list[SignalPhase]:
+    program = libsumo.trafficlight.getProgram(signal)
+    logic = next(logic for logic in libsumo.trafficlight.getAllProgramLogics(signal) if logic.programID == program)
+    return [SignalPhase(float(phase.duration), str(phase.state)) for phase in logic.phases]
+
+
+def yellow_after(phases: Sequence[SignalPhase], present: int, link: int) -> tuple[int, float] | None:
+    """The next phase in which a link is yellow, and how long that lasts; None where it has none."""
+    for step in range(len(phases)):
+        number = (present + step) % len(phases)
+        if phases[number].state[link].lower() == "y":
+            return number, phases[number].duration_s
+    return None
+
+
+def detector_s(yellow_s: float) -> float:
+    """Time before the stop line at which a vehicle that is the last of a platoon ends the green.
+
+    It then drives on, as drivers do who see the yellow so late, and the red follows soon behind it.
+    """
+    return min(max(yellow_s - RED_BEHIND_S, 0.0), _YELLOW_DRIVEN_S)
+
+
+class GapOut:
+    """Ends a link's green behind a platoon, as a signal with detectors does: neither before nor long after it.
+
+    The vehicles of the platoon arrive earlier or later than planned: bends and others delay them. The green waits for
+    the last of them for ``_LONGEST_GREEN_S`` at most, and not until the EMV is there.
+    """
+
+    def __init__(self, timing: SignalTiming) -> None:
+        self._timing = timing
+        self._waiting = bool(timing.platoon)
+        self._steps = 0
+
+    def apply(self, present: Collection[str]) -> None:
+        """Acts on the signal before a step; ``present`` are the vehicles in SUMO."""
+        if not self._waiting:
+            return
+        signal, link = self._timing.signal_id, self._timing.link
+        self._steps += 1
+        arrivals = [time for name in self._timing.platoon if name in present for time in _arrivals_s(name, signal)]
+        overdue = self._steps * STEP_S > self._timing.red_from_s + _LONGEST_GREEN_S
+        state = str(libsumo.trafficlight.getRedYellowGreenState(signal))
+        if not arrivals or overdue:
+            self._waiting = False
+        elif state[link].lower() == "g":
+            phases, number = _programme(signal), int(libsumo.trafficlight.getPhase(signal))
+            yellow = yellow_after(phases, number, link)
+            if yellow is None:
+                self._waiting = False
+            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + _BEFORE_EMV_S:
+                libsumo.trafficlight.setPhase(signal, yellow[0])
+                self._waiting = False
+            elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
+                libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
+
+    def _emv_s(self, present: Collection[str]) -> float:
+        """Least time in which the EMV reaches the signal, behind vehicles at its speed; infinite once it has passed."""
+        name = self._timing.emv
+        gaps_m = _gaps_m(name, self._timing.signal_id) if name in present else []
+        if not gaps_m:
+            return math.inf
+        mps = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+        leads = libsumo.vehicle.getLeader(name, gaps_m[0])
+        if leads and leads[0] and leads[1] < gaps_m[0]:
+            return gaps_m[0] / mps
+        most_mps = float(libsumo.vehicle.getAllowedSpeed(name))
+        return float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2))
+
+
+def _arrivals_s(name: str, signal: str) -> list[float]:
+    """Time in which a vehicle reaches a signal at its present speed; empty once it has passed."""
+    speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+    return [gap_m / speed for gap_m in _gaps_m(name, signal)]
+
+
+def _gaps_m(name: str, signal: str) -> list[float]:
+    return [float(gap_m) for ahead, _, gap_m, _ in libsumo.vehicle.getNextTLS(name)[:1] if ahead == signal]
+
+
+# This is no parameter: it decides where a driver begins to stop at the end of the road.
+_BRAKE_MPS2: Final = 1.5
+_EARLIER_M: Final = 20.0
+_END_M: Final = 1.0
+"""Length of road that is left in front of the bumper at the end of a route."""
+_FOR_GOOD_S: Final = 1e6
+
+
+class RouteEnds:
+    """Tells each EMV to stop at the end of its route once the end is near.
+
+    An earlier order would influence its choice of lanes.
+    """
+
+    def __init__(self, emvs: Sequence[PlannedVehicle]) -> None:
+        self._driving = {emv.name: emv.route for emv in emvs}
+
+    def apply(self, present: Collection[str]) -> None:
+        """Gives the orders for SUMO's next step; ``present`` are the vehicles in SUMO."""
+        for name in [name for name in self._driving if name in present]:
+            route = self._driving[name]
+            if libsumo.vehicle.getRouteIndex(name) < len(route) - 1:
+                continue
+            end_m = libsumo.lane.getLength(libsumo.vehicle.getLaneID(name)) - _END_M
+            speed_mps = libsumo.vehicle.getSpeed(name)
+            left_m = end_m - libsumo.vehicle.getLanePosition(name)
+            if left_m < braking_distance_m(speed_mps * speed_mps, _BRAKE_MPS2) + _EARLIER_M:
+                libsumo.vehicle.setStop(name, route[-1], end_m, libsumo.vehicle.getLaneIndex(name), _FOR_GOOD_S)
+                del self._driving[name]
+
+
+class JamOrders:
+    """Tells the head of a jam how fast to go."""
+
+    def __init__(self, jam: JamHead) -> None:
+        self._jam = jam
+
+    def apply(self, step: int, present: Collection[str]) -> None:
+        """Orders speeds for SUMO's next step, and withdraws the last order once the jam is over.
+
+        ``step`` is the one that SUMO comes to next, ``present`` are the vehicles that SUMO drives; those that are moved
+        from outside are left alone.
+        """
+        if step > 0 and self._jam.speed_mps(step - 1) < 0.0:
+            return
+        for name in self._jam.names:
+            if name in present:
+                libsumo.vehicle.setSpeed(name, self._jam.speed_mps(step))
+
+
+_IGNORED: Final = "junctionModel.ignoreIDs"
+"""SUMO's parameter for ignored vehicles; stand-offs and people at kerbs both add to it."""
+_STANDING_MPS: Final = 0.1
+_ON_JUNCTION: Final = int(TrafficFlags.ON_JUNCTION)
+_BY_SUMO: Final = int(Owner.SUMO)
+
+Passed = Mapping[str, frozenset[str]]
+"""For each driver, the vehicles for which the driver need not wait any more, by SUMO's names."""
+
+
+def drivers_who_go(
+    before: Passed, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle], emvs: frozenset[str]
+) -> Passed:
+    """The drivers who go, for the next step. A driver who has begun goes on until the junction lies behind.
+
+    ``traffic`` is the state before SUMO's next step, ``vehicles`` are those in it.
+    """
+    inside = (traffic.flags & _ON_JUNCTION) != 0
+    stands, by_sumo = traffic.speed_mps < _STANDING_MPS, traffic.owner == _BY_SUMO
+    still = frozenset(vehicles[actor_id].name for actor_id in traffic.actor_id[inside & stands & ~by_sumo].tolist())
+    passed = still | emvs if still else still
+    mine = inside & by_sumo
+    going = {}
+    for actor_id, waits in zip(traffic.actor_id[mine].tolist(), stands[mine].tolist(), strict=True):
+        name = vehicles[actor_id].name
+        if earlier := before.get(name, passed if waits else None):
+            going[name] = earlier | passed
+    return going
+
+
+class IgnoredFoes:
+    """Tells SUMO which vehicles and people its drivers ignore on junctions."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, str] = {}
+
+    def apply(self, drivers: Sequence[str], by_all: Sequence[str], by_driver: Mapping[str, frozenset[str]]) -> None:
+        """Tells SUMO the changes since the last call.
+
+        ``drivers`` are SUMO's names of all vehicles, ``by_all`` those for whom none of them waits, ``by_driver`` those
+        for whom single drivers do not wait either.
+        """
+        if not (by_all or by_driver or self._told):
+            return
+        everybody, told = " ".join(by_all), {}
+        for driver in drivers:
+            own = by_driver.get(driver)
+            names = " ".join((*by_all, *sorted(own))) if own else everybody
+            if names != self._told.get(driver, ""):
+                libsumo.vehicle.setParameter(driver, _IGNORED, names)
+            if names:
+                told[driver] = names
+        self._told = told
+
+
+class StandOffs:
+    """Tells SUMO's drivers for whom they need not wait: those in a stand-off, and all for people at kerbs."""
+
+    def __init__(self, emvs: frozenset[str] | None) -> None:
+        """Takes the EMVs that run red lights; with None no stand-off is looked for."""
+        self._emvs = emvs
+        self._going: Passed = {}
+        self._foes = IgnoredFoes()
+
+    def apply(
+        self,
+        last: TrafficState | None,
+        vehicles: Mapping[int, PlannedVehicle],
+        drivers: Sequence[str],
+        at_kerbs: Sequence[str],
+    ) -> None:
+        """Gives the orders for SUMO's next step.
+
+        ``last`` is the state before it, with ``vehicles``; ``drivers`` are all in SUMO.
+        """
+        if self._emvs is not None and last is not None:
+            self._going = drivers_who_go(self._going, last, vehicles, self._emvs)
+        self._foes.apply(drivers, at_kerbs, self._going)

@@ -1,0 +1,422 @@
+"""Points in their pillars, networks taken for detectors, and boxes from their answers.
+
+The detector that ships is tested on the recorded sweeps and while they were recorded.
+"""
+
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.base.numerics.arrays import Matrix
+from siren_ros.base.params.folders import params_dir
+from siren_ros.data.interfaces.topics import DETECTIONS
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.detection import pillar_detector as module
+from siren_ros.scoring.evaluation.detection import pillar_detector as network_file
+from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes, FoundSet
+from siren_ros.scoring.evaluation.detection.detectors import run_detector
+from siren_ros.scoring.evaluation.detection.frames import Frames
+from siren_ros.scoring.evaluation.detection.metrics import devkit_score
+from siren_ros.scoring.evaluation.detection.pillar_detector import (
+    BOX_COLUMNS,
+    FEATURES,
+    SENSOR_HEIGHT_M,
+    SHIPPED,
+    DetectorNetwork,
+    PillarDetector,
+    PillarGrid,
+    Pillars,
+    SweepMemory,
+    apart,
+    class_of,
+    detect_pillars,
+    detector_file,
+    load_detector,
+    pillars_of,
+    seen_in_training,
+    sorted_points,
+)
+from siren_ros.scoring.evaluation.detection.result_files import read_topic
+from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
+from siren_ros.simulation.scenario.episode import SHIPPED_DETECTOR, EpisodeIdentity, Split
+from siren_ros.simulation.world.actors import ActorClass
+
+GRID = PillarGrid(half_width_m=8.0, cells=16, points=4, pillars=50)
+
+
+def _points(*rows: tuple[float, ...]) -> np.ndarray:
+    return np.array([(*row, 0.5, 0.1)[:5] for row in rows], dtype=np.float32).reshape(-1, 5)
+
+
+def test_a_point_is_in_the_pillar_that_contains_it() -> None:
+    found = sorted_points(_points((2.4, -3.2, 0.0)), GRID)
+    # One metre a cell: x from 2 to 3 is column 10, y from -4 to -3 is row 4.
+    assert found.cell.tolist() == [4 * 16 + 10]
+    assert found.count.tolist() == [1]
+
+
+def test_points_outside_are_left_out() -> None:
+    outside = _points((8.1, 0.0, 0.0), (0.0, -8.1, 0.0), (6.0, 6.0, 0.0), (1.0, 1.0, 3.1), (1.0, 1.0, -5.1))
+    assert len(pillars_of(outside, GRID)) == 0
+    assert len(pillars_of(_points((5.6, 5.6, 3.0)), GRID)) == 1
+
+
+def test_features_are_places_and_ways_from_mean_and_middle() -> None:
+    found = pillars_of(_points((2.2, -3.4, 1.0), (2.6, -3.8, 0.0)), GRID)
+    first = dict(zip(FEATURES, found.points[0, 0].tolist(), strict=True))
+    expected = {"x": 2.2 / 8.0, "y": -3.4 / 8.0, "z": 0.5, "intensity": 0.5, "age": 0.4}
+    expected |= {"x_mean": -0.2, "y_mean": 0.2, "z_mean": 0.5, "x_middle": -0.3, "y_middle": 0.1}
+    assert first == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("cell_m", [0.5, 2.0])
+def test_middles_of_cells_of_another_width(cell_m: float) -> None:
+    """A point 0.1 m behind and 0.2 m left of the middle of a cell."""
+    grid = PillarGrid(half_width_m=8.0, cells=round(16 / cell_m), points=4, pillars=50)
+    column, row = round(10 / cell_m), round(4 / cell_m)
+    middle_x, middle_y = (column + 0.5) * cell_m - 8.0, (row + 0.5) * cell_m - 8.0
+    found = pillars_of(_points((middle_x - 0.1, middle_y + 0.2, 0.0)), grid)
+    assert found.cell.tolist() == [row * grid.cells + column]
+    assert found.points[0, 0, -2:] == pytest.approx([-0.1, 0.2], abs=1e-6)
+
+
+def test_free_slots_repeat_the_first_point() -> None:
+    found = pillars_of(_points((2.2, -3.4, 1.0), (2.6, -3.8, 0.0)), GRID)
+    assert np.array_equal(found.points[0, 2], found.points[0, 0])
+    assert not np.array_equal(found.points[0, 1], found.points[0, 0])
+
+
+def test_a_full_pillar_keeps_a_sample_of_all_its_points() -> None:
+    """Each of 40 points has a chance of 4 in 40: over many frames the kept ones are spread over all of them."""
+    kept = np.zeros(40)
+    for shift in range(100):
+        points = np.zeros((40 + shift, 5), dtype=np.float32)
+        points[:shift, :2], points[shift:, :2] = (-3.5, -3.5), (0.5, 0.5)
+        points[shift:, 3] = np.arange(40) / 40.0
+        found = sorted_points(points, GRID)
+        slots = found.slots[found.cell == 8 * 16 + 8][0, :, 3]
+        kept[np.rint(slots * 40.0).astype(int)] += 1
+    assert kept.sum() == 400
+    assert kept[:20].sum() == pytest.approx(200, abs=60)
+    assert np.array_equal(sorted_points(points, GRID).slots, found.slots)
+
+
+def test_pillars_of_the_newest_points_come_first() -> None:
+    points = _points((0.5, 0.5, 0.0), (1.5, 0.5, 0.0), (2.5, 0.5, 0.0))
+    found = pillars_of(points, replace(GRID, pillars=2))
+    assert found.cell.tolist() == [8 * 16 + 8, 8 * 16 + 9]
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "cell"),
+    [(-8.0, 0.0, 8 * 16), (0.0, -8.0, 8), (8.0, 0.0, None), (0.0, 8.0, None), (7.999, 0.0, 8 * 16 + 15)],
+)
+def test_the_grid_holds_its_lower_edges_and_not_its_upper_ones(x_m: float, y_m: float, cell: int | None) -> None:
+    assert sorted_points(_points((x_m, y_m, 0.0)), GRID).cell.tolist() == ([] if cell is None else [cell])
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 40])
+def test_a_full_pillar_leaves_the_next_one_alone(count: int) -> None:
+    """The pillars lie next to each other in memory: a point behind the last slot would be the first of the next."""
+    points = np.array(
+        [(0.5, 0.5, 0.0, 0.1, 0.0), (3.5, 0.5, 0.0, 0.9, 0.0), *[(0.6, 0.6, 0.0, 0.2, 0.0)] * (count - 1)]
+    )
+    found = sorted_points(points.astype(np.float32), GRID)
+    assert found.count.tolist() == [4, 1]
+    assert found.slots[1, 0] == pytest.approx([3.5, 0.5, 0.0, 0.9, 0.0])
+    assert not found.slots[1, 1:].any()
+    assert found.slots[0, :, 3].min() >= 0.1 - 1e-6
+
+
+@pytest.mark.parametrize(("x_m", "y_m", "there"), [(7.5, -4.0, 0), (3.0, 7.5, 0), (-2.0, 7.7, 1), (7.7, -2.0, 1)])
+def test_the_grid_holds_a_circle(x_m: float, y_m: float, there: int) -> None:
+    """Of 8 m: 8.5 m and 8.08 m are outside, 7.96 m is not."""
+    assert len(sorted_points(_points((x_m, y_m, 0.0)), GRID).cell) == there
+
+
+def test_of_five_points_every_one_has_four_chances_in_five() -> None:
+    """In every pillar of the circle, whose centres lie within 7 m: the last point stays in four of five."""
+    middles = np.arange(-7.5, 8.0, 1.0)
+    places = [(x, y) for x in middles for y in middles if np.hypot(x, y) < 7.0]
+    points = np.array([(x, y, 0.0, number / 10.0, 0.0) for x, y in places for number in range(5)], dtype=np.float32)
+    slots = sorted_points(points, GRID).slots[..., 3]
+    assert len(slots) == 50, "no more pillars than the grid allows"
+    slots = sorted_points(points, replace(GRID, pillars=len(places))).slots[..., 3]
+    stays = [float(np.isclose(slots, number / 10.0).any(axis=1).mean()) for number in range(5)]
+    assert stays == pytest.approx([0.8] * 5, abs=0.12)
+
+
+CARD = {"form_version": 1, "grid": GRID.to_json(), "class_names": ["car", "police"]}
+
+
+def loaded(monkeypatch: pytest.MonkeyPatch, card: dict[str, Any], *inputs: tuple[str, list[Any]]) -> DetectorNetwork:
+    """A network of a card and of inputs with their shapes."""
+    asked = inputs or (("points", ["P", 4, len(FEATURES)]), ("cell", ["P"]))
+    session = SimpleNamespace(get_inputs=lambda: [SimpleNamespace(name=name, shape=shape) for name, shape in asked])
+    monkeypatch.setattr(network_file, "open_network", lambda _: SimpleNamespace(card=card, session=session))
+    return load_detector(Path("a.onnx"))
+
+
+def test_a_detector_has_the_grid_and_the_names_of_its_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = loaded(monkeypatch, CARD)
+    assert (found.grid, found.class_names) == (GRID, ("car", "police"))
+
+
+@pytest.mark.parametrize("change", [{"form_version": 2}, {"form_version": None}, {"grid": None}, {"grid": [8.0]}])
+def test_another_form_is_refused(monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="a detector of form 1"):
+        loaded(monkeypatch, {**CARD, **change})
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        (("points", ["P", 5, 10]), ("cell", ["P"])),
+        (("points", ["P", 4, 9]), ("cell", ["P"])),
+        (("cell", ["P"]), ("points", ["P", 4, 10])),
+        (("points", ["P", 4, 10]),),
+    ],
+)
+def test_inputs_of_another_grid_are_refused(monkeypatch: pytest.MonkeyPatch, inputs: Any) -> None:
+    with pytest.raises(InputError, match="inputs points, cell"):
+        loaded(monkeypatch, CARD, *inputs)
+
+
+@pytest.mark.parametrize(
+    "change", [{"cells": 0}, {"half_width_m": -1.0}, {"points": 0}, {"low_m": 3.0}, {"high_m": -5.0}, {"more": 1}]
+)
+def test_grids_of_no_use_are_refused(change: dict[str, Any]) -> None:
+    assert PillarGrid.from_json(GRID.to_json()) == GRID
+    assert GRID.cell_m == 1.0
+    with pytest.raises(InputError, match="card"):
+        PillarGrid.from_json({**GRID.to_json(), **change})
+
+
+def test_answers_are_in_double_precision_and_nothing_is_asked_of_nothing() -> None:
+    asked: list[dict[str, Any]] = []
+
+    def run(outputs: tuple[str, ...], given: dict[str, Any]) -> tuple[np.ndarray, ...]:
+        asked.append(given)
+        values = {"box": np.ones((2, 10)), "score": np.array([0.9, 0.1]), "class_share": np.ones((2, 2))}
+        return tuple(values[name].astype(np.float32) for name in outputs)
+
+    network = DetectorNetwork(SimpleNamespace(run=run), CARD, GRID, ("car", "police"))
+    nothing = Pillars(np.zeros((0, 4, 10), dtype=np.float32), np.zeros(0, dtype=np.int64))
+    assert [part.shape for part in network.run(nothing)] == [(0, len(BOX_COLUMNS)), (0,), (0, 2)]
+    assert asked == []
+    given = Pillars(np.ones((3, 4, 10), dtype=np.float32), np.array([5, 6, 9]))
+    box, score, share = network.run(given)
+    assert (box.shape, score.tolist(), share.shape) == ((2, 10), pytest.approx([0.9, 0.1]), (2, 2))
+    assert {part.dtype for part in (box, score, share)} == {np.dtype(np.float64)}
+    assert asked[0]["points"] is given.points
+    assert asked[0]["cell"] is given.cell
+
+
+def test_a_detector_is_one_that_ships_or_a_file() -> None:
+    assert detector_file("pillars") == params_dir() / SHIPPED
+    assert detector_file("pillars").is_file()
+    assert detector_file("mine/pillars.onnx") == Path("mine/pillars.onnx")
+
+
+def test_classes_without_a_name_of_their_own_are_cars() -> None:
+    names = ["car", "ambulance", "fire_truck", "police"]
+    assert [names[class_of(member)] for member in (ActorClass.SEDAN, ActorClass.BUS, ActorClass.AMBULANCE)] == [
+        "car", "car", "ambulance"
+    ]  # fmt: skip
+    assert names[class_of(ActorClass.POLICE)] == "police"
+
+
+POST_M = np.array([20.0, 7.0, 1.0])
+
+
+def _pose(x_m: float, y_m: float, yaw_rad: float) -> Matrix:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cos, -sin, 0, x_m], [sin, cos, 0, y_m], [0, 0, 1.0, 1.9], [0, 0, 0, 1.0]])
+
+
+def _sweep(places_m: np.ndarray) -> np.ndarray:
+    points = np.zeros(len(places_m), dtype=[(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    points["x"], points["y"], points["z"] = places_m.T
+    return points
+
+
+def _seen(pose: Matrix) -> np.ndarray:
+    return (np.linalg.inv(pose) @ [*POST_M, 1.0])[None, :3]
+
+
+def test_the_motion_of_the_vehicle_is_taken_out() -> None:
+    memory = SweepMemory(3)
+    poses = [_pose(1.0 * step, 0.1 * step, 0.05 * step) for step in range(5)]
+    for step, pose in enumerate(poses):
+        memory.add(step, _sweep(_seen(pose)), pose)
+    points = memory.points()
+    assert points[:, :3] == pytest.approx(np.repeat(_seen(poses[-1]), 3, axis=0), abs=1e-5)
+    assert points[:, 4] == pytest.approx([0.0, 0.05, 0.1])
+
+
+def test_returns_of_the_own_vehicle_are_left_out() -> None:
+    memory = SweepMemory(2)
+    memory.add(0, _sweep(np.array([[3.0, 1.0, 0.0], [3.0, 2.0, 0.0], [-4.0, -1.2, 0.5]])), np.eye(4))
+    assert memory.points()[:, :2].tolist() == [[3.0, 2.0]]
+
+
+def test_a_step_back_begins_anew() -> None:
+    memory = SweepMemory(3)
+    for step in (7, 8, 3):
+        memory.add(step, _sweep(np.array([[10.0, float(step), 0.0]])), np.eye(4))
+    assert memory.points()[:, 1].tolist() == [3.0]
+
+
+HIGHER_M = 0.5
+"""The LiDAR is this much above the one that networks see."""
+TURNED_RAD = 2.4
+
+
+@dataclass
+class Answers:
+    """In place of a network's session: one box at each place, and what it was asked."""
+
+    places_m: list[tuple[float, float, float]]
+    scores: list[float]
+    asked: list[np.ndarray] = field(default_factory=list)
+
+    def run(self, _outputs: object, given: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+        self.asked.append(given["points"])
+        rest = (4.5, 1.8, 1.5, np.sin(TURNED_RAD), np.cos(TURNED_RAD), 3.0, -4.0)
+        box = np.array([(*place, *rest) for place in self.places_m], dtype=np.float32)
+        share = np.tile(np.array([0.2, 0.7, 0.1], dtype=np.float32), (len(box), 1))
+        return box, np.array(self.scores, dtype=np.float32), share
+
+
+def network(session: Answers) -> DetectorNetwork:
+    return DetectorNetwork(session, {}, GRID, ("car", "ambulance", "police"))
+
+
+def sweep(*places_m: tuple[float, float, float]) -> np.ndarray:
+    points = np.zeros(len(places_m), dtype=[(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    points["x"], points["y"], points["z"] = np.array(places_m, dtype=np.float32).reshape(-1, 3).T
+    return points
+
+
+def test_a_sweep_from_higher_up_is_lifted_for_the_network_and_its_boxes_put_back() -> None:
+    session = Answers([(5.0, 2.5, 0.25)], [0.9])
+    found = PillarDetector(network(session), SENSOR_HEIGHT_M + HIGHER_M)
+    found.add(0, sweep((5.25, 2.75, -1.0)), np.eye(4))
+    boxes = found.boxes()
+    # Places over the half width of 8 m, heights over 2 m.
+    assert session.asked[0][0, 0, :3] == pytest.approx([5.25 / 8.0, 2.75 / 8.0, (-1.0 + HIGHER_M) / 2.0])
+    assert boxes.centre_m[0] == pytest.approx([5.0, 2.5, 0.25 - HIGHER_M])
+    assert boxes.size_m[0] == pytest.approx([4.5, 1.8, 1.5])
+    assert boxes.yaw_rad[0] == pytest.approx(TURNED_RAD)
+    assert boxes.velocity_mps[0] == pytest.approx([3.0, -4.0])
+    assert boxes.label.tolist() == ["ambulance"]
+    assert boxes.score == pytest.approx([0.9])
+
+
+def test_faint_unreadable_and_overlapping_boxes_are_left_out() -> None:
+    """The second is 1.7 m from the first, the third 1.9 m, in the other axis; then one without a place, one faint."""
+    places = [(0.0, 5.0, 0.0), (1.7, 5.0, 0.0), (0.0, 6.9, 0.0), (np.nan, 0.0, 0.0), (-5.0, 0.0, 0.0), (-5.0, 5.0, 0.0)]
+    session = Answers(places, [0.9, 0.8, 0.7, 0.6, 0.031, 0.029])
+    found = PillarDetector(network(session))
+    found.add(0, sweep((5.25, 2.75, -1.0)), np.eye(4))
+    assert found.boxes().score == pytest.approx([0.9, 0.7, 0.031])
+
+
+def test_nothing_is_found_without_a_point() -> None:
+    session = Answers([(5.0, 2.5, 0.25)], [0.9])
+    found = PillarDetector(network(session))
+    assert len(found.boxes()) == 0
+    assert session.asked == []
+
+
+def test_boxes_of_labelled_sweeps_come_in_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The EMV stands at (100, 50) and looks along −x + y; of four sweeps the second has no pose, the last no label."""
+    yaw = 0.75 * np.pi
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    pose = np.array([[cos, -sin, 0.0, 100.0], [sin, cos, 0.0, 50.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    mount = np.eye(4)
+    mount[:3, 3] = (1.0, 0.0, SENSOR_HEIGHT_M + HIGHER_M)
+    points = sweep((5.25, 2.75, -1.0))
+    sweeps = [
+        SimpleNamespace(step=step, points=points, map_from_base=None if step == 6 else pose) for step in (4, 6, 8, 9)
+    ]
+    session = Answers([(5.0, 2.0, -1.0)], [0.9])
+    replaced: dict[str, Any] = {
+        "load_detector": lambda _: network(session),
+        "open_source": lambda _: nullcontext(None),
+        "lidar_of": lambda _: SimpleNamespace(base_from_sensor=mount),
+        "lidar_frames": lambda _, pose: sweeps if pose else [],
+    }
+    for name, value in replaced.items():
+        monkeypatch.setattr(module, name, value)
+    episode: Any = SimpleNamespace(frame_of_step={0: 0, 4: 1, 6: 2, 8: 3}, bag="bag")
+    found = detect_pillars(episode, Path("made.onnx"))
+    assert found.frame.tolist() == [1, 3]
+    ahead, left = np.array([cos, sin]), np.array([-sin, cos])
+    assert found.centre_m[1, :2] == pytest.approx(np.array([100.0, 50.0]) + (5.0 + 1.0) * ahead + 2.0 * left)
+    assert found.centre_m[1, 2] == pytest.approx(-1.0 - HIGHER_M + SENSOR_HEIGHT_M + HIGHER_M)
+    assert np.exp(1j * found.yaw_rad[1]) == pytest.approx(np.exp(1j * (TURNED_RAD + yaw)))
+    assert found.velocity_mps[0] == pytest.approx(3.0 * ahead - 4.0 * left), "a track begins as the network says"
+    assert found.velocity_mps[1] == pytest.approx([0.0, 0.0], abs=1e-9), "and goes on as its boxes say"
+    assert found.attribute.tolist() == [1, 2]
+    assert session.asked[0][0, 0, 2] == pytest.approx((-1.0 + HIGHER_M) / 2.0)
+
+
+def test_the_more_confident_of_near_boxes_stays() -> None:
+    centre = np.array([[0.0, 0.0], [1.0, 0.0], [2.5, 0.0], [2.5, 3.0]])
+    assert apart(centre, np.array([0.5, 0.9, 0.4, 0.1]), 1.8).tolist() == [False, True, False, True]
+    assert apart(centre, np.array([0.5, 0.2, 0.4, 0.1]), 1.8).tolist() == [True, False, True, True]
+
+
+def test_nothing_stays_of_nothing() -> None:
+    assert apart(np.zeros((0, 2)), np.zeros(0), 1.0).shape == (0,)
+
+
+def test_the_episodes_of_the_training_are_those_of_the_card() -> None:
+    seen = seen_in_training()
+    assert seen is not None
+    assert seen.maps == {"town", "Town04"}
+    assert seen.split_of(EpisodeIdentity("town", "S2", 103, "emv.headway_s=2")) is Split.TRAIN
+    assert seen.split_of(EpisodeIdentity("town", "S2", 1000)) is Split.TEST_SEED
+
+
+@pytest.fixture(scope="module", name="found")
+def _found(frames: Frames) -> FoundBoxes:
+    return run_detector(SHIPPED_DETECTOR, frames.episodes[0], None)[0]
+
+
+def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames, found: FoundBoxes) -> None:
+    boxes = FoundSet("p", "p", found, frames.scored, has_velocity=True)
+    score = devkit_score(*counted_boxes(frames, boxes, VEHICLE_NAMES))
+    assert score.mean_average_precision > 0.7
+    assert score.errors["ATE"] < 0.4
+    assert score.errors["AOE"] < 0.4
+
+
+def test_the_node_said_the_same_while_the_episode_ran(frames: Frames, found: FoundBoxes) -> None:
+    live = read_topic("live", DETECTIONS.name, frames).boxes
+    assert np.array_equal(live.frame, found.frame)
+    assert live.label.tolist() == found.label.tolist()
+    for name in ("centre_m", "size_m", "score"):
+        assert getattr(live, name) == pytest.approx(getattr(found, name), abs=1e-6)
+    assert np.cos(live.yaw_rad - found.yaw_rad) == pytest.approx(np.ones(len(found)), abs=1e-6)
+
+
+def test_its_card_says_what_it_was_trained_and_judged_on() -> None:
+    network = load_detector(detector_file(SHIPPED_DETECTOR))
+    assert network.class_names == CLASS_NAMES
+    trained, judged = network.card["training"]["seeds_by_map"], network.card["judged"]
+    assert {"test_seeds", "test_maps"} <= set(judged)
+    keys = network.card["data"]["train"]["keys"]
+    assert len(keys) == network.card["training"]["episodes"]
+    assert {
+        name: sorted({int(key.split()[2]) for key in keys if key.split()[0] == name}) for name in trained
+    } == trained
+    assert not set(judged["test_maps"]["seeds_by_map"]) & set(trained)
+    for split in judged.values():
+        assert all(not set(seeds) & set(trained.get(name, ())) for name, seeds in split["seeds_by_map"].items())

@@ -1,0 +1,566 @@
+"""Detections of other programs in each format, by hand and of labels, and what is refused, with the first offender."""
+
+import json
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from datasets.made_bag import LIDAR_M, BagSpec, place_of, truth_of, write_made_bag, yaw_of
+from made_detections import GLOBAL_M, LIDAR_YAW_RAD, made_frames, to_map, truth_boxes
+from rosbags.typesys.store import Typestore
+
+from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
+from siren_ros.data.interfaces.topics import BOXES, GROUND_TRUTH
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.detection import openpcdet_results
+from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, quaternions_of_yaw, yaws_of_quaternions
+from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of, read_frames
+from siren_ros.scoring.evaluation.detection.metrics import devkit_score
+from siren_ros.scoring.evaluation.detection.openpcdet_results import openpcdet_entries
+from siren_ros.scoring.evaluation.detection.result_files import (
+    labels_as_detections,
+    read_detections,
+    read_topic,
+    self_test_sets,
+    write_kitti,
+    write_nuscenes,
+)
+from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
+
+
+@pytest.fixture
+def labelled() -> Frames:
+    """Eight frames of two episodes, each with three labels; of each episode the third frame is a keyframe, too."""
+    rows = [(frame, 8.0 + 6.0 * number, 2.0 * number) for frame in range(8) for number in range(3)]
+    centre = np.array([to_map(frame, ahead, left, -1.0) for frame, ahead, left in rows])
+    frame = np.array([frame for frame, *_ in rows])
+    velocity = np.tile([[3.0, 1.0], [0.0, 0.0], [-2.0, 5.0]], (8, 1))
+    truth = truth_boxes(frame, centre, velocity, np.linspace(-3.0, 3.0, len(rows)))
+    parts = [truth.at(frame // 4 == number) for number in range(2)]
+    return frames_of(
+        [
+            replace(episode, truth=replace(part, frame=part.frame % 4))
+            for episode, part in zip(made_frames().episodes, parts, strict=True)
+        ]
+    )
+
+
+def arrays_of(entries: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """The same as the arrays of an .npz file."""
+    tokens = "token" in entries[0].get("metadata", {})
+    named = [entry["metadata"]["token"] if tokens else entry["frame_id"] for entry in entries]
+    columns = {name: np.concatenate([entry[name] for entry in entries]) for name in ("name", "score", "boxes_lidar")}
+    count = np.array([len(entry["name"]) for entry in entries])
+    return {"token" if tokens else "frame_id": np.array(named), "count": count, **columns}
+
+
+def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_path: Path) -> None:
+    """All frames in OpenPCDet's form, those with a picture in KITTI's, keyframes in nuScenes'."""
+    given = labels_as_detections(labelled)
+    write_nuscenes(tmp_path / "a.json", given, labelled)
+    write_kitti(tmp_path / "kitti", given, labelled)
+    for name, nuscenes in (("b.pkl", False), ("c.pickle", True)):
+        (tmp_path / name).write_bytes(pickle.dumps(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
+        np.savez(tmp_path / name[0], **arrays_of(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
+    every, pictured, keyframes = np.ones(8, dtype=np.bool_), labelled.pictured, labelled.keyframe
+    for name, frames in (
+        ("a.json", keyframes),
+        ("b.pkl", every),
+        ("b.npz", every),
+        ("c.pickle", keyframes),
+        ("c.npz", keyframes),
+        ("kitti", pictured),
+    ):
+        found = read_detections("mine", str(tmp_path / name), labelled)
+        expected = given.at(frames[given.frame])
+        assert (found.name, found.scored.tolist(), found.has_velocity) == ("mine", frames.tolist(), True)
+        assert found.has_attributes is (name == "a.json")
+        assert found.boxes.frame.tolist() == expected.frame.tolist()
+        for column in ("centre_m", "size_m", "velocity_mps", "score"):
+            assert getattr(found.boxes, column) == pytest.approx(getattr(expected, column), abs=1e-6), name
+        assert np.exp(1j * found.boxes.yaw_rad) == pytest.approx(np.exp(1j * expected.yaw_rad))
+        assert found.boxes.attribute.tolist() == expected.attribute.tolist()
+
+
+def refused(labelled: Frames, path: Path, told: str) -> str:
+    with pytest.raises(InputError, match=told) as caught:
+        read_detections("x", str(path), labelled)
+    return str(caught.value)
+
+
+def changed(labelled: Frames, folder: Path, change: Callable[[dict[str, Any], list[str]], object]) -> Path:
+    """A file of nuScenes' format after a change of its results, by tokens."""
+    path = folder / "x.json"
+    write_nuscenes(path, labels_as_detections(labelled), labelled)
+    content = json.loads(path.read_text())
+    change(content["results"], list(labelled.by_token))
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("translation", [1.0, float("nan"), 0.0], "centre"),
+        ("translation", [1.0, 0.0], "translation"),
+        ("size", [1.9, -4.0, 1.5], "size"),
+        ("size", [1.9, 0.0, 1.5], "size"),
+        ("rotation", [1.0, 0.0, 0.0, 0.5], "rotation"),
+        ("detection_score", 1.2, "score"),
+        ("detection_score", -0.1, "score"),
+        ("detection_score", float("nan"), "score"),
+        ("velocity", [float("nan"), 0.0], "velocity"),
+        ("detection_name", None, "detection_name"),
+    ],
+)
+def test_a_box_that_means_nothing_is_refused(
+    labelled: Frames, tmp_path: Path, key: str, value: object, told: str
+) -> None:
+    def change(results: dict[str, Any], tokens: list[str]) -> None:
+        results[tokens[1]][1][key] = value
+        results[tokens[2]][0][key] = value
+
+    message = refused(labelled, changed(labelled, tmp_path, change), told)
+    assert "episode0 step 10" in message
+    assert "episode1" not in message
+
+
+def test_frames_have_to_exist_and_to_be_there(labelled: Frames, tmp_path: Path) -> None:
+    unknown = changed(labelled, tmp_path, lambda results, tokens: results.update({"f" * 32: results.pop(tokens[0])}))
+    refused(labelled, unknown, "sample_token f")
+    refused(labelled, changed(labelled, tmp_path, lambda results, tokens: results.pop(tokens[1])), "episode0 step 10")
+
+
+def test_more_than_500_boxes_in_a_frame_are_refused(labelled: Frames, tmp_path: Path) -> None:
+    path = changed(
+        labelled, tmp_path, lambda results, tokens: results.update({tokens[0]: results[tokens[0]][:1] * 501})
+    )
+    refused(labelled, path, "episode0 step 0: 501 boxes")
+
+
+class Evil:
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (print, ("executed",))
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [([Evil()], r"builtins\.print"), ([{"name": np.array([Evil()], dtype=object)}], "values of the type 'O8'")],
+)
+def test_a_pickle_that_would_run_code_is_refused(
+    labelled: Frames, tmp_path: Path, content: object, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "x.pkl"
+    path.write_bytes(pickle.dumps(content))
+    refused(labelled, path, told)
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_every_protocol_of_pickles_is_read(labelled: Frames, tmp_path: Path, protocol: int) -> None:
+    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
+    path = tmp_path / "x.pkl"
+    path.write_bytes(pickle.dumps(entries, protocol))
+    assert len(read_detections("x", str(path), labelled).boxes) == (labelled.truth.lidar_points > 0).sum()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"count": np.array([24, 1, 0, 0, 0, 0, 0, 0])}, "as many rows as count says"),
+        ({"count": np.array([25, -1, 0, 0, 0, 0, 0, 0])}, "count is not a number"),
+        ({"count": np.array([24])}, "count is not a number"),
+        ({"count": np.array([3.5] * 8)}, "Cannot cast"),
+        ({"name": np.array(["car"] * 23)}, "as many rows as count says"),
+        ({"name": np.array([print] * 24, dtype=object)}, "allow_pickle"),
+        ({"score": np.array(1.0)}, "unsized"),
+        ({"name": np.full(24, 0x7FFFFFFF, "<u4").view("<U1")}, "name has a text of no characters"),
+        ({"frame_id": np.array([f"{number:06d}" for number in (0, 1, 2, 3, 4, 5, 6, 6)])}, "twice"),
+    ],
+)
+def test_arrays_are_checked(labelled: Frames, tmp_path: Path, change: dict[str, Any], told: str) -> None:
+    given = arrays_of(openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False))
+    np.savez(tmp_path / "x.npz", **{**given, **change})
+    refused(labelled, tmp_path / "x.npz", told)
+
+
+def test_arrays_that_unpack_to_more_than_the_memory_are_not_read(
+    labelled: Frames, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openpcdet_results, "MOST_BYTES", 10_000)
+    given = arrays_of(openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False))
+    np.savez_compressed(tmp_path / "x.npz", **given, more=np.zeros(5_000))
+    refused(labelled, tmp_path / "x.npz", "more than 10000")
+    (tmp_path / "x.npz").write_bytes(b"PK no archive")
+    refused(labelled, tmp_path / "x.npz", r"an \.npz file of detections")
+
+
+def test_pickles_are_checked(labelled: Frames, tmp_path: Path) -> None:
+    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
+    path = tmp_path / "x.pkl"
+
+    for content, told in (
+        ({}, "a list of dictionaries"),
+        (entries[:-1], "episode1 step 12"),
+        ([*entries, entries[0]], "twice"),
+        ([{**entries[0], "frame_id": "000030"}], "frame_id 000030"),
+        ([{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]], "boxes_lidar of shape"),
+    ):
+        path.write_bytes(pickle.dumps(content))
+        refused(labelled, path, told)
+    path.write_bytes(b"\x80\x04 no pickle")
+    refused(labelled, path, "a pickle of")
+
+
+def test_seven_numbers_are_boxes_without_velocity(labelled: Frames, tmp_path: Path) -> None:
+    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
+    path = tmp_path / "x.pkl"
+    path.write_bytes(pickle.dumps([{**entry, "boxes_lidar": entry["boxes_lidar"][:, :7]} for entry in entries]))
+    found = read_detections("x", str(path), labelled)
+    assert not found.has_velocity
+    assert np.isnan(found.boxes.velocity_mps).all()
+    assert (found.boxes.attribute == 0).all()
+
+
+def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
+    folder = tmp_path / "kitti"
+    write_kitti(folder, labels_as_detections(labelled), labelled)
+    text = (folder / "000003.txt").read_text()
+
+    for name, content, told in (
+        ("000099.txt", "", "000099"),
+        ("000003.txt", text.splitlines()[0].rsplit(" ", 3)[0], "15 words"),
+        ("000003.txt", text.replace(" ", " x", 1), "could not convert"),
+        ("000003.txt", "\xe9", "a text file"),
+    ):
+        (folder / name).write_text(content, encoding="latin-1")
+        refused(labelled, folder, told)
+        (folder / "000099.txt").unlink(missing_ok=True)
+    (folder / "000003.txt").unlink()
+    refused(labelled, folder, "no 000003.txt")
+
+
+def test_what_is_no_file_of_detections_is_refused(labelled: Frames, tmp_path: Path) -> None:
+    (tmp_path / "x.txt").write_text("")
+    refused(labelled, tmp_path / "x.txt", "json")
+    refused(labelled, Path("missing.json"), "exists")
+
+
+def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
+    sets = self_test_sets(frames, tmp_path)
+    formats = ["nuScenes results", *["OpenPCDet results"] * 2, "KITTI results", "recorded topic"]
+    assert [detected.format for detected in sets] == formats
+    for detected in sets:
+        score = devkit_score(*counted_boxes(frames, detected, VEHICLE_NAMES))
+        assert score.labels == score.detections > 10
+        assert score.mean_average_precision == pytest.approx(1.0)
+        errors = dict(score.errors)
+        if not detected.has_velocity:
+            assert (errors.pop("AVE"), errors.pop("AAE")) == (1.0, 1.0)
+        assert max(errors.values()) == pytest.approx(0.0, abs=1e-5)
+
+
+TURNED = np.array([[np.cos(LIDAR_YAW_RAD), -np.sin(LIDAR_YAW_RAD)], [np.sin(LIDAR_YAW_RAD), np.cos(LIDAR_YAW_RAD)]])
+
+
+@pytest.fixture
+def turned_frames() -> Frames:
+    return made_frames()
+
+
+def as_angle(yaw_rad: float) -> float:
+    return float(np.arctan2(np.sin(yaw_rad), np.cos(yaw_rad)))
+
+
+def is_refused(path: Path, turned_frames: Frames, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        read_detections("x", str(path), turned_frames)
+
+
+def kitti_folder(folder: Path, fifth: str = "") -> Path:
+    """Files of the six pictures; the fifth one is the third frame of the second episode: its second frame has none."""
+    (folder / "kitti").mkdir()
+    for number in range(6):
+        (folder / f"kitti/{number:06d}.txt").write_text(fifth if number == 4 else "\n")
+    return folder / "kitti"
+
+
+BARE = [12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]
+"""A box without velocity."""
+
+
+def write_openpcdet(path: Path, boxes: dict[int, list[list[float]]], count: int = 8) -> Path:
+    width = max(len(rows[0]) for rows in boxes.values())
+    entries = [
+        {
+            "frame_id": f"{frame:06d}",
+            "name": np.array(["Car"] * len(boxes.get(frame, ()))),
+            "score": np.linspace(0.7, 0.6, len(boxes.get(frame, ()))),
+            "boxes_lidar": np.array(boxes.get(frame, np.zeros((0, width)))),
+        }
+        for frame in range(count)
+    ]
+    path.write_bytes(pickle.dumps(entries))
+    return path
+
+
+def test_openpcdet_boxes_are_in_the_lidars_frame(turned_frames: Frames, tmp_path: Path) -> None:
+    """Frame 5 is the second one of the second episode."""
+    path = write_openpcdet(
+        tmp_path / "x.pkl",
+        {5: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, 5.0, -2.0], [8.0, -6.0, -1.2, 10, 2.5, 3, -3, 0, 0]]},
+    )
+    found = read_detections("x", str(path), turned_frames)
+    assert found.has_velocity
+    assert found.scored.all()
+    assert found.boxes.frame.tolist() == [5, 5]
+    assert found.boxes.centre_m == pytest.approx(np.array([to_map(5, 12.0, 3.0, -1.0), to_map(5, 8.0, -6.0, -1.2)]))
+    assert found.boxes.size_m == pytest.approx(np.array([[4.5, 1.9, 1.6], [10.0, 2.5, 3.0]]))
+    assert [as_angle(yaw) for yaw in found.boxes.yaw_rad] == pytest.approx([0.4 + LIDAR_YAW_RAD, -3.0 + LIDAR_YAW_RAD])
+    assert found.boxes.velocity_mps == pytest.approx(np.array([TURNED @ (5.0, -2.0), (0.0, 0.0)]))
+    assert found.boxes.score == pytest.approx([0.7, 0.6])
+    assert found.boxes.label.tolist() == ["car", "car"]
+    assert found.boxes.attribute.tolist() == [1, 2]
+
+
+def test_openpcdets_nuscenes_frames_have_x_to_the_right(turned_frames: Frames, tmp_path: Path) -> None:
+    """A box 12 m ahead and 3 m to the left that points ahead and moves to the left."""
+    (token, *_), path = turned_frames.by_token, tmp_path / "x.pkl"
+    entries = [
+        {
+            "metadata": {"token": one},
+            "name": np.array(["car"] * (one == token)),
+            "score": np.full(int(one == token), 0.5),
+            "boxes_lidar": np.array([[-3.0, 12.0, -1.0, 4.5, 1.9, 1.6, np.pi / 2.0, -4.0, 0.0]] * (one == token)),
+        }
+        for one in turned_frames.by_token
+    ]
+    path.write_bytes(pickle.dumps(entries))
+    found = read_detections("x", str(path), turned_frames)
+    assert found.scored.tolist() == [True, False, True, False] * 2
+    assert found.boxes.frame.tolist() == [0]
+    assert found.boxes.centre_m[0] == pytest.approx(to_map(0, 12.0, 3.0, -1.0))
+    assert as_angle(found.boxes.yaw_rad[0]) == pytest.approx(LIDAR_YAW_RAD)
+    assert found.boxes.velocity_mps[0] == pytest.approx(TURNED @ (0.0, 4.0))
+
+
+def test_nuscenes_boxes_are_in_the_global_frame(turned_frames: Frames, tmp_path: Path) -> None:
+    """Width before length; frame 6 is the second keyframe of the second episode, whose map begins farther away."""
+    token = next(token for token, frame in turned_frames.by_token.items() if frame == 6)
+    box = {
+        "translation": [2.0 * GLOBAL_M[0] + 40.0, 2.0 * GLOBAL_M[1] - 7.0, 0.8],
+        "size": [1.9, 4.5, 1.6],
+        "rotation": [np.cos(0.6), 0.0, 0.0, np.sin(0.6)],
+        "velocity": [3.0, -1.0],
+        "detection_name": "Car",
+        "detection_score": 0.25,
+        "attribute_name": "vehicle.parked",
+    }
+    path = tmp_path / "x.json"
+    path.write_text(
+        json.dumps({"meta": {}, "results": {one: [box] * (one == token) for one in turned_frames.by_token}})
+    )
+    found = read_detections("x", str(path), turned_frames)
+    assert found.has_velocity
+    assert found.has_attributes
+    assert found.boxes.frame.tolist() == [6]
+    assert found.boxes.centre_m[0] == pytest.approx([40.0, -7.0, 0.8])
+    assert found.boxes.size_m[0].tolist() == [4.5, 1.9, 1.6]
+    assert found.boxes.yaw_rad[0] == pytest.approx(1.2)
+    assert found.boxes.velocity_mps[0].tolist() == [3.0, -1.0]
+    assert (found.boxes.score[0], found.boxes.label[0], found.boxes.attribute[0]) == (0.25, "car", 3)
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_kitti_boxes_are_in_the_cameras_frame(turned_frames: Frames, tmp_path: Path, *, velocity: bool) -> None:
+    """A car 20 m ahead of the camera, 3 m to its left, whose bottom is 1.6 m below; it points 0.3 rad to the left.
+
+    KITTI's rotation is about the axis down and 0 to the right: ahead is −π/2, and to the left of that is less.
+    """
+    rotation = -np.pi / 2.0 - 0.3
+    line = f"Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 {rotation:.9f} 0.8"
+    folder = kitti_folder(tmp_path, f"{line} -2.0 6.0\n" if velocity else f"{line}\n")
+    found = read_detections("x", str(folder), turned_frames)
+    assert found.has_velocity is velocity
+    assert found.scored.tolist() == [True, False, True, True] * 2
+    assert found.boxes.frame.tolist() == [6]
+    # The camera is 1.5 m ahead of the LiDAR and 0.5 m below it; the centre is half a height above the bottom.
+    assert found.boxes.centre_m[0] == pytest.approx(to_map(6, 20.0 + 1.5, 3.0, -0.5 - 1.6 + 0.75))
+    assert found.boxes.size_m[0].tolist() == [4.2, 1.8, 1.5]
+    assert as_angle(found.boxes.yaw_rad[0]) == pytest.approx(LIDAR_YAW_RAD + 0.3)
+    if velocity:
+        assert found.boxes.velocity_mps[0] == pytest.approx(TURNED @ (6.0, 2.0))
+    else:
+        assert np.isnan(found.boxes.velocity_mps).all()
+    assert (found.boxes.score[0], found.boxes.label[0]) == (0.8, "car")
+
+
+def test_kitti_needs_a_front_camera(tmp_path: Path) -> None:
+    is_refused(kitti_folder(tmp_path), made_frames(camera=False), "front camera")
+
+
+def one_found() -> FoundBoxes:
+    """A box of frame 6, which has a picture and is a keyframe."""
+    return FoundBoxes(
+        frame=np.array([6]),
+        centre_m=np.array([to_map(6, 21.5, 3.0, -1.35)]),
+        size_m=np.array([[4.2, 1.8, 1.5]]),
+        yaw_rad=np.array([LIDAR_YAW_RAD + 0.3]),
+        velocity_mps=np.array([TURNED @ (6.0, 2.0)]),
+        attribute=np.array([3], dtype=np.uint8),
+        score=np.array([0.8]),
+        label=np.array(["car"]),
+    )
+
+
+def test_what_is_written_has_each_formats_numbers(turned_frames: Frames, tmp_path: Path) -> None:
+    write_kitti(tmp_path / "kitti", one_found(), turned_frames)
+    texts = [path.read_text().split() for path in sorted((tmp_path / "kitti").iterdir())]
+    assert [len(words) for words in texts] == [0, 0, 0, 0, 18, 0]
+    assert texts[4][0] == "Car"
+    expected = [1.5, 1.8, 4.2, -3.0, 1.6, 20.0, -np.pi / 2.0 - 0.3, 0.8, -2.0, 6.0]
+    assert [float(word) for word in texts[4][8:]] == pytest.approx(expected, abs=1e-8)
+
+    write_nuscenes(tmp_path / "x.json", one_found(), turned_frames)
+    results: dict[str, list[dict[str, Any]]] = json.loads((tmp_path / "x.json").read_text())["results"]
+    (box,) = (box for boxes in results.values() for box in boxes)
+    assert list(results) == list(turned_frames.by_token)
+    assert turned_frames.by_token[box["sample_token"]] == 6
+    centre = to_map(6, 21.5, 3.0, -1.35)
+    assert box["translation"] == pytest.approx([centre[0] + 2 * GLOBAL_M[0], centre[1] + 2 * GLOBAL_M[1], centre[2]])
+    assert box["size"] == [1.8, 4.2, 1.5]
+    half = 0.5 * (LIDAR_YAW_RAD + 0.3)
+    assert box["rotation"] == pytest.approx([np.cos(half), 0.0, 0.0, np.sin(half)])
+    assert box["attribute_name"] == "vehicle.parked"
+
+    entries = openpcdet_entries(one_found(), turned_frames, nuscenes=False)
+    assert [len(entry["score"]) for entry in entries] == [0] * 6 + [1, 0]
+    assert entries[6]["boxes_lidar"][0] == pytest.approx([21.5, 3.0, -1.35, 4.2, 1.8, 1.5, 0.3, 6.0, 2.0])
+    keyframes = openpcdet_entries(one_found(), turned_frames, nuscenes=True)
+    assert [turned_frames.by_token[entry["metadata"]["token"]] for entry in keyframes] == [0, 2, 4, 6]
+    # x to the right, y ahead; a heading from x to y.
+    right = keyframes[3]["boxes_lidar"][0]
+    assert right == pytest.approx([-3.0, 21.5, -1.35, 4.2, 1.8, 1.5, 0.3 + np.pi / 2.0, -2.0, 6.0])
+
+
+@pytest.mark.parametrize("yaw_rad", [-3.0, -1.0, 0.0, 0.5, 3.1])
+def test_quaternions_of_headings(yaw_rad: float) -> None:
+    (rotation,) = quaternions_of_yaw(np.array([yaw_rad]))
+    assert rotation == pytest.approx([np.cos(yaw_rad / 2.0), 0.0, 0.0, np.sin(yaw_rad / 2.0)])
+    # Tilted about its own length the box has the same heading.
+    w, _, _, z = rotation
+    cos, sin = np.cos(0.2), np.sin(0.2)
+    tilted = np.array([[w * cos, w * sin, z * sin, z * cos]])
+    assert yaws_of_quaternions(tilted) == pytest.approx([yaw_rad])
+
+
+def test_the_first_box_that_means_nothing_is_named(turned_frames: Frames, tmp_path: Path) -> None:
+    good, long = [*BARE, 5.0, -2.0], [12.0, 3.0, -1.0, 4.5, -1.9, 1.6, 0.4, 5.0, -2.0]
+    path = write_openpcdet(tmp_path / "x.pkl", {5: [good, good], 6: [good, long, long]})
+    is_refused(path, turned_frames, r"episode1 step 10, box 1: size \[4.5, -1.9, 1.6\]")
+
+
+def test_boxes_may_lack_the_velocity_only_where_the_format_has_none(turned_frames: Frames, tmp_path: Path) -> None:
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})
+    assert not read_detections("x", str(path), turned_frames).has_velocity
+    path = write_openpcdet(tmp_path / "y.pkl", {0: [[*BARE, float("nan"), 0.0]]})
+    is_refused(path, turned_frames, "velocity")
+    path = write_openpcdet(tmp_path / "z.pkl", {0: [[*BARE, 1.0]]})
+    is_refused(path, turned_frames, r"shape \(1, 8\)")
+
+
+def test_a_file_in_which_nothing_was_found(turned_frames: Frames, tmp_path: Path) -> None:
+    """Whatever the shape of no box is."""
+    path = tmp_path / "x.pkl"
+    for nothing in (np.zeros((0, 7)), np.zeros((0, 9)), np.zeros(0), []):
+        entry = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": nothing}
+        path.write_bytes(pickle.dumps([{**entry, "frame_id": f"{frame:06d}"} for frame in range(8)]))
+        found = read_detections("x", str(path), turned_frames)
+        assert len(found.boxes) == 0
+        assert found.scored.all()
+
+
+def test_some_frames_may_have_no_box(turned_frames: Frames, tmp_path: Path) -> None:
+    path = tmp_path / "x.pkl"
+    empty = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": np.zeros(0)}
+    full = {"name": np.array(["Car"]), "score": np.array([0.5]), "boxes_lidar": np.array([[*BARE, 5.0, -2.0]])}
+    entries = [{**(full if frame in (2, 7) else empty), "frame_id": str(frame)} for frame in range(8)]
+    path.write_bytes(pickle.dumps(entries))
+    assert read_detections("x", str(path), turned_frames).boxes.frame.tolist() == [2, 7]
+
+
+def test_a_frame_that_comes_twice_or_not_at_all_is_named(turned_frames: Frames, tmp_path: Path) -> None:
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})
+    entries = pickle.loads(path.read_bytes())  # noqa: S301 - written above
+    path.write_bytes(pickle.dumps([*entries, entries[5]]))
+    is_refused(path, turned_frames, "episode1 step 2 twice")
+    path.write_bytes(pickle.dumps([*entries[:3], *entries[4:]]))
+    is_refused(path, turned_frames, "nothing for episode0 step 12")
+
+
+def test_a_frame_behind_the_last_one_is_refused(turned_frames: Frames, tmp_path: Path) -> None:
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]}, 9)
+    is_refused(path, turned_frames, r"frame_id 000008.*frames 000000 to 000007 of the given bags")
+
+
+@pytest.mark.parametrize(("first", "second", "named"), [(" -2.0 6.0", "", 1), ("", " -2.0 6.0", 0)])
+def test_where_a_line_of_kitti_has_a_velocity_all_need_one(
+    turned_frames: Frames, tmp_path: Path, first: str, second: str, named: int
+) -> None:
+    line = "Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 0.0 0.8"
+    folder = kitti_folder(tmp_path, f"{line}{first}\n{line}{second}\n")
+    is_refused(folder, turned_frames, rf"box {named}: velocity \[nan, nan\]")
+
+
+SWEEPS = (8, 4)
+"""Of two episodes: at every second step from 4 on."""
+
+
+def frames_with(folder: Path, store: Typestore, boxes_frame: str) -> Frames:
+    made = [BagSpec(steps=4 + 2 * count, seed=seed, boxes_frame=boxes_frame) for seed, count in enumerate(SWEEPS)]
+    bags = [write_made_bag(folder / f"seed{episode.seed}", store, episode) for episode in made]
+    surveys = [survey_bag(bag, "detection", (Need.LIDAR,), folder) for bag in bags]
+    return frames_of([read_frames(*one) for one in in_dataset_order(surveys)])
+
+
+def placed(step: int, local_m: np.ndarray) -> np.ndarray:
+    """A place of the vehicle's frame in the map's."""
+    cos, sin = np.cos(yaw_of(step)), np.sin(yaw_of(step))
+    turned = [local_m[0] * cos - local_m[1] * sin, local_m[0] * sin + local_m[1] * cos, local_m[2]]
+    return np.array(turned) + place_of(step)
+
+
+@pytest.mark.parametrize("frame_id", ["lidar", "base_link", "map"])
+def test_boxes_are_moved_into_the_map(tmp_path: Path, typestore: Typestore, frame_id: str) -> None:
+    frames = frames_with(tmp_path, typestore, frame_id)
+    found = read_topic("mine", BOXES.name, frames)
+    assert (found.name, found.has_velocity, len(frames)) == ("mine", False, sum(SWEEPS))
+    boxes = found.boxes
+    assert boxes.frame.tolist() == np.repeat(np.arange(sum(SWEEPS)), 2).tolist()
+    assert boxes.score.tolist() == [1.0] * 2 * sum(SWEEPS)
+    steps = [4 + 2 * number for count in SWEEPS for number in range(count)]
+    for row in range(len(boxes)):
+        step = steps[int(boxes.frame[row])]
+        truth, which = truth_of(step), row % 2
+        numbers = np.array([truth.x_m[which], truth.y_m[which], truth.z_m[which]])
+        local = numbers + LIDAR_M if frame_id == "lidar" else numbers
+        expected = numbers if frame_id == "map" else placed(step, local)
+        assert boxes.centre_m[row] == pytest.approx(expected)
+        assert boxes.size_m[row] == pytest.approx([truth.length_m[which], truth.width_m[which], truth.height_m[which]])
+        turned = truth.yaw_rad[which] + (0.0 if frame_id == "map" else yaw_of(step))
+        assert np.exp(1j * boxes.yaw_rad[row]) == pytest.approx(np.exp(1j * turned))
+
+
+def test_another_frame_or_topic_is_refused(tmp_path: Path, typestore: Typestore) -> None:
+    frames = frames_with(tmp_path, typestore, "odom")
+    with pytest.raises(InputError, match=r"'odom'.*lidar, base_link or map"):
+        read_topic("mine", BOXES.name, frames)
+    for topic in ("/nothing", GROUND_TRUTH.name):
+        with pytest.raises(InputError, match=f"{topic} in .*{BOXES.name}"):
+            read_topic("mine", topic, frames)
+    with pytest.raises(InputError, match=f"/nothing in .*{BOXES.name}"):
+        read_detections("mine", "topic:/nothing", frames)

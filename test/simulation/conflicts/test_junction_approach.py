@@ -1,0 +1,169 @@
+"""What drivers see of streets from the side, and how they heed people on a crossing, in any direction."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from behaviour.lab import RoadBuilder
+from hand_made_record import crossing
+
+from siren_ros.simulation.conflicts.junction_approach import (
+    SETBACK_M,
+    Line,
+    Lookout,
+    Outlines,
+    Passer,
+    SideStreet,
+    least_wait_for_people,
+    outlines_of,
+    people_at,
+    safe_mps,
+    side_streets,
+)
+
+STREET = SideStreet(near_m=4.0, far_m=10.0, aside_m=7.0, limit_mps=8.0)
+LOOKOUT = Lookout(horizon_s=8.0, pet_s=1.0, brake_mps2=3.0, reaction_s=0.5, standoff_m=1.0, length_m=6.0)
+
+
+def crossroads():
+    """A lane to the east, 12 m over the junction; a street from the south and one from the north, 4 m and 8 m in."""
+    road = RoadBuilder().edge([[-200, 0], [0, 0]], 1, ("W", "J"))
+    road.edge([[0, 0], [12, 0]], 1, ("J", "J"), internal=True).edge([[12, 0], [200, 0]], 1, ("J", "E"))
+    road.edge([[0, 3.3], [-200, 3.3]], 1, ("J", "W"))
+    for x_m, way in ((8.0, 1.0), (4.0, -1.0)):
+        ends = [[-150, -8], [-8, 8], [8, 150]]
+        for (begin, end), names in zip(ends, (("S", "J"), ("J", "J"), ("J", "N")), strict=True):
+            road.edge([[x_m, way * begin], [x_m, way * end]], 1, names, internal=names == ("J", "J"))
+    road.connect(0, 2, via=(1,)).connect(4, 6, via=(5,)).connect(7, 9, via=(8,))
+    return road.built()
+
+
+def test_the_view_opens_at_the_facades():
+    """From 5 m before the line the eye is 4 m before the façades and 11 m before the street: the view is 7 m · 11/4."""
+    assert STREET.seen_m(5.0) == pytest.approx(7.0 * 11.0 / 4.0)
+    assert math.isinf(STREET.seen_m(1.0))
+    assert math.isinf(STREET.seen_m(0.0))
+
+
+def test_who_comes_into_view_is_let_pass_after_a_stop():
+    """5 m before the line 8 m are left to the stop, of which 0.5 s go by before braking with 3 m/s²."""
+    speed = safe_mps(STREET, 5.0, LOOKOUT)
+    assert 0.5 * speed + speed**2 / 6.0 == pytest.approx(8.0)
+    assert safe_mps(replace(STREET, near_m=0.0), 5.0, replace(LOOKOUT, standoff_m=6.0)) == 0.0
+
+
+def test_a_view_that_is_long_enough_asks_for_nothing():
+    """With a view of 6.5 s who is not seen yet comes after an EMV that covers 18 m at the speed for a stop."""
+    free = replace(STREET, aside_m=40.0 * 4.0 / 11.0 * 1.3)
+    assert free.seen_m(5.0) / free.limit_mps == pytest.approx(6.5)
+    stops_mps = safe_mps(STREET, 5.0, LOOKOUT)
+    assert stops_mps * 5.5 > 5.0 + 10.0 + 6.0
+    assert math.isinf(safe_mps(free, 5.0, LOOKOUT))
+    assert math.isfinite(safe_mps(free, 5.0, replace(LOOKOUT, pet_s=4.0)))
+
+
+def test_who_does_not_reckon_with_others_sees_enough_everywhere():
+    assert math.isinf(safe_mps(STREET, 5.0, replace(LOOKOUT, horizon_s=0.2)))
+
+
+def test_streets_from_both_sides_are_where_their_lanes_cross():
+    network = crossroads()
+    right, left = side_streets(network, network.connections[0])
+    width, near = 3.3, pytest.approx(4.0, abs=0.3)
+    assert left.near_m + 0.5 * width == near
+    assert right.near_m + 0.5 * width == pytest.approx(8.0, abs=0.3)
+    assert (right.far_m - right.near_m, left.far_m - left.near_m) == pytest.approx((width, width))
+    assert right.aside_m == pytest.approx(0.5 * width + SETBACK_M)
+    assert left.aside_m == pytest.approx(1.5 * width + SETBACK_M)
+    assert right.limit_mps == pytest.approx(13.89)
+
+
+def test_a_movement_that_nobody_crosses_has_no_streets():
+    network = crossroads()
+    assert side_streets(replace(network, connections=network.connections[:1]), network.connections[0]) == ()
+
+
+HALF_LENGTH_M, HALF_WIDTH_M = 2.0, 1.0
+BEGINS_M, ENDS_M = 20.0, 24.0
+"""Of the crossing, from the driver's centre on."""
+PACE_MPS, GENTLE_MPS2, EARLY_M = 1.6, 2.0, 0.4
+
+
+def turned(points, turn):
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.asarray(points, float) @ np.array([[cos, sin], [-sin, cos]]) + [30.0, -12.0]
+
+
+def wait(along_m, left_m, turn=0.3, speed_mps=8.0, walks_mps=(0.0, 0.0), beside_mps=np.inf, begins_m=BEGINS_M):
+    """The wait for somebody at a place along the way and to its left, walking along it and to its left."""
+    corners = turned([(begins_m, -8.0), (ENDS_M, -8.0), (ENDS_M, 8.0), (begins_m, 8.0)], turn)
+    outlines = Outlines(corners, np.array([0, 4]))
+    points = turned(np.stack((np.arange(0.0, 60.0), np.zeros(60)), axis=-1), turn)
+    (x, y), yaw = turned((along_m, left_m), turn), turn + np.arctan2(walks_mps[1], walks_mps[0])
+    pose = (np.array([x]), np.array([y]), np.array([yaw]), np.array([np.hypot(*walks_mps)]))
+    own = Passer(0.0, 0.0, HALF_LENGTH_M, HALF_WIDTH_M, speed_mps, beside_mps)
+    way = Line(points, 0, len(points), 1.0)
+    return least_wait_for_people(way, own, people_at([7], pose, outlines), outlines)
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.2, -1.1])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_past_somebody_near_the_way_the_driver_goes_at_walking_pace(turn, side):
+    worst, speed, _, free = wait(22.0, side * 2.5, turn)
+    assert worst == 0
+    assert free == pytest.approx(BEGINS_M - HALF_LENGTH_M, abs=0.6)
+    assert speed == pytest.approx(np.sqrt(PACE_MPS**2 + 2.0 * GENTLE_MPS2 * (free - EARLY_M)))
+
+
+@pytest.mark.parametrize(("left_m", "worst"), [(3.3, 0), (3.5, -1), (-3.3, 0), (-3.5, -1)])
+def test_somebody_who_stands_farther_beside_the_way_does_not_count(left_m, worst):
+    assert wait(22.0, left_m)[0] == worst
+
+
+def test_before_somebody_in_the_way_the_driver_stops():
+    _, speed, brake, free = wait(22.0, 0.5)
+    assert free == pytest.approx(BEGINS_M - HALF_LENGTH_M - 1.0, abs=0.6)
+    assert speed == pytest.approx(np.sqrt(2.0 * GENTLE_MPS2 * free))
+    assert brake == pytest.approx(64.0 / (2.0 * free))
+
+
+def test_on_the_crossing_the_driver_stops_before_the_person():
+    _, speed, _, free = wait(3.5, 0.0, speed_mps=1.0, begins_m=-2.0)
+    assert free == pytest.approx(3.5 - HALF_LENGTH_M - 1.0)
+    assert speed == pytest.approx(np.sqrt(2.0 * GENTLE_MPS2 * free))
+
+
+def test_on_the_crossing_the_driver_goes_at_walking_pace_towards_the_person():
+    assert wait(9.0, 0.0, speed_mps=1.0, begins_m=-2.0)[1] == PACE_MPS
+
+
+def test_people_are_expected_to_go_on_as_they_walk():
+    """The front comes to the crossing in 2.1 s, the rear leaves it in 3.3 s."""
+    assert wait(22.0, 3.0, walks_mps=(0.0, 1.4))[0] == -1, "will be away"
+    worst, speed, *_ = wait(22.0, 4.2, walks_mps=(0.0, -1.4))
+    assert worst == 0, "will be in the way"
+    assert speed < np.sqrt(2.0 * GENTLE_MPS2 * 18.0)
+
+
+def test_a_driver_who_slows_down_for_somebody_near_stops_if_it_would_be_in_the_way_then():
+    """At 8 m/s it leaves the crossing in 3.3 s, at walking pace some seconds later."""
+    assert wait(22.0, 7.2, walks_mps=(0.0, -1.2))[1] == pytest.approx(np.sqrt(2.0 * GENTLE_MPS2 * 17.0), rel=0.02)
+    assert wait(22.0, 10.2, walks_mps=(0.0, -1.2))[0] == -1
+
+
+def test_nobody_waits_for_people_off_the_crossing_or_behind_it():
+    assert wait(18.5, 2.0)[0] == -1
+    assert wait(22.0, 2.0, begins_m=-20.0, speed_mps=2.0)[0] == 0
+    assert wait(40.0, 2.0)[0] == -1
+
+
+def test_an_emv_slows_down_for_people_beside_the_crossing():
+    _, speed, brake, free = wait(19.0, 2.0, beside_mps=8.0)
+    assert (speed, brake) == (pytest.approx(np.sqrt(64.0 + 2.0 * GENTLE_MPS2 * (free - EARLY_M))), 0.0)
+    assert wait(17.5, 2.0, beside_mps=8.0)[0] == -1, "farther than 2 m from it"
+
+
+def test_the_outlines_of_a_map_stand_one_after_the_other():
+    assert len(outlines_of(crossing()).points) == 0
+    assert outlines_of(crossing()).begins.tolist() == [0]

@@ -1,0 +1,701 @@
+"""Commands on the rows of the actors; how vehicles and people on foot follow SUMO's."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from dynamics.fleet_scenes import command_of, description, stacked, traffic_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
+from siren_ros.errors import EpisodeError
+from siren_ros.scoring.judging.verify import VerifyLimits
+from siren_ros.simulation.dynamics.controls import (
+    Reference,
+    TrackerGains,
+    TrackerState,
+    merge_commands,
+    stopped_orders,
+    track,
+    walk,
+)
+from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
+from siren_ros.simulation.dynamics.vehicle_model import (
+    BodyState,
+    ParameterTable,
+    VehicleParameters,
+    load_vehicle_parameters,
+    step_bodies,
+)
+from siren_ros.simulation.world.actors import VEHICLE_CLASSES, ActorClass, ActorStates, EventKind, Lights, Mode, Owner
+
+ROWS = {2: (0.0, 0.0, 0.0, 5.0), 5: (20.0, 0.0, 0.0, 5.0), 9: (40.0, 0.0, 0.0, 5.0)}
+LIGHTS = {2: Lights.INDICATOR_LEFT, 5: Lights.INDICATOR_RIGHT, 9: Lights.SIREN}
+
+
+def test_each_command_lies_on_its_actors_row_and_the_others_are_sumos():
+    command = stacked(
+        command_of(3, 9, throttle=0.4, brake=0.1, steer=-0.2, mode=Mode.REJOIN, lights=Lights.BEACON),
+        command_of(3, 2, throttle=0.7, brake=0.3, steer=0.1, mode=Mode.YIELD_HOLD, lights=Lights.SIREN),
+    )
+    command = replace(command, hand_brake=np.array([0, 1], np.uint8))
+    orders = merge_commands(traffic_of(3, ROWS, lights=LIGHTS), [command])
+    assert orders.owner.tolist() == [Owner.ROS, Owner.SUMO, Owner.ROS]
+    assert orders.throttle.tolist() == [0.7, 0.0, 0.4]
+    assert orders.brake.tolist() == [0.3, 0.0, 0.1]
+    assert orders.steer_rad.tolist() == [0.1, 0.0, -0.2]
+    assert orders.hand_brake.tolist() == [True, False, False]
+    assert orders.mode.tolist() == [Mode.YIELD_HOLD, Mode.NOMINAL, Mode.REJOIN]
+    assert orders.lights.tolist() == [Lights.SIREN, Lights.INDICATOR_RIGHT, Lights.BEACON]
+
+
+def test_of_a_command_the_rows_of_actors_that_left_are_void_and_the_others_hold():
+    command = stacked(command_of(3, 4, throttle=1.0), command_of(3, 5, throttle=0.5))
+    orders = merge_commands(traffic_of(3, ROWS, removed=[4]), [command])
+    assert orders.throttle.tolist() == [0.0, 0.5, 0.0]
+    assert orders.owner.tolist() == [Owner.SUMO, Owner.ROS, Owner.SUMO]
+    with pytest.raises(EpisodeError, match=r"commands actors \[4, 7\], unknown"):
+        merge_commands(traffic_of(3, ROWS, removed=[4]), [stacked(command_of(3, 4), command_of(3, 7))])
+
+
+@pytest.mark.parametrize("field", ["throttle", "brake", "steer"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_the_actor_whose_command_is_not_finite_is_named(field, value):
+    command = stacked(command_of(3, 2), command_of(3, 5, **{field: value}))
+    with pytest.raises(EpisodeError, match="commands actor 5 by values that are not finite"):
+        merge_commands(traffic_of(3, ROWS), [command])
+
+
+def test_of_two_controllers_of_one_actor_both_and_the_actor_are_named():
+    first = stacked(command_of(3, 2, source="a"), command_of(3, 5, source="a"))
+    second = stacked(command_of(3, 9, source="c"), command_of(3, 5, source="c"))
+    with pytest.raises(EpisodeError, match="c and a both command actor 5 at step 3"):
+        merge_commands(traffic_of(3, ROWS), [first, _empty("b"), second])
+
+
+def _empty(source):
+    command = command_of(3, 2, source=source)
+    arrays = {name: value[:0] for name, value in vars(command).items() if isinstance(value, np.ndarray)}
+    return replace(command, **arrays)
+
+
+def test_who_was_in_contact_brakes_with_its_wheels_as_they_are_and_the_others_do_as_they_are_told():
+    asked = {"throttle": 0.4, "brake": 0.1, "steer": 0.3, "mode": Mode.ROUTE_FOLLOW, "lights": Lights.SIREN}
+    command = stacked(*(command_of(3, i, **asked) for i in ROWS))
+    orders = merge_commands(traffic_of(3, ROWS), [command])._replace(hand_brake=np.ones(3, bool))
+    present = np.array([0.01, -0.02, 0.03])
+    ids = np.array([2, 5, 9], np.uint32)
+    stopped = stopped_orders(orders, ids, (5, 77), present)
+    assert stopped.owner.tolist() == [Owner.ROS] * 3
+    assert stopped.throttle.tolist() == [0.4, 0.0, 0.4]
+    assert stopped.brake.tolist() == [0.1, 1.0, 0.1]
+    assert stopped.steer_rad.tolist() == [0.3, -0.02, 0.3]
+    assert stopped.hand_brake.tolist() == [True, False, True]
+    assert stopped.mode.tolist() == [Mode.ROUTE_FOLLOW, Mode.STOPPED, Mode.ROUTE_FOLLOW]
+    hazard = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
+    assert stopped.lights.tolist() == [Lights.SIREN, Lights.SIREN | hazard, Lights.SIREN]
+    assert stopped_orders(orders, ids, (), present) is orders
+    assert stopped_orders(orders, ids, (77,), present) is orders
+    taken = stopped_orders(merge_commands(traffic_of(3, ROWS), []), ids, (9,), present)
+    assert taken.owner.tolist() == [Owner.SUMO, Owner.SUMO, Owner.ROS]
+
+
+REFERENCE_FIELDS = tuple(field.name for field in fields(Reference))
+PARAMETERS = load_vehicle_parameters()
+CARS = (ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.SUV, ActorClass.VAN)
+HEAVY = (ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Arrays of shape ``(steps,)``."""
+
+    residual_m: Floats
+    along_m: Floats
+    """Distance of the simulated centre ahead of SUMO's, along SUMO's heading."""
+    speed_mps: Floats
+    x_m: Floats
+    y_m: Floats
+    steer_rad: Floats
+    brake: Floats
+    lateral_mps2: Floats
+
+
+def _rod(
+    line: Polyline, front_s_m: Floats, length_m: float, left_m: Floats | float = 0.0
+) -> tuple[Floats, Floats, Floats]:
+    front, back = line.at(front_s_m), line.at(front_s_m - length_m)
+    centre = 0.5 * (front + back)
+    yaw = np.arctan2(front[:, 1] - back[:, 1], front[:, 0] - back[:, 0])
+    return centre[:, 0] - left_m * np.sin(yaw), centre[:, 1] + left_m * np.cos(yaw), yaw
+
+
+def _follow(kind: ActorClass, pose: tuple[Floats, Floats, Floats], speed_mps: Floats) -> Run:
+    table = ParameterTable.of([kind], PARAMETERS)
+    reference = Reference(*pose, speed_mps, np.diff(speed_mps, prepend=speed_mps[0]) / STEP_S)
+
+    def at(step: int) -> Reference:
+        return Reference(*(getattr(reference, name)[[step]] for name in REFERENCE_FIELDS))
+
+    first = at(0)
+    body = BodyState.moving(first.x_m, first.y_m, first.yaw_rad, first.speed_mps)
+    tracker = TrackerState.at(first.x_m, first.y_m, first.yaw_rad)
+    rows = []
+    for step in range(1, len(speed_mps)):
+        goal = at(step)
+        controls, tracker = track(body, tracker, goal, table, STEP_S)
+        body = step_bodies(body, controls, table, STEP_S)
+        dx, dy = body.x_m - goal.x_m, body.y_m - goal.y_m
+        along = dx * np.cos(goal.yaw_rad) + dy * np.sin(goal.yaw_rad)
+        driven = body.forward_mps, body.x_m, body.y_m, body.steer_rad, body.brake, body.lateral_accel_mps2
+        rows.append((np.hypot(dx, dy), along, *driven))
+    return Run(*np.array(rows)[:, :, 0].T)
+
+
+def _straight() -> Polyline:
+    return Polyline.through([[-50.0, 0.0], [1000.0, 0.0]])
+
+
+def _speeds(*legs: tuple[float, float], start_mps: float = 0.0) -> Floats:
+    """Speeds step by step from legs of (acceleration in m/s², duration in s)."""
+    speed, out = start_mps, [start_mps]
+    for accel, duration in legs:
+        for _ in range(round(duration / STEP_S)):
+            speed = max(speed + accel * STEP_S, 0.0)
+            out.append(speed)
+    return np.array(out)
+
+
+def _way(speed_mps: Floats) -> Floats:
+    """Front bumper's way under SUMO's Euler integration."""
+    return np.concatenate(([0.0], np.cumsum(speed_mps[1:] * STEP_S)))
+
+
+def _arc_turn(radius_m: float, segments: int, approach_m: float = 30.0) -> Polyline:
+    angle = np.linspace(0.0, -np.pi / 2.0, segments + 1)
+    arc = np.stack((approach_m - radius_m * np.sin(angle), radius_m * (np.cos(angle) - 1.0)), axis=1)
+    start, end = [[-50.0, 0.0]], [[approach_m + radius_m, -radius_m - 60.0]]
+    return Polyline.through(np.concatenate((start, arc, end)))
+
+
+@pytest.mark.parametrize("kind", CARS)
+def test_straight_start_cruise_brake(kind: ActorClass) -> None:
+    speed = _speeds((2.0, 6.0), (0.0, 3.0), (-3.0, 5.0), (0.0, 3.0))
+    run = _follow(kind, _rod(_straight(), _way(speed), PARAMETERS[kind].length_m), speed)
+    assert np.percentile(run.residual_m, 99) < 0.3
+    assert abs(run.along_m[-1]) < 0.1
+
+
+@pytest.mark.parametrize("kind", HEAVY)
+def test_heavy_vehicles_keep_up(kind: ActorClass) -> None:
+    speed = _speeds((1.1, 10.0), (0.0, 3.0), (-2.4, 6.0), (0.0, 3.0))
+    run = _follow(kind, _rod(_straight(), _way(speed), PARAMETERS[kind].length_m), speed)
+    assert np.percentile(run.residual_m, 99) < 0.5
+    assert abs(run.along_m[-1]) < 0.15
+
+
+@pytest.mark.parametrize("kind", VEHICLE_CLASSES)
+def test_emergency_stop_does_not_reach_the_leader(kind: ActorClass) -> None:
+    speed = _speeds((-4.5, 4.0), (0.0, 4.0), start_mps=13.9)
+    run = _follow(kind, _rod(_straight(), _way(speed), PARAMETERS[kind].length_m), speed)
+    assert run.along_m.max() < 0.6
+    assert abs(run.along_m[-1]) < 0.6
+    # at rest: neither creeping nor the pedal released
+    assert np.all(run.speed_mps[-20:] == 0.0)
+    assert np.ptp(run.x_m[-20:]) == 0.0
+    assert run.brake[-1] > 0.02
+
+
+def test_stop_and_go_ends_where_sumo_ends() -> None:
+    legs = [(1.5, 2.0), (-2.5, 2.0), (0.0, 2.0)] * 6
+    speed = _speeds(*legs)
+    run = _follow(ActorClass.SEDAN, _rod(_straight(), _way(speed), PARAMETERS[ActorClass.SEDAN].length_m), speed)
+    assert run.residual_m.max() < 0.35
+    assert abs(run.along_m[-1]) < 0.1
+    assert np.all(np.diff(run.x_m) >= 0.0)
+
+
+@pytest.mark.parametrize("kind", [*CARS, ActorClass.AMBULANCE])
+def test_tight_right_turn_on_a_coarse_polyline(kind: ActorClass) -> None:
+    speed = np.full(240, 5.0)
+    run = _follow(kind, _rod(_arc_turn(6.0, 5), _way(speed), PARAMETERS[kind].length_m), speed)
+    assert np.percentile(run.residual_m, 99) < 0.5
+    assert run.residual_m[-20:].max() < 0.1
+    assert np.abs(run.steer_rad).max() <= PARAMETERS[kind].max_steer_rad + 1e-9
+
+
+@pytest.mark.parametrize("kind", HEAVY)
+def test_heavy_vehicles_recover_from_a_turn_too_tight_for_them(kind: ActorClass) -> None:
+    speed = np.full(400, 3.5)
+    run = _follow(kind, _rod(_arc_turn(6.0, 5), _way(speed), PARAMETERS[kind].length_m), speed)
+    assert run.residual_m.max() < 2.5
+    assert run.residual_m[-20:].max() < 0.2
+
+
+@pytest.mark.parametrize("kind", CARS)
+@pytest.mark.parametrize(("speed_mps", "turn_deg"), [(4.0, 30.0), (6.0, 20.0)])
+def test_a_corner_of_a_lane_takes_no_more_than_half_of_the_grip(
+    kind: ActorClass, speed_mps: float, turn_deg: float
+) -> None:
+    """Lanes of maps have such corners where two roads join; SUMO turns there at once."""
+    ahead = 60.0 * np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))])
+    line = Polyline.through([[-50.0, 0.0], [30.0, 0.0], [30.0 + ahead[0], ahead[1]]])
+    speed = np.full(500, speed_mps)
+    run = _follow(kind, _rod(line, _way(speed), PARAMETERS[kind].length_m), speed)
+    assert np.abs(run.lateral_mps2).max() < 5.0
+    assert run.residual_m.max() < 0.5
+
+
+@pytest.mark.parametrize("speed_mps", [6.0, 14.0, 25.0])
+@pytest.mark.parametrize("kind", [*CARS, *HEAVY])
+def test_lane_change_without_yaw(kind: ActorClass, speed_mps: float) -> None:
+    speed = np.full(300, speed_mps)
+    left = np.interp(np.arange(300) * STEP_S, [2.0, 6.0], [0.0, 3.5])
+    run = _follow(kind, _rod(_straight(), _way(speed), PARAMETERS[kind].length_m, left), speed)
+    assert run.residual_m.max() < 0.5
+    assert run.residual_m[-20:].max() < 0.1
+    assert run.y_m.max() < 3.5 + 0.35
+
+
+def test_a_gap_along_the_path_closes_without_overshoot() -> None:
+    kind = ActorClass.SEDAN
+    table = ParameterTable.of([kind], PARAMETERS)
+    body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, 8.0))
+    tracker = TrackerState.at(np.full(1, 2.0), np.zeros(1), np.zeros(1))
+    gaps = []
+    for step in range(1, 120):
+        x = np.full(1, 2.0 + 0.4 * step)
+        reference = Reference(x, np.zeros(1), np.zeros(1), np.full(1, 8.0), np.zeros(1))
+        controls, tracker = track(body, tracker, reference, table, STEP_S)
+        body = step_bodies(body, controls, table, STEP_S)
+        gaps.append(float(x[0] - body.x_m[0]))
+    assert min(gaps) > -0.15
+    assert abs(gaps[-1]) < 0.05
+
+
+def test_sideways_slide_at_standstill_moves_nothing() -> None:
+    """SUMO may shift standing vehicles sideways; a car cannot follow, and must not drive off either."""
+    steps = 60
+    pose = (np.zeros(steps), np.linspace(0.0, 0.8, steps), np.zeros(steps))
+    run = _follow(ActorClass.SEDAN, pose, np.zeros(steps))
+    assert np.abs(run.x_m).max() < 0.3
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    jump_m=st.floats(-3.0, 3.0),
+    turn_rad=st.floats(-1.5, 1.5),
+    speed_mps=st.floats(0.0, 15.0),
+    kind=st.sampled_from(VEHICLE_CLASSES),
+)
+def test_any_reference_gives_usable_controls(
+    jump_m: float, turn_rad: float, speed_mps: float, kind: ActorClass
+) -> None:
+    table = ParameterTable.of([kind], PARAMETERS)
+    body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, speed_mps))
+    tracker = TrackerState.at(np.zeros(1), np.zeros(1), np.zeros(1))
+    for step in range(1, 40):
+        reach = jump_m + speed_mps * STEP_S * step
+        pose = reach * np.cos(turn_rad), reach * np.sin(turn_rad), turn_rad
+        reference = Reference(*(np.full(1, value) for value in (*pose, speed_mps, 0.0)))
+        controls, tracker = track(body, tracker, reference, table, STEP_S)
+        assert 0.0 <= controls.throttle[0] <= 1.0
+        assert 0.0 <= controls.brake[0] <= 1.0
+        assert np.isfinite(controls.steer_rad[0])
+        following = step_bodies(body, controls, table, STEP_S)
+        vx, vy = body.velocity_mps(table)
+        moved = np.hypot(following.x_m - body.x_m, following.y_m - body.y_m)
+        assert moved[0] <= np.hypot(vx, vy)[0] * STEP_S + 0.05
+        body = following
+
+
+def test_tracker_rows_can_be_selected_joined_and_mixed(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    assert set(parameters) == set(PARAMETERS)
+    state = TrackerState.at(np.arange(3.0), np.zeros(3), np.zeros(3))
+    other = replace(state, x_m=state.x_m + 10.0)
+    picked = TrackerState.joined((state.select(np.array([2])), other.select(np.array([0]))))
+    assert picked.x_m.tolist() == [2.0, 10.0]
+    mixed = TrackerState.where(np.array([True, False, True]), state, other)
+    assert mixed.x_m.tolist() == [0.0, 11.0, 2.0]
+
+
+KIND = ActorClass.SEDAN
+VEHICLE = load_vehicle_parameters()[KIND]
+TABLE = ParameterTable.of([KIND], load_vehicle_parameters())
+GAINS = TrackerGains()
+TURNS = np.radians([0.0, 40.0, 130.0, -100.0])
+REACH = VEHICLE.wheelbase_m - VEHICLE.centre_ahead_of_rear_axle_m
+"""From the footprint's centre to the front axle."""
+CG_AHEAD_M = VEHICLE.wheelbase_m - VEHICLE.cg_to_front_axle_m
+"""From the rear axle to the centre of gravity."""
+
+
+def row(value):
+    return np.array([float(value)])
+
+
+def tracked(turn=0.0, *, behind=0.0, right=0.0, turned=0.0, speed=8.0, sumo=8.0, accel=0.0, swerve=0.0, **state):
+    """Controls for a vehicle ``behind`` and to the ``right`` of SUMO's, which drives along a line that is turned.
+
+    ``turned`` is the vehicle's yaw against that line; ``swerve`` the angle of SUMO's step against it.
+    """
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    start = np.array([20.0, 30.0])
+    own = start - behind * along - right * left
+    step = sumo * STEP_S * np.array([np.cos(turn + swerve), np.sin(turn + swerve)])
+    body = replace(BodyState.moving(row(own[0]), row(own[1]), row(turn + turned), row(speed)), **state)
+    tracker = TrackerState.at(row(start[0]), row(start[1]), row(turn))
+    reference = Reference(row(start[0] + step[0]), row(start[1] + step[1]), row(turn + swerve), row(sumo), row(accel))
+    return track(body, tracker, reference, TABLE, STEP_S)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("right", "turned"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.05), (0.0, -0.05), (0.1, 0.04)])
+def test_stanleys_law_at_the_front_axle(turn, right, turned):
+    """SUMO goes straight: the angle is the heading error plus the offset of the front axle over the speed."""
+    offset = right - REACH * np.sin(turned)
+    expected = -turned + np.arctan2(GAINS.lateral_per_s * offset, 8.0 + GAINS.lateral_soft_mps)
+    controls, _ = tracked(turn, right=right, turned=turned, steer_rad=row(expected))
+    assert controls.steer_rad[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("swerve", [0.02, -0.02])
+def test_in_a_bend_the_angle_of_the_curve_and_the_front_tyres_slip_are_fed_forward(turn, swerve):
+    controls, after = tracked(turn, swerve=swerve)
+    pull = VEHICLE.centre_ahead_of_rear_axle_m
+    curvature = np.tan(swerve) / pull
+    rear_share = 1.0 - VEHICLE.cg_to_front_axle_m / VEHICLE.wheelbase_m
+    slip = VEHICLE.mass_kg * rear_share / VEHICLE.cornering_stiffness_front_npr * 8.0**2 * curvature
+    heading = np.arctan(VEHICLE.wheelbase_m * curvature)
+    assert controls.steer_rad[0] == pytest.approx(heading + slip, abs=1e-6)
+    assert after.yaw_rad[0] == pytest.approx(turn + 8.0 * STEP_S * np.sin(swerve) / pull)
+
+
+def steering_share(speed):
+    return GAINS.swerve_share if speed <= GAINS.town_mps else GAINS.grip_share
+
+
+def steering_grip(speed):
+    return steering_share(speed) * GRAVITY_MPS2 * VEHICLE.friction_coefficient
+
+
+def turned_in(curvature, speed):
+    """The curvature that wheels which stand straight may ask for."""
+    share = 1.0 - np.exp(-STEP_S * GAINS.quickness / VEHICLE.steer_lag_s)
+    most = steering_grip(speed) / (max(speed, 0.1) * CG_AHEAD_M) * STEP_S / share
+    return np.clip(curvature, -most, most)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_steering_asks_for_no_more_than_lock_and_grip(side):
+    slow, _ = tracked(right=side * 9.0, speed=0.5, sumo=0.5)
+    assert slow.steer_rad[0] == pytest.approx(side * VEHICLE.max_steer_rad)
+    for speed in (8.0, 14.0, 14.1, 20.0):
+        at_grip = side * np.arctan(VEHICLE.wheelbase_m * steering_grip(speed) / speed**2)
+        fast, _ = tracked(right=side * 9.0, speed=speed, sumo=speed, steer_rad=row(at_grip))
+        assert fast.steer_rad[0] == pytest.approx(at_grip)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [3.0, 8.0, 20.0])
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.8, -0.5])
+def test_wheels_turn_no_quicker_than_the_centre_of_gravity_may_be_pushed_aside(part, speed, side):
+    """Rolling without slip: v² κ + v l_r dκ/dt, where the wheels follow what is asked for with their lag."""
+    grip = steering_grip(speed)
+    held = side * part * min(grip / speed**2, np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m)
+    present = np.arctan(VEHICLE.wheelbase_m * held)
+    controls, _ = tracked(right=side * 9.0, speed=speed, sumo=speed, steer_rad=row(present))
+    asked = np.tan(controls.steer_rad[0]) / VEHICLE.wheelbase_m
+    quickening = (asked - held) * (1.0 - np.exp(-STEP_S * GAINS.quickness / VEHICLE.steer_lag_s)) / STEP_S
+    aside = speed**2 * held + speed * CG_AHEAD_M * quickening
+    assert side * aside <= grip + 1e-9
+    if abs(controls.steer_rad[0]) < VEHICLE.max_steer_rad and abs(asked) < grip / speed**2:
+        assert side * aside == pytest.approx(grip)
+
+
+def test_in_town_nobody_swerves_with_more_than_half_a_g():
+    """``siren verify`` allows 5 m/s²."""
+    for vehicle in load_vehicle_parameters().values():
+        assert GAINS.swerve_share * GRAVITY_MPS2 * vehicle.friction_coefficient < VerifyLimits().civilian_lateral_mps2
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_reference_swings_no_farther_than_a_car_can(side):
+    _, after = tracked(swerve=side * 1.2)
+    pull = VEHICLE.centre_ahead_of_rear_axle_m
+    most = np.arctan(pull / VEHICLE.wheelbase_m * np.tan(VEHICLE.max_steer_rad))
+    assert after.yaw_rad[0] == pytest.approx(side * 8.0 * STEP_S * np.sin(most) / pull)
+
+
+def led(share, present, lag_s):
+    """The pedal whose mean behind its lag is the share: the mean of w + (p - w) e^(-t/T) over the step."""
+    lag_s /= GAINS.quickness
+    kept = lag_s / STEP_S * (1.0 - np.exp(-STEP_S / lag_s))
+    return float(np.clip((np.clip(share, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0))
+
+
+def settled(push, lag_s, most):
+    """The pedal whose mean over the step is a force, from a pedal that gives none yet."""
+    return led(push / most, 0.0, lag_s)
+
+
+def resistance(speed):
+    return 0.5 * 1.225 * VEHICLE.drag_area_m2 / VEHICLE.mass_kg * speed**2 + VEHICLE.rolling_resistance * GRAVITY_MPS2
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("behind", "accel"), [(0.05, 0.0), (-0.08, 0.0), (0.0, 0.6), (0.0, -1.5), (0.02, 0.3)])
+def test_pedals_close_the_distance_and_follow_sumos_acceleration(turn, behind, accel):
+    controls, after = tracked(turn, behind=behind, accel=accel)
+    smoothed = accel * (1.0 - np.exp(-STEP_S / GAINS.accel_time_s))
+    closing = (GAINS.along_per_s * behind - smoothed * STEP_S) / GAINS.speed_time_s
+    push = smoothed + closing + resistance(8.0)
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * 8.0))
+    throttle = settled(push, VEHICLE.throttle_lag_s, GAINS.drive_factor * drive)
+    brake = settled(-push, VEHICLE.brake_lag_s, VEHICLE.max_brake_decel_mps2)
+    assert (controls.throttle[0], controls.brake[0]) == pytest.approx((throttle, brake), abs=1e-6)
+    assert after.accel_mps2[0] == pytest.approx(smoothed)
+    assert (controls.quickness[0], controls.drive_factor[0]) == (GAINS.quickness, GAINS.drive_factor)
+
+
+@pytest.mark.parametrize(("behind", "most"), [(50.0, 3.0), (-50.0, -3.0)])
+def test_the_speed_is_corrected_by_no_more_than_its_limit(behind, most):
+    """The vehicle has its corrected speed: only the resistances are overcome."""
+    speed = 8.0 + most
+    far, _ = tracked(behind=behind, speed=speed)
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
+    throttle = settled(resistance(speed), VEHICLE.throttle_lag_s, GAINS.drive_factor * drive)
+    assert (far.throttle[0], far.brake[0]) == pytest.approx((throttle, 0.0), abs=1e-6)
+
+
+def test_who_shall_stand_is_held_with_the_brake():
+    controls, _ = tracked(speed=0.0, sumo=0.0)
+    assert (controls.throttle[0], controls.brake[0]) == (0.0, pytest.approx(GAINS.holding_brake))
+
+
+@pytest.mark.parametrize(("share", "pace"), [(0.95, 0.95), (0.5, 0.85), (1.5, 1.1)])
+def test_the_pace_follows_how_far_the_centre_moves_within_what_a_vehicle_can_drive(share, pace):
+    tracker = TrackerState.at(row(0.0), row(0.0), row(0.3))
+    way = share * 10.0 * STEP_S
+    reference = Reference(row(way * np.cos(0.3)), row(way * np.sin(0.3)), row(0.3), row(10.0), row(0.0))
+    body = BodyState.moving(row(0.0), row(0.0), row(0.3), row(10.0))
+    _, after = track(body, tracker, reference, TABLE, STEP_S)
+    kept = np.exp(-STEP_S / GAINS.pace_time_s)
+    assert after.pace[0] == pytest.approx(kept + (1.0 - kept) * pace)
+
+
+@pytest.mark.parametrize("kind", [ActorClass.SEDAN, ActorClass.BUS])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_a_turn_nobody_is_faster_than_the_grip_allows(kind, side):
+    """SUMO's vehicle is far to one side, so that the wheels are turned as far as lock or grip let them."""
+    vehicle = load_vehicle_parameters()[kind]
+    table = ParameterTable.of([kind], load_vehicle_parameters())
+    body = BodyState.moving(row(0.0), row(-9.0 * side), row(0.0), row(5.0))
+    reference = Reference(row(8.0 * STEP_S), row(0.0), row(0.0), row(8.0), row(0.0))
+    controls, _ = track(body, TrackerState.at(row(0.0), row(0.0), row(0.0)), reference, table, STEP_S)
+    grip = GAINS.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    swerve = GAINS.swerve_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    steered = min(np.tan(vehicle.max_steer_rad) / vehicle.wheelbase_m, swerve / 5.0**2)
+    fastest = np.sqrt(grip / steered)
+    assert fastest < 8.0
+    drag = 0.5 * 1.225 * vehicle.drag_area_m2 / vehicle.mass_kg * 5.0**2
+    push = (fastest - 5.0) / GAINS.speed_time_s + drag + vehicle.rolling_resistance * GRAVITY_MPS2
+    drive = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * 5.0))
+    expected = settled(push, vehicle.throttle_lag_s, GAINS.drive_factor * drive)
+    assert controls.throttle[0] == pytest.approx(expected, abs=1e-6)
+    assert np.sign(controls.steer_rad[0]) == side
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("way_m", "aside"), [(0.009, 0.25), (0.009, -0.25), (0.011, 0.25), (0.011, -0.25)])
+def test_who_hardly_moves_has_the_course_of_its_heading(turn, way_m, aside):
+    """SUMO's vehicle points along the line and moves a little to one side; from 1 cm on that is its course."""
+    cos, sin = np.cos(turn + aside), np.sin(turn + aside)
+    reference = Reference(row(way_m * cos), row(way_m * sin), row(turn + 0.1), row(way_m / STEP_S), row(0.0))
+    body = BodyState.moving(row(0.0), row(0.0), row(turn), row(0.2))
+    _, after = track(body, TrackerState.at(row(0.0), row(0.0), row(turn)), reference, TABLE, STEP_S)
+    swerve = aside if way_m > 0.01 else 0.1
+    turned = way_m * np.sin(swerve) / VEHICLE.centre_ahead_of_rear_axle_m
+    assert after.yaw_rad[0] == pytest.approx(turn + turned, abs=1e-12)
+
+
+LAWS = {
+    "behind in a left bend": {"behind": 0.3, "right": 0.1, "turned": 0.05, "swerve": 0.03, "accel": 0.4},
+    "ahead in a right bend": {"behind": -0.2, "right": -0.1, "turned": -0.04, "swerve": -0.03, "accel": -0.6},
+    "slower than SUMO's": {"speed": 6.0, "sumo": 8.0, "throttle": row(0.3), "accel": 0.8, "pace": 0.95},
+    "faster than SUMO's": {
+        "speed": 9.0,
+        "sumo": 8.0,
+        "brake": row(0.2),
+        "accel": -1.0,
+        "pace": 0.92,
+        "last_accel": -0.5,
+    },
+    "grip limits the wheels": {"speed": 14.0, "sumo": 14.0, "right": 2.0, "swerve": 0.05},
+    "grip limits the wheels to the right": {"speed": 14.0, "sumo": 14.0, "right": -2.0, "swerve": -0.05},
+    "creeps": {"speed": 0.3, "sumo": 0.4, "right": 0.05, "swerve": 0.05, "pace": 1.05, "last_accel": 0.3},
+    "comes to a stop": {
+        "speed": 0.4,
+        "sumo": 0.02,
+        "behind": -0.02,
+        "accel": -2.0,
+        "last_accel": -2.0,
+        "brake": row(0.5),
+    },
+    "on the brake, and SUMO's goes": {"speed": 5.0, "sumo": 6.5, "brake": row(0.4), "throttle": row(0.1), "accel": 1.0},
+}
+
+
+@pytest.mark.parametrize("turn", [*TURNS, 3.1, -3.1])
+@pytest.mark.parametrize("name", list(LAWS))
+def test_the_whole_law_in_the_axes_of_the_line(name, turn):
+    case = {"behind": 0.0, "right": 0.0, "turned": 0.0, "speed": 8.0, "sumo": 8.0, "accel": 0.0, "swerve": 0.0}
+    case |= {"throttle": row(0.0), "brake": row(0.0), "pace": 1.0, "last_accel": 0.0, **LAWS[name]}
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    last = np.array([20.0, 30.0])
+    own = last - case["behind"] * along - case["right"] * left
+    swerve, sumo, speed = case["swerve"], case["sumo"], case["speed"]
+    to = last + sumo * STEP_S * (np.cos(swerve) * along + np.sin(swerve) * left)
+    yaw = np.arctan2(np.sin(turn + case["turned"]), np.cos(turn + case["turned"]))
+    body = replace(
+        BodyState.moving(row(own[0]), row(own[1]), row(yaw), row(speed)), throttle=case["throttle"], brake=case["brake"]
+    )
+    tracker = TrackerState(row(last[0]), row(last[1]), row(turn), row(case["pace"]), row(case["last_accel"]))
+    reference = Reference(row(to[0]), row(to[1]), row(turn + swerve), row(sumo), row(case["accel"]))
+    controls, after = track(body, tracker, reference, TABLE, STEP_S)
+    moves = sumo * STEP_S > 0.01
+    pull = VEHICLE.centre_ahead_of_rear_axle_m
+    curvature = np.tan(swerve) / pull
+    heading = np.arctan(VEHICLE.wheelbase_m * curvature)
+    front = np.array([REACH * np.cos(case["turned"]) - case["behind"], REACH * np.sin(case["turned"]) - case["right"]])
+    to_goal = np.array([REACH, 0.0]) - front
+    offset = to_goal[1] * np.cos(heading) - to_goal[0] * np.sin(heading)
+    asked = heading - case["turned"] + np.arctan2(GAINS.lateral_per_s * offset, speed + GAINS.lateral_soft_mps)
+    grip = GAINS.grip_share * GRAVITY_MPS2 * VEHICLE.friction_coefficient
+    tightest = min(np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m, steering_grip(speed) / max(speed, 0.1) ** 2)
+    steered = turned_in(np.clip(np.tan(asked) / VEHICLE.wheelbase_m, -tightest, tightest), speed)
+    rear_share = 1.0 - VEHICLE.cg_to_front_axle_m / VEHICLE.wheelbase_m
+    slip = VEHICLE.mass_kg * rear_share / VEHICLE.cornering_stiffness_front_npr * speed**2 * curvature
+    assert controls.steer_rad[0] == pytest.approx(np.arctan(VEHICLE.wheelbase_m * steered) + slip, abs=1e-9)
+
+    ratio = 1.0 if moves else np.clip(sumo * STEP_S / 0.01, 0.85, 1.1)
+    pace = ratio + (case["pace"] - ratio) * np.exp(-STEP_S / GAINS.pace_time_s)
+    accel = case["accel"] + (case["last_accel"] - case["accel"]) * np.exp(-STEP_S / GAINS.accel_time_s)
+    assert (after.pace[0], after.accel_mps2[0]) == pytest.approx((pace, accel))
+    assert (after.x_m[0], after.y_m[0]) == tuple(to)
+    behind = case["behind"] * np.cos(swerve) + case["right"] * np.sin(swerve)
+    fastest = np.sqrt(grip / max(abs(steered), 1e-3))
+    goal_mps = max(min(pace * sumo + np.clip(GAINS.along_per_s * behind, -3.0, 3.0), fastest), 0.0)
+    push = accel + (goal_mps - accel * STEP_S - speed) / GAINS.speed_time_s + resistance(speed)
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
+    throttle = led(push / (GAINS.drive_factor * drive), case["throttle"][0], VEHICLE.throttle_lag_s)
+    brake = led(-push / VEHICLE.max_brake_decel_mps2, case["brake"][0], VEHICLE.brake_lag_s)
+    if goal_mps < 0.05:
+        throttle, brake = 0.0, max(brake, 0.3)
+    assert (controls.throttle[0], controls.brake[0]) == pytest.approx((throttle, brake), abs=1e-9)
+
+
+ONE = np.array([True])
+
+
+def walked(targets: list[tuple[float, float, float, float]], start: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:
+    """Columns of the body after each of SUMO's poses: x, y, yaw, speed; shape ``(steps, 11)``."""
+    body = np.zeros((11, 1))
+    body[:3, 0] = start
+    rows = []
+    for target in targets:
+        after = np.zeros_like(body)
+        walk(body, np.array([target]).T.copy(), ONE, STEP_S, after)
+        body = after
+        rows.append(body[:, 0])
+    return np.array(rows)
+
+
+def straight(steps: int, speed_mps: float = 1.3) -> list[tuple[float, float, float, float]]:
+    return [(speed_mps * STEP_S * (step + 1), 0.0, 0.0, speed_mps) for step in range(steps)]
+
+
+def test_a_steady_walk_is_followed_without_lag() -> None:
+    body = walked(straight(100))
+    assert body[-1, 0] == pytest.approx(1.3 * STEP_S * 100, abs=0.02)
+    assert body[-1, 3] == pytest.approx(1.3, abs=0.02)
+    assert np.abs(body[:, 1]).max() == 0.0
+
+
+@pytest.mark.parametrize("aside_m", [0.65, -1.0])
+def test_a_jump_aside_becomes_steps(aside_m: float) -> None:
+    """No step is longer than the pace with haste allows, and the place is reached within two seconds."""
+    targets = [(x, aside_m if step > 20 else 0.0, yaw, v) for step, (x, _, yaw, v) in enumerate(straight(80))]
+    body = walked(targets)
+    moved = np.hypot(*np.diff(body[:, :2], axis=0).T)
+    assert moved.max() <= (1.3 + 0.8) * STEP_S + 1e-9
+    assert body[60, 1] == pytest.approx(aside_m, abs=0.05)
+    accel = np.hypot(*np.diff(np.diff(body[:, :2], axis=0), axis=0).T) / STEP_S**2
+    assert accel.max() <= 2.5 + 1e-6
+
+
+def test_speed_and_turn_rate_are_those_of_the_motion() -> None:
+    targets = [(np.sin(0.04 * k), 1.0 - np.cos(0.04 * k), 0.04 * k, 0.8) for k in range(1, 120)]
+    body = walked(targets)
+    velocity = np.diff(body[:, :2], axis=0) / STEP_S
+    cos, sin = np.cos(body[1:, 2]), np.sin(body[1:, 2])
+    np.testing.assert_allclose(body[1:, 3] * cos - body[1:, 4] * sin, velocity[:, 0], atol=1e-9)
+    np.testing.assert_allclose(body[1:, 3] * sin + body[1:, 4] * cos, velocity[:, 1], atol=1e-9)
+    turned = np.diff(np.unwrap(body[:, 2])) / STEP_S
+    np.testing.assert_allclose(body[1:, 5], turned, atol=1e-9)
+    assert np.abs(turned).max() <= 4.0 + 1e-9
+
+
+def test_who_stands_turns_to_where_sumos_person_looks() -> None:
+    body = walked([(0.0, 0.0, 2.0, 0.0)] * 20)
+    assert body[-1, 2] == pytest.approx(2.0)
+    assert np.abs(body[:, :2]).max() == 0.0
+
+
+def states_at(gap_m: float, parameters: Mapping[ActorClass, VehicleParameters], steps: int = 30) -> Any:
+    """A sedan at 5 m/s towards somebody who stands, ``gap_m`` from the middle of one to that of the other."""
+    state, found, events = FleetState.empty(parameters), [], []
+    spawned = [description(1), description(2, ActorClass.PEDESTRIAN)]
+    for step in range(steps):
+        rows = {1: (5.0 * STEP_S * step, 0.0, 0.0, 5.0), 2: (gap_m, 0.0, np.pi, 0.0)}
+        state, states, happened = step_fleet(state, traffic_of(step, rows, spawned if step == 0 else ()), ())
+        found.append(states)
+        events += happened
+    return found, events
+
+
+def test_people_follow_sumo_and_show_no_lights(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    found, events = states_at(40.0, parameters)
+    last: ActorStates = found[-1]
+    assert last.x_m[1] == 40.0
+    assert last.residual_m[1] == 0.0
+    assert (last.owner[1], last.lights[1]) == (Owner.SUMO, Lights.NONE)
+    assert not [event for event in events if event.kind is EventKind.COLLISION]
+
+
+def test_a_contact_stops_the_vehicle_and_not_the_person(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    found, events = states_at(6.0, parameters, steps=60)
+    (contact,) = (event for event in events if event.kind is EventKind.COLLISION)
+    assert (contact.actor_id, contact.other_id) == (1, 2)
+    last: ActorStates = found[-1]
+    assert last.speed_mps[0] == pytest.approx(0.0, abs=0.01)
+    assert last.owner.tolist() == [Owner.ROS, Owner.SUMO]
+    assert (last.x_m[1], last.y_m[1]) == (6.0, 0.0)
+
+
+def test_people_who_pass_each_other_touch_nobody(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    state, events = FleetState.empty(parameters), []
+    spawned = [description(number, ActorClass.PEDESTRIAN) for number in (1, 2)]
+    for step in range(60):
+        way = 1.3 * STEP_S * step
+        rows = {1: (way, 0.0, 0.0, 1.3), 2: (4.0 - way, 0.1, np.pi, 1.3)}
+        state, _, happened = step_fleet(state, traffic_of(step, rows, spawned if step == 0 else ()), ())
+        events += happened
+    assert not [event for event in events if event.kind is EventKind.COLLISION]
+    assert state.stopped == ()

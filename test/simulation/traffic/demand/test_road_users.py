@@ -1,0 +1,444 @@
+"""Vehicles, their sizes and their routes; pedestrians."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    C_LEFT,
+    NEAR,
+    SOUTH,
+    STRAIGHT,
+    A,
+    B,
+    C,
+    D,
+    N,
+    same_drivers,
+    streets,
+)
+from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map
+
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.errors import InputError, MapError
+from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.routing import EdgeGraph, connections_between, driving_lanes, route_path
+from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.traffic.demand import road_users
+from siren_ros.simulation.traffic.demand.plan import PlannedWalker, Spot, load_drivers
+from siren_ros.simulation.traffic.demand.road_users import (
+    LONG_VEHICLE_RADIUS_M,
+    PACE_MPS,
+    WIDEST_M,
+    RouteChooser,
+    VehicleFactory,
+    largest,
+    plan_walkers,
+    tightest_radius_m,
+    varied_size,
+)
+from siren_ros.simulation.world.actors import ActorClass
+
+CAR_M, BUS_M = 4.5, 12.0
+
+
+@pytest.fixture(scope="module", params=MAPS)
+def network(request: pytest.FixtureRequest) -> RoadNetwork:
+    return named_map(request.param)[1]
+
+
+@pytest.fixture(scope="module")
+def graph(network: RoadNetwork) -> EdgeGraph:
+    return EdgeGraph.of(network)
+
+
+@pytest.fixture(scope="module")
+def chooser(network: RoadNetwork, graph: EdgeGraph) -> RouteChooser:
+    return RouteChooser(network, graph)
+
+
+def movements(network: RoadNetwork, edge: int, following: int) -> list[Connection]:
+    """Movements of civilians from one edge to another."""
+    ways = connections_between(network, edge, following)
+    return [way for way in ways if network.lanes[way.from_lane].civilian_allowed]
+
+
+def starts(network: RoadNetwork, graph: EdgeGraph) -> list[Lane]:
+    """Driving lanes from which one can drive on."""
+    edges = [edge.index for edge in network.edges if graph.successors[edge.index]]
+    return [lane for edge in edges for lane in driving_lanes(network, edge)]
+
+
+def radius_m(network: RoadNetwork, movement: Connection) -> float:
+    """Of a movement's tightest bend."""
+    ends = (network.lanes[movement.from_lane].centre, network.lanes[movement.to_lane].centre)
+    before = ends[0].cut(max(ends[0].length_m - 6.0, 0.0), ends[0].length_m)
+    across = [network.lanes[lane].centre for lane in movement.via]
+    return tightest_radius_m(Polyline.joined([before, *across, ends[1].cut(0.0, min(6.0, ends[1].length_m))]))
+
+
+def test_routes_follow_the_roads_and_are_long_enough(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    for number, lane in enumerate(starts(network, graph)):
+        route = chooser.draw((lane.edge,), 600.0, np.random.default_rng(number), CAR_M, lane.index)
+        assert route == chooser.draw((lane.edge,), 600.0, np.random.default_rng(number), CAR_M, lane.index)
+        assert all(following in graph.successors[edge] for edge, following in pairwise(route))
+        assert graph.route_length_m(route) >= 600.0 or not graph.successors[route[-1]]
+
+
+def test_a_route_leaves_the_map_early_only_where_there_is_no_other_way(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    endless, ended = graph.endless_edges(), 0
+    for number, lane in enumerate(starts(network, graph)):
+        route = chooser.draw((lane.edge,), 900.0, np.random.default_rng(number), CAR_M, lane.index, lasting_m=500.0)
+        if graph.route_length_m(route) < 500.0:
+            ended += 1
+            left = next(place for place, edge in enumerate(route) if edge not in endless)
+            onward = {graph.network.lanes[way.to_lane].edge for way in network.connections_from.get(lane.index, ())}
+            ways = onward if left == 1 else set(graph.successors[route[left - 1]]) if left else set()
+            assert not ways & endless
+    assert ended < 0.25 * len(starts(network, graph))
+
+
+def test_every_route_can_be_driven_lane_by_lane(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for number, start in enumerate(starts(network, graph)):
+        route = chooser.draw((start.edge,), 900.0, np.random.default_rng(number), CAR_M)
+        assert route[0] == start.edge
+        lanes = [network.lanes[index] for index in route_path(network, route, start.index)]
+        for lane, ahead in pairwise(lanes):
+            if lane.edge == ahead.edge:
+                assert abs(lane.position - ahead.position) == 1
+            else:
+                assert np.linalg.norm(lane.centre.points[-1] - ahead.centre.points[0]) < 0.1
+        driven = dict.fromkeys(lane.edge for lane in lanes if lane.kind is LaneKind.DRIVING)
+        assert list(driven) == list(dict.fromkeys(route))
+
+
+def test_the_first_way_is_one_of_the_lanes_own(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for number, lane in enumerate(starts(network, graph)):
+        following = chooser.draw((lane.edge,), 5000.0, np.random.default_rng(number), CAR_M, lane.index)[1]
+        targets = [network.lanes[way.to_lane] for way in network.connections_from.get(lane.index, ())]
+        if any(target.civilian_allowed for target in targets):
+            assert following in {target.edge for target in targets}
+
+
+def test_buses_take_a_tight_bend_only_where_there_is_no_other_way(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    refused = 0
+    for number, lane in enumerate(starts(network, graph)):
+        route = chooser.draw((lane.edge,), 1500.0, np.random.default_rng(number), BUS_M)
+        for edge, following in pairwise(route):
+            widest = {
+                way: max(radius_m(network, movement) for movement in movements(network, edge, way))
+                for way in graph.successors[edge]
+            }
+            refused += sum(radius < LONG_VEHICLE_RADIUS_M for radius in widest.values())
+            if max(widest.values()) >= LONG_VEHICLE_RADIUS_M:
+                assert widest[following] >= LONG_VEHICLE_RADIUS_M
+    assert refused > 0
+
+
+def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The road south ends in a corner of 5 m towards the east and is the only other way from B."""
+    roads = streets()
+    corner = Polyline.through([(10.0, -120.0), (10.0, -125.0), (15.0, -125.0)])
+    way_on = Polyline.through([(15.0, -125.0), (215.0, -125.0)])
+    last = roads.lanes[SOUTH]
+    edges, lanes = len(roads.edges), len(roads.lanes)
+    bent = replace(
+        roads,
+        lanes=(
+            *roads.lanes,
+            replace(last, index=lanes, lane_id="e_0", edge=edges, centre=way_on),
+            replace(last, index=lanes + 1, lane_id=":S_0", edge=edges + 1, centre=corner, kind=LaneKind.INTERNAL),
+        ),
+        edges=(
+            *roads.edges,
+            replace(roads.edges[D], index=edges, edge_id="e", lanes=(lanes,)),
+            replace(roads.edges[D], index=edges + 1, edge_id=":S", lanes=(lanes + 1,), internal=True),
+        ),
+        connections=(*roads.connections, Connection(SOUTH, lanes, (lanes + 1,), "l", None, -1, False, "S")),
+    )
+    monkeypatch.setattr(road_users, "LONG_VEHICLE_RADIUS_M", 8.0)
+    chooser = RouteChooser(bent, EdgeGraph.of(bent))
+    assert [chooser.leads_on(lane, BUS_M) for lane in (SOUTH, NEAR, B_LEFT, C_LEFT)] == [False, False, True, True]
+    assert all(chooser.leads_on(lane, CAR_M) for lane in (SOUTH, NEAR, B_LEFT))
+    with monkeypatch.context() as wide:
+        wide.setattr(road_users, "LONG_VEHICLE_RADIUS_M", 1.0)
+        assert RouteChooser(bent, EdgeGraph.of(bent)).leads_on(NEAR, BUS_M)
+    assert {chooser.draw((B,), 250.0, np.random.default_rng(seed), BUS_M)[1] for seed in range(20)} == {C}
+    assert chooser.draw((N,), 250.0, np.random.default_rng(0), BUS_M) == (N, D, edges), "no other way"
+
+
+def test_an_emv_turns_off_more_rarely_than_civilians() -> None:
+    """From B two lanes lead on and one turns: 0.1 of 2.1 and 0.35 of 2.35 ways."""
+    roads = streets()
+    chooser = RouteChooser(roads, EdgeGraph.of(roads))
+    factory = VehicleFactory(roads, same_drivers(), {})
+    rng = np.random.default_rng(4)
+
+    def turning(way: Callable[[], tuple[int, ...]]) -> float:
+        return float(np.mean([way()[1] == D for _ in range(3000)]))
+
+    assert turning(lambda: factory.draw_way((B,), 150.0, rng)) == pytest.approx(0.1 / 2.1, abs=0.012)
+    assert turning(lambda: chooser.draw((B,), 150.0, rng, CAR_M)) == pytest.approx(0.35 / 2.35, abs=0.02)
+
+
+def test_most_drivers_go_straight_on(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    straight = turns = 0
+    for number, lane in enumerate(starts(network, graph)):
+        for edge, following in pairwise(chooser.draw((lane.edge,), 2000.0, np.random.default_rng(number), CAR_M)):
+            ways = {movements(network, edge, way)[0].direction for way in graph.successors[edge]}
+            if "s" in ways and ways & {"l", "r"}:
+                straight += movements(network, edge, following)[0].direction == "s"
+                turns += movements(network, edge, following)[0].direction != "s"
+    assert 0.6 < straight / (straight + turns) < 0.9
+
+
+def test_a_lane_fits_where_it_leads_to(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for edge in range(len(network.edges)):
+        for following in graph.successors[edge]:
+            leading = {movement.from_lane for movement in movements(network, edge, following)}
+            for lane in driving_lanes(network, edge):
+                assert chooser.fits(edge, following, lane.index, CAR_M) == (lane.index in leading)
+
+
+def test_the_radius_is_that_of_the_bend(network: RoadNetwork) -> None:
+    straight = [lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and len(lane.centre.points) == 2]
+    assert straight
+    assert all(tightest_radius_m(lane.centre) > 1e6 for lane in straight)
+    turns = [movement for movement in network.connections if movement.direction in {"l", "r"} and movement.via]
+    radii = [radius_m(network, turn) for turn in turns if network.lanes[turn.from_lane].civilian_allowed]
+    assert 4.0 < min(radii) < np.median(radii) < 25.0
+
+
+def arc(radius_m: float, start_rad: float, end_rad: float) -> np.ndarray:
+    """To the left, from heading east at the origin on; points every 2 cm or so."""
+    angle = np.linspace(start_rad, end_rad, 1 + int(radius_m * (end_rad - start_rad) / 0.02))
+    return radius_m * np.stack((np.sin(angle), 1.0 - np.cos(angle)), axis=-1)
+
+
+@pytest.mark.parametrize("radius_of_bend_m", [5.0, 12.5, 60.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_arc_has_its_radius(radius_of_bend_m: float, side: float) -> None:
+    bend = arc(radius_of_bend_m, 0.0, 1.5) * (1.0, side)
+    assert tightest_radius_m(Polyline.through(bend)) == pytest.approx(radius_of_bend_m, rel=0.01)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_bend_at_either_end_counts(reverse: bool) -> None:
+    """20 m straight on and then 6 m, the length of the measure, with a radius of 8 m; also driven the other way."""
+    points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 6.0 / 8.0)))
+    assert tightest_radius_m(Polyline.through(points[::-1] if reverse else points)) == pytest.approx(8.0, rel=0.01)
+
+
+def test_half_a_measure_of_bend_is_a_bend_of_twice_the_radius() -> None:
+    points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 3.0 / 8.0)))
+    assert tightest_radius_m(Polyline.through(points)) == pytest.approx(16.0, rel=0.01)
+    short = arc(8.0, 0.0, 2.0 / 8.0)
+    assert tightest_radius_m(Polyline.through(short)) == pytest.approx(8.0, rel=0.02), "shorter than the measure"
+
+
+@pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])
+def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(vehicle_m: float, edge: int) -> None:
+    """The right lane leads south alone, round a corner; the left one goes straight on."""
+    roads = streets()
+    roads = replace(roads, connections=(*roads.connections[:STRAIGHT], *roads.connections[STRAIGHT + 1 :]))
+    chooser = RouteChooser(roads, EdgeGraph.of(roads))
+    for seed in range(5):
+        assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_RIGHT)[2] == edge
+        assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_LEFT)[2] == C
+    assert chooser.draw([A], 150.0, np.random.default_rng(1), vehicle_m, A_RIGHT) == (A,)
+
+
+@pytest.mark.parametrize("lane", [B_LEFT, C_LEFT])
+@pytest.mark.parametrize(("from_line_m", "tight"), [(2.0, True), (20.0, False)])
+def test_a_movements_bend_is_that_of_the_junction_and_6_m_on_both_sides(
+    lane: int, from_line_m: float, tight: bool
+) -> None:
+    """A right angle in the lane before or behind the junction."""
+    roads = streets()
+    corner = {B_LEFT: -from_line_m, C_LEFT: 20.0 + from_line_m}[lane]
+    side = (corner, 58.25)
+    points = {B_LEFT: [side, (corner, -1.75), (0.0, -1.75)], C_LEFT: [(20.0, -1.75), (corner, -1.75), side]}[lane]
+    lanes = list(roads.lanes)
+    lanes[lane] = replace(lanes[lane], centre=Polyline.through(points))
+    network = replace(roads, lanes=tuple(lanes))
+    chooser = RouteChooser(network, EdgeGraph.of(network))
+    radius_m = chooser.radius_m(network.connections[STRAIGHT + 1])
+    assert (radius_m < 10.0) is tight
+    assert np.isinf(radius_m) is not tight
+
+
+NETWORK = streets()
+FACTORY = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
+DRAWS = 4000
+
+
+def test_classes_come_by_their_shares_whatever_the_sum() -> None:
+    shares = [(ActorClass.SEDAN, 6.0), (ActorClass.BUS, 1.0), (ActorClass.TRUCK, 3.0)]
+    rng = np.random.default_rng(0)
+    counts = Counter(FACTORY.draw_class(shares, rng) for _ in range(DRAWS))
+    for kind, share in shares:
+        assert counts[kind] / DRAWS == pytest.approx(share / 10.0, abs=0.03)
+
+
+def test_a_class_without_dimensions_is_refused() -> None:
+    with pytest.raises(InputError, match="dimensions: 'BUS'"):
+        VehicleFactory(NETWORK, same_drivers(), {}).size(ActorClass.BUS)
+
+
+def test_a_body_has_the_size_of_its_class_and_paints_come_by_their_shares() -> None:
+    rng = np.random.default_rng(1)
+    driver = FACTORY.draw_driver(ActorClass.BUS, rng)
+    spot = Spot(A_LEFT, 30.0, 5.0)
+    cars = [FACTORY.civilian("c", ActorClass.BUS, driver, ("a",), spot, rng) for _ in range(DRAWS)]
+    assert (cars[0].length_m, cars[0].width_m, cars[0].height_m) == DIMENSIONS[ActorClass.BUS]
+    assert not cars[0].is_emv
+    paints = Counter(car.colour_rgb for car in cars)
+    assert paints[236, 236, 234] / DRAWS == pytest.approx(0.26, abs=0.03)
+    assert paints[176, 84, 32] / DRAWS == pytest.approx(0.01, abs=0.006)
+    emv = FACTORY.emv("e", ActorClass.AMBULANCE, driver, ("a",), spot)
+    assert emv.is_emv
+    assert (emv.length_m, emv.width_m, emv.height_m) == DIMENSIONS[ActorClass.AMBULANCE]
+    assert emv.colour_rgb == (240, 240, 236)
+
+
+def test_a_way_is_as_long_as_its_edges() -> None:
+    lengths = [NETWORK.lanes[NETWORK.edges[edge].lanes[0]].length_m for edge in (A, B)]
+    assert FACTORY.length_m((A,)) == pytest.approx(lengths[0])
+    assert FACTORY.length_m((A, B)) >= sum(lengths)
+    assert FACTORY.leads_on(A)
+
+
+@pytest.mark.parametrize("lane", [A_LEFT, A_RIGHT])
+def test_a_civilians_route_begins_where_it_should(lane: int) -> None:
+    route = FACTORY.draw_route((A, B), 10.0, np.random.default_rng(0), lane, ActorClass.SEDAN)
+    assert route == (NETWORK.edges[A].edge_id, NETWORK.edges[B].edge_id)
+
+
+def test_who_does_not_turn_left_goes_on_otherwise_where_there_is_a_way(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    lefts = 0
+    for number, lane in enumerate(starts(network, graph)):
+        rng = np.random.default_rng(number)
+        for edge, following in pairwise(chooser.draw((lane.edge,), 1000.0, rng, CAR_M, turns_left=False)):
+            directions = {way: movements(network, edge, way)[0].direction for way in graph.successors[edge]}
+            lefts += directions[following] == "l"
+            assert directions[following] != "l" or set(directions.values()) == {"l"}
+    assert lefts == 0 or "l" in {movement.direction for movement in network.connections}
+
+
+SEDAN = (4.75, 1.83, 1.45)
+BUS = (12.0, 2.55, 3.1)
+HALF_A_DIGIT_M = 0.005 + 1e-9
+
+
+@given(st.floats(0.0, 0.15), st.integers(0, 1000), st.text(max_size=8))
+def test_a_size_is_within_the_spread_of_its_class(spread: float, seed: int, name: str) -> None:
+    size = varied_size(SEDAN, spread, seed, name)
+    assert size == varied_size(SEDAN, spread, seed, name)
+    for drawn, of_class in zip(size, SEDAN, strict=True):
+        assert abs(drawn - of_class) <= spread * of_class + HALF_A_DIGIT_M
+
+
+def test_sizes_fill_the_spread_and_differ_by_seed_and_name() -> None:
+    sizes = [varied_size(SEDAN, 0.1, seed, f"background{number}") for seed in range(10) for number in range(30)]
+    assert len(set(sizes)) == len(sizes)
+    lengths = [length / SEDAN[0] for length, _, _ in sizes]
+    assert min(lengths) < 0.91
+    assert max(lengths) > 1.09
+    assert sum(lengths) / len(lengths) == pytest.approx(1.0, abs=0.02)
+
+
+def test_no_bus_is_wider_than_the_law_allows() -> None:
+    widths = [varied_size(BUS, 0.1, seed, "bus")[1] for seed in range(50)]
+    assert max(widths) == WIDEST_M
+    assert min(widths) < 2.4
+
+
+def test_traffic_is_planned_for_the_largest() -> None:
+    planned = largest({ActorClass.SEDAN: SEDAN}, 0.1)[ActorClass.SEDAN]
+    assert planned == pytest.approx((5.225, 2.013, 1.595))
+    assert largest({ActorClass.SEDAN: SEDAN}, 0.0) == {ActorClass.SEDAN: SEDAN}
+
+
+def test_only_sizes_change_where_an_episode_asks_for_them() -> None:
+    plain = set_up_episode(EpisodeRequest("S2", seed=3, sensors="none")).plan
+    varied = set_up_episode(EpisodeRequest("S2", seed=3, sensors="none", values="demand.variety.size_spread=0.1")).plan
+    of_class = {kind: one.length_m for kind, one in load_vehicle_parameters().items()}
+    assert all(one.length_m == of_class[one.actor_class] for one in (*plain.emvs, *plain.background))
+    everybody = (*varied.emvs, *varied.groups, *varied.background, *varied.reserve)
+    shares = [one.length_m / of_class[one.actor_class] for one in everybody]
+    assert 0.9 - 1e-3 < min(shares) < 0.95
+    assert 1.05 < max(shares) < 1.1 + 1e-3
+    assert len(set(shares)) > 0.8 * len(shares)
+
+
+CITY = load_map(Path("city"))[1]
+STREETS = [lane for edge in CITY.edges for lane in driving_lanes(CITY, edge.index)[:1]]
+
+
+def planned(count: int, seed: int = 0, near: list[Lane] = STREETS) -> tuple[PlannedWalker, ...]:
+    factory = VehicleFactory(CITY, load_drivers(), DIMENSIONS)
+    people, kept = plan_walkers(CITY, near, count, 1.0, seed, factory)
+    assert len(people) == 2 * kept
+    return people
+
+
+def test_there_are_as_many_again_in_reserve_and_the_seed_decides() -> None:
+    people = planned(30)
+    assert len(people) == 60
+    assert len({walker.name for walker in people}) == 60
+    assert planned(30) == people
+    assert planned(30, seed=1) != people
+    assert planned(0) == ()
+
+
+def test_a_few_sidewalks_have_room_for_few() -> None:
+    walks = [CITY.lanes[CITY.edges[STREETS[0].edge].lanes[0]]]
+    assert len(planned(400, near=STREETS[:1])) == 2 * int(walks[0].length_m / 4.0)
+
+
+def test_people_start_and_end_on_sidewalks_of_the_streets() -> None:
+    people, edges = planned(40), {CITY.edges[lane.edge].edge_id for lane in STREETS}
+    for walker in people:
+        edge = CITY.edge_by_id[walker.edge]
+        sidewalk = CITY.lanes[edge.lanes[0]]
+        assert sidewalk.kind is LaneKind.SIDEWALK
+        assert 0.0 <= walker.place_m <= sidewalk.length_m
+        assert {walker.edge, *walker.goals} <= edges
+        assert (walker.length_m, walker.width_m) == DIMENSIONS_OF_WALKER
+
+
+DIMENSIONS_OF_WALKER = (4.6, 1.8)
+"""Those that the table of these tests gives every class."""
+
+
+def test_paces_are_those_of_people() -> None:
+    paces = np.array([walker.speed_mps for walker in planned(400)])
+    assert paces.mean() == pytest.approx(PACE_MPS.mean, abs=0.03)
+    assert PACE_MPS.minimum <= paces.min() < 1.0
+    assert 1.7 < paces.max() <= PACE_MPS.maximum
+
+
+def test_a_street_without_sidewalk_has_no_people() -> None:
+    bare = [lane for lane in CITY.lanes if lane.kind is LaneKind.INTERNAL][:3]
+    with pytest.raises(MapError, match="sidewalks"):
+        planned(5, near=bare)

@@ -1,0 +1,426 @@
+"""Orders to signals and to single vehicles of SUMO."""
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
+
+import libsumo
+import numpy as np
+import pytest
+from hand_made_record import traffic_of
+from hypothesis import given
+from hypothesis import strategies as st
+from traffic_helpers import load_map, plan_of, plan_s2
+
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.simulation.scenario.paper import EmergencyLevel
+from siren_ros.simulation.traffic.demand.plan import JamHead, PlannedVehicle, SignalTiming, Spot
+from siren_ros.simulation.traffic.simulation import SumoSimulation
+from siren_ros.simulation.traffic.sumo import orders
+from siren_ros.simulation.traffic.sumo.orders import (
+    GapOut,
+    IgnoredFoes,
+    JamOrders,
+    SignalPhase,
+    crossing_begin_s,
+    detector_s,
+    drivers_who_go,
+    place_in_cycle,
+    red_interval_s,
+    yellow_after,
+)
+from siren_ros.simulation.world.actors import EventKind, Owner, TrafficFlags, TrafficState
+
+PHASES = (
+    SignalPhase(10.0, "rG"),
+    SignalPhase(3.0, "ry"),
+    SignalPhase(2.0, "rr"),
+    SignalPhase(20.0, "Gr"),
+    SignalPhase(3.0, "yr"),
+    SignalPhase(2.0, "rr"),
+)
+
+
+def test_red_interval_runs_on_over_the_end_of_the_cycle() -> None:
+    assert red_interval_s(PHASES, 0) == (38.0, 17.0)
+    assert red_interval_s(PHASES, 1) == (13.0, 27.0)
+
+
+def test_of_several_reds_of_a_link_the_longest_counts_wherever_it_stands() -> None:
+    durations = (4.0, 9.0, 6.0, 5.0, 7.0, 2.0)
+    phases = [SignalPhase(seconds, letter) for seconds, letter in zip(durations, "GrGrGr", strict=True)]
+    assert red_interval_s(phases, 0) == (4.0, 9.0)
+    assert red_interval_s(phases[::-1], 0) == (20.0, 9.0)
+
+
+def test_links_without_change_have_no_red_interval() -> None:
+    assert red_interval_s((SignalPhase(5.0, "r"), SignalPhase(5.0, "r")), 0) is None
+    assert red_interval_s((SignalPhase(5.0, "G"), SignalPhase(5.0, "g")), 0) is None
+    assert crossing_begin_s((SignalPhase(5.0, "G"),), 0, ()) is None
+
+
+def test_place_before_the_red_and_within_it() -> None:
+    assert place_in_cycle(PHASES, 38.0, 0.0) == (5, 2.0)
+    assert place_in_cycle(PHASES, 38.0, 4.0) == (3, 1.0)
+    assert place_in_cycle(PHASES, 38.0, -3.0) == (0, 9.0)
+
+
+def test_the_begin_of_the_red_counts_where_the_crossing_green_follows_it() -> None:
+    assert crossing_begin_s(PHASES, 0, ()) == 38.0
+    assert crossing_begin_s(PHASES, 0, (1,)) == 38.0
+
+
+def test_a_crossing_green_that_comes_later_counts_instead_of_the_red() -> None:
+    one_by_one = (
+        *(SignalPhase(20.0, "Grr"), SignalPhase(5.0, "yrr")),
+        *(SignalPhase(20.0, "rGr"), SignalPhase(5.0, "ryr")),
+        *(SignalPhase(20.0, "rrG"), SignalPhase(5.0, "rry")),
+    )
+    assert red_interval_s(one_by_one, 0) == (25.0, 50.0)
+    assert crossing_begin_s(one_by_one, 0, (1,)) == 25.0
+    assert crossing_begin_s(one_by_one, 0, (2,)) == 48.5
+    assert crossing_begin_s(one_by_one, 0, (1, 2)) == 25.0, "the first of several counts"
+    assert crossing_begin_s(one_by_one, 0, (0,)) == 25.0, "its own green comes after its red"
+    assert crossing_begin_s(one_by_one, 2, (1,)) == 23.5, "over the end of the cycle"
+
+
+@given(st.floats(-200.0, 200.0), st.integers(0, 1))
+def test_red_begins_after_the_wanted_time(red_in_s: float, link: int) -> None:
+    begin_s, _ = red_interval_s(PHASES, link) or (0.0, 0.0)
+    phase, left_s = place_in_cycle(PHASES, begin_s, red_in_s)
+    assert 0.0 < left_s <= PHASES[phase].duration_s + 1e-9
+    cycle_s = sum(phase.duration_s for phase in PHASES)
+    now_s = sum(passed.duration_s for passed in PHASES[: phase + 1]) - left_s
+    off_s = (now_s + red_in_s - begin_s) % cycle_s
+    assert min(off_s, cycle_s - off_s) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_signal_of_the_emvs_movement_turns_red_when_planned() -> None:
+    compiled, network = load_map(None)
+    plan, _, _ = plan_of("S3", network)
+    assert plan.signal is not None
+    timing = replace(plan.signal, platoon=())
+    plan = replace(plan, signal=timing)
+    seen = []
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L0, seed=0) as simulation:
+        for step in range(round((timing.red_from_s + 1.0) / STEP_S)):
+            state = simulation.step(step, None)
+            letters = {signal.signal_id: signal.state for signal in state.signals}[timing.signal_id]
+            seen.append(letters[timing.link])
+    first_red = seen.index("r")
+    assert first_red * STEP_S == pytest.approx(timing.red_from_s, abs=2.0 * STEP_S)
+    assert set(seen[first_red:]) == {"r"}
+    assert seen[first_red - 1] == "y"
+
+
+def test_the_next_yellow_of_a_link_and_how_long_it_lasts() -> None:
+    assert yellow_after(PHASES, 3, 0) == (4, 3.0)
+    assert yellow_after(PHASES, 5, 0) == (4, 3.0)
+    assert yellow_after(PHASES, 0, 1) == (1, 3.0)
+    assert yellow_after((SignalPhase(5.0, "G"), SignalPhase(5.0, "r")), 0, 0) is None
+
+
+@given(yellow_s=st.floats(0.0, 10.0))
+def test_who_ends_the_green_drives_over_the_line_on_yellow(yellow_s: float) -> None:
+    assert 0.0 <= detector_s(yellow_s) <= yellow_s
+    assert detector_s(3.0) == pytest.approx(1.8)
+    assert detector_s(8.0) == 2.2
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None:
+    compiled, network = load_map(None)
+    plan, _, site = plan_of("S3", network, seed)
+    timing = plan.signal
+    assert timing is not None
+    assert set(timing.platoon) == {vehicle.name for vehicle in plan.groups}
+    junction, ids, crossed, red_s = site.junction, {}, {}, None
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L0) as simulation:
+        for step in range(500):
+            state = simulation.step(step, None)
+            ids |= {actor.actor_id: actor.name for actor in state.spawned}
+            for event in state.events:
+                if event.kind is EventKind.STOP_LINE_CROSSED and event.detail["junction"] == junction:
+                    crossed[ids[event.actor_id]] = step * STEP_S
+            letters = {signal.signal_id: signal.state for signal in state.signals}[timing.signal_id]
+            if letters[timing.link] == "r" and step > 20:
+                red_s = step * STEP_S
+                break
+    assert red_s is not None
+    assert red_s - crossed["neighbours0"] == pytest.approx(1.2, abs=0.7)
+    assert crossed["neighbours0"] == max(crossed[name] for name in timing.platoon if name in crossed)
+
+
+PROGRAMME = [SignalPhase(10.0, "rG"), SignalPhase(3.0, "ry"), SignalPhase(20.0, "Gr"), SignalPhase(3.0, "yr")]
+
+
+@dataclass
+class Signal:
+    """A stand-in for SUMO: state and arrivals of vehicles; link 1 is green in phase 0, link 0 in phase 2.
+
+    Vehicles drive with 10 m/s, of which all but the EMV wish for no more.
+    """
+
+    phase: int = 0
+    switch_s: float = 100.0
+    arrivals_s: dict[str, float] = field(default_factory=dict)
+    leader: tuple[str, float] | None = None
+    emv_most_mps: float = 10.0
+    phases: list[SignalPhase] = field(default_factory=lambda: list(PROGRAMME))
+    asked: list[tuple[str, float]] = field(default_factory=list)
+
+    def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        def programmes(_signal: str) -> list[Any]:
+            phases = [SimpleNamespace(duration=phase.duration_s, state=phase.state) for phase in self.phases]
+            other = [SimpleNamespace(duration=1.0, state="rr")]
+            return [SimpleNamespace(programID=name, phases=those) for name, those in (("0", other), ("1", phases))]
+
+        light = SimpleNamespace(
+            getProgram=lambda _signal: "1",
+            getAllProgramLogics=programmes,
+            getRedYellowGreenState=lambda _signal: self.phases[self.phase].state,
+            getPhase=lambda _signal: self.phase,
+            getNextSwitch=lambda _signal: self.switch_s,
+            setPhase=lambda _signal, phase: self.asked.append(("phase", phase)),
+            setPhaseDuration=lambda _signal, duration_s: self.asked.append(("duration", duration_s)),
+        )
+        clock = SimpleNamespace(getTime=lambda: 50.0)
+        vehicle = SimpleNamespace(
+            getSpeed=lambda _name: 10.0,
+            getAllowedSpeed=lambda _name: self.emv_most_mps,
+            getLeader=lambda _name, _range_m: self.leader,
+            getNextTLS=lambda name: [("s", 1, 10.0 * self.arrivals_s[name], "G")] if name in self.arrivals_s else [],
+        )
+        monkeypatch.setattr(orders, "libsumo", SimpleNamespace(trafficlight=light, simulation=clock, vehicle=vehicle))
+
+
+@pytest.fixture(name="signal")
+def _signal(monkeypatch: pytest.MonkeyPatch) -> Signal:
+    signal = Signal()
+    signal.install(monkeypatch)
+    return signal
+
+
+def gap_out(red_from_s: float = 5.0, platoon: tuple[str, ...] = ("a", "b")) -> GapOut:
+    return GapOut(SignalTiming(signal_id="s", link=1, red_from_s=red_from_s, crossing=(0,), platoon=platoon, emv="e"))
+
+
+BOTH = {"a", "b"}
+NEAR_S = detector_s(3.0)
+
+
+@pytest.mark.parametrize(
+    ("last_s", "asked"), [(NEAR_S - 0.01, [("phase", 1)]), (NEAR_S, [("phase", 1)]), (NEAR_S + 0.01, [])]
+)
+def test_the_green_ends_as_the_last_one_reaches_the_detector(
+    signal: Signal, last_s: float, asked: list[tuple[str, float]]
+) -> None:
+    signal.arrivals_s = {"a": 0.1, "b": last_s}
+    control = gap_out()
+    control.apply(BOTH)
+    assert signal.asked == asked
+    signal.arrivals_s = {"a": 0.1, "b": 0.1}
+    control.apply(BOTH)
+    assert signal.asked == [("phase", 1)], "once only"
+
+
+@pytest.mark.parametrize(("emv_s", "asked"), [(3.41, []), (3.39, [("phase", 1)])])
+def test_a_late_platoon_does_not_keep_the_green_for_the_emv(
+    signal: Signal, emv_s: float, asked: list[tuple[str, float]]
+) -> None:
+    """Yellow lasts 3 s: the red begins 0.4 s before the EMV comes. An EMV that has left SUMO is not asked for."""
+    signal.arrivals_s = {"a": 1.0, "b": 9.0, "e": emv_s}
+    control = gap_out()
+    control.apply(BOTH)
+    assert not signal.asked
+    control.apply({*BOTH, "e"})
+    assert signal.asked == asked
+
+
+@pytest.mark.parametrize(
+    ("leader", "asked"),
+    [(None, [("phase", 1)]), (("b", 20.0), []), (("", -1.0), [("phase", 1)]), (("b", 50.0), [("phase", 1)])],
+    ids=["alone", "behind another one", "nobody", "behind one beyond the line"],
+)
+def test_an_emv_that_can_accelerate_is_there_sooner(
+    signal: Signal, leader: tuple[str, float] | None, asked: list[tuple[str, float]]
+) -> None:
+    """40 m ahead: 4 s at its speed, 3.1 s with 2 m/s2."""
+    signal.arrivals_s, signal.emv_most_mps, signal.leader = {"a": 1.0, "b": 9.0, "e": 4.0}, 20.0, leader
+    gap_out().apply({*BOTH, "e"})
+    assert signal.asked == asked
+
+
+@pytest.mark.parametrize(("left_s", "holds"), [(STEP_S + 0.01, False), (0.5 * STEP_S, True), (0.0, True)])
+def test_a_green_that_would_end_before_is_held_from_step_to_step(signal: Signal, left_s: float, holds: bool) -> None:
+    signal.arrivals_s = {"a": 9.0, "b": 0.1}
+    signal.switch_s = 50.0 + left_s
+    control = gap_out()
+    for _ in range(3):
+        control.apply(BOTH)
+    assert signal.asked == [("duration", 2.0 * STEP_S)] * (3 if holds else 0)
+
+
+def test_a_red_is_waited_for(signal: Signal) -> None:
+    signal.phase, signal.arrivals_s = 2, {"a": 0.1}
+    control = gap_out()
+    control.apply(BOTH)
+    assert not signal.asked
+    signal.phase = 0
+    control.apply(BOTH)
+    assert signal.asked == [("phase", 1)]
+
+
+@pytest.mark.parametrize("gone", ["not present", "past the line"])
+def test_nothing_is_done_any_more_once_the_platoon_is_gone(signal: Signal, gone: str) -> None:
+    signal.arrivals_s = {} if gone == "past the line" else {"a": 9.0}
+    control = gap_out()
+    control.apply({"b", "c"} if gone == "not present" else BOTH)
+    signal.arrivals_s = {"a": 0.1}
+    control.apply(BOTH)
+    assert not signal.asked
+
+
+def test_nobody_is_waited_for_too_long(signal: Signal) -> None:
+    """10 s longer than planned."""
+    signal.arrivals_s, signal.switch_s = {"a": 9.0}, 50.0
+    control = gap_out(red_from_s=1.0)
+    steps = round((1.0 + 10.0) / STEP_S)
+    for _ in range(steps + 5):
+        control.apply(BOTH)
+    assert len(signal.asked) == pytest.approx(steps, abs=1)
+    signal.arrivals_s = {"a": 0.1}
+    control.apply(BOTH)
+    assert ("phase", 1) not in signal.asked
+
+
+def test_a_link_without_yellow_and_a_signal_without_a_platoon_are_left_alone(signal: Signal) -> None:
+    signal.phases = [SignalPhase(10.0, "rG"), SignalPhase(10.0, "Gr")]
+    signal.arrivals_s = {"a": 0.1}
+    control = gap_out()
+    control.apply(BOTH)
+    signal.phases = list(PROGRAMME)
+    control.apply(BOTH)
+    gap_out(platoon=()).apply(BOTH)
+    assert not signal.asked
+
+
+@pytest.mark.parametrize("level", [EmergencyLevel.L0, EmergencyLevel.L1])
+def test_an_emv_that_sumo_drives_stays_at_the_end_of_its_route(level: EmergencyLevel) -> None:
+    """At L1 it is driven from outside; here nobody does, and SUMO takes it out at the end of the road."""
+    compiled, network = load_map(None)
+    plan, _ = plan_s2(network)
+    emv = plan.emvs[0]
+    lane = network.lanes[emv.spot.lane]
+    alone = replace(emv, route=emv.route[:1], spot=Spot(lane.index, lane.length_m - 80.0, 10.0))
+    plan = replace(plan, emvs=(alone,), groups=(), background=(), reserve=())
+    with SumoSimulation(compiled, network, plan, level) as simulation:
+        for step in range(500):
+            state = simulation.step(step, None)
+    there = np.flatnonzero(state.actor_id == 1)
+    assert len(there) == (level is EmergencyLevel.L0)
+    assert (state.speed_mps[there] == 0.0).all()
+    assert np.allclose(state.lane_position_m[there], lane.length_m - 1.0, atol=1.0)
+
+
+def test_the_head_of_a_jam_is_freed_once_and_only_those_whom_sumo_drives_are_told(monkeypatch) -> None:
+    told: list[tuple[str, float]] = []
+    monkeypatch.setattr(libsumo.vehicle, "setSpeed", lambda name, mps: told.append((name, mps)))
+    orders = JamOrders(JamHead(names=("a", "b"), moves=False, roll_s=0.05, roll_mps=2.0, stand_s=1.0, until_s=0.1))
+    for step, present in enumerate([{"a", "b", "c"}, {"b"}, {"a"}, {"a", "b"}]):
+        orders.apply(step, present)
+    assert told == [("a", 2.0), ("b", 2.0), ("b", 0.0), ("a", -1.0)]
+
+
+EMV, FIRST, SECOND = 1, 2, 3
+EMVS = frozenset({"emv0", "emv1"})
+
+
+@pytest.fixture(scope="module")
+def vehicles() -> dict[int, PlannedVehicle]:
+    plan, _, _ = plan_of("S2", load_map(None)[1], 0)
+    return {EMV: plan.emvs[0], FIRST: plan.background[0], SECOND: plan.background[1]}
+
+
+def scene(
+    speeds_mps: tuple[float, float, float],
+    inside: tuple[bool, bool, bool] = (True, True, True),
+    owner: Owner = Owner.SUMO,
+) -> TrafficState:
+    """The EMV and two civilians, with who is on the junction; ``owner`` is the first civilian's."""
+    columns = {
+        "actor_id": np.array([EMV, FIRST, SECOND], np.uint32),
+        "owner": np.array([Owner.ROS, owner, Owner.SUMO], np.uint8),
+        "speed_mps": np.array(speeds_mps),
+        "flags": np.array([TrafficFlags.ON_JUNCTION if is_in else 0 for is_in in inside], np.uint8),
+    }
+    return replace(traffic_of(0, ""), **columns)  # type: ignore[arg-type] # fields by name
+
+
+def test_who_stands_there_with_the_emv_need_not_wait_for_it_until_the_junction_lies_behind(vehicles) -> None:
+    names, passed = [vehicles[key].name for key in (FIRST, SECOND)], EMVS | {vehicles[EMV].name}
+    going = drivers_who_go({}, scene((1.0, 0.0, 0.0)), vehicles, EMVS)
+    assert going == {}, "the EMV moves"
+    going = drivers_who_go(going, scene((0.0, 0.0, 3.0)), vehicles, EMVS)
+    assert going == {names[0]: passed}
+    going = drivers_who_go(going, scene((2.0, 3.0, 0.0)), vehicles, EMVS)
+    assert going == {names[0]: passed}, "who has begun to go goes on, and nobody else begins"
+    assert drivers_who_go(going, scene((2.0, 3.0, 0.0), inside=(True, False, True)), vehicles, EMVS) == {}
+
+
+def test_who_stands_there_with_a_civilian_who_makes_room_need_not_wait_for_it(vehicles) -> None:
+    """The EMV is still on its way; it is not waited for either, once it stands behind those two."""
+    first, second = (vehicles[key].name for key in (FIRST, SECOND))
+    going = drivers_who_go({}, scene((4.0, 0.0, 0.0), inside=(False, True, True), owner=Owner.ROS), vehicles, EMVS)
+    assert going == {second: EMVS | {first}}
+    moves = scene((4.0, 1.0, 0.0), inside=(False, True, True), owner=Owner.ROS)
+    assert drivers_who_go({}, moves, vehicles, EMVS) == {}
+
+
+def test_only_drivers_of_sumo_on_the_junction_go(vehicles) -> None:
+    assert drivers_who_go({}, scene((0.0, 0.0, 0.0), inside=(False, True, True)), vehicles, EMVS) == {}
+    assert drivers_who_go({}, scene((0.0, 0.0, 1.0), owner=Owner.ROS), vehicles, EMVS) == {}
+
+
+def test_who_has_left_the_simulation_is_forgotten(vehicles) -> None:
+    before = scene((0.0, 0.0, 0.0))
+    going = drivers_who_go({}, before, vehicles, EMVS)
+    rest = before.actor_id != FIRST
+    columns = {name: getattr(before, name)[rest] for name in ("actor_id", "owner", "speed_mps", "flags")}
+    assert list(drivers_who_go(going, replace(before, **columns), vehicles, EMVS)) == [vehicles[SECOND].name]
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    calls: list[tuple[str, str]] = []
+    monkeypatch.setattr(libsumo.vehicle, "setParameter", lambda name, _, names: calls.append((name, names)))
+    return calls
+
+
+def test_drivers_are_told_where_something_has_changed_for_them(told) -> None:
+    foes = IgnoredFoes()
+    foes.apply(["a", "b"], ["kerb"], {})
+    assert told == [("a", "kerb"), ("b", "kerb")]
+    foes.apply(["a", "b"], ["kerb"], {})
+    assert len(told) == 2
+    foes.apply(["a", "b", "c"], ["kerb"], {})
+    assert told[2:] == [("c", "kerb")]
+    told.clear()
+    foes.apply(["a", "c"], [], {})
+    assert told == [("a", ""), ("c", "")], "b has left"
+
+
+def test_what_holds_for_all_and_for_one_holds_at_once(told) -> None:
+    """The parameter is one: who waits for nobody at the kerb still does not wait for the EMV."""
+    foes = IgnoredFoes()
+    foes.apply(["a", "b"], [], {"a": frozenset({"emv0", "car1"})})
+    assert told == [("a", "car1 emv0")]
+    foes.apply(["a", "b"], ["kerb"], {"a": frozenset({"emv0", "car1"})})
+    assert told[1:] == [("a", "kerb car1 emv0"), ("b", "kerb")]
+    foes.apply(["a", "b"], ["kerb"], {})
+    assert told[3:] == [("a", "kerb")]
+
+
+def test_nobody_is_told_where_there_is_nothing(told) -> None:
+    IgnoredFoes().apply(["a"], [], {})
+    assert told == []

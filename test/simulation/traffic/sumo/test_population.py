@@ -308,7 +308,7 @@ TEMPLATE = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, v
 PLAN_OF_STREETS = plan_traffic(NETWORK, signal_site(), TEMPLATE, 3, same_drivers(), DIMENSIONS)
 
 
-class Sumo:
+class SumoOfStreets:
     """Fronts of vehicles in SUMO's frame by name, with lane, place on it and angle."""
 
     def __init__(self) -> None:
@@ -324,9 +324,9 @@ class Sumo:
         self.at[name] = (NETWORK.lanes[lane].lane_id, front_m, angle, (float(x) + OFFSET[0], float(y) + OFFSET[1]))
 
 
-@pytest.fixture(name="sumo")
-def _sumo(monkeypatch: pytest.MonkeyPatch) -> Sumo:
-    sumo = Sumo()
+@pytest.fixture
+def streets_sumo(monkeypatch: pytest.MonkeyPatch) -> SumoOfStreets:
+    sumo = SumoOfStreets()
     unknown = libsumo.INVALID_DOUBLE_VALUE
     vehicle = {
         "getPosition": lambda name: sumo.at[name][3] if name in sumo.at else (unknown, unknown),
@@ -365,12 +365,12 @@ def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = ()
 @pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0, -1), (0.6, 0.8), (-0.6, -0.8)])
 @pytest.mark.parametrize(("away_m", "enters"), [(49.9, False), (50.1, True)])
 def test_a_replacement_enters_50_m_from_every_emv_or_more(
-    sumo: Sumo, direction: tuple[float, float], away_m: float, enters: bool
+    streets_sumo: SumoOfStreets, direction: tuple[float, float], away_m: float, enters: bool
 ) -> None:
     x, y = NETWORK.lanes[A_LEFT].centre.at(100.0)
     emv = (float(x) + direction[0] * away_m, float(y) + direction[1] * away_m)
     population(vehicle("a", A_LEFT, 100.0)).refill(((5000.0, 0.0), emv), 1)
-    assert sumo.added == (["a"] if enters else [])
+    assert streets_sumo.added == (["a"] if enters else [])
 
 
 @pytest.mark.parametrize(
@@ -385,7 +385,7 @@ def test_a_replacement_enters_50_m_from_every_emv_or_more(
 )
 @pytest.mark.parametrize("known", [True, False])
 def test_a_replacement_keeps_its_gap_to_fronts_and_rears_in_its_lane(
-    sumo: Sumo, front_m: float, free: bool, known: bool
+    streets_sumo: SumoOfStreets, front_m: float, free: bool, known: bool
 ) -> None:
     """The other's front may be 15 m behind the stretch that is looked at, or its rear beyond it.
 
@@ -393,45 +393,47 @@ def test_a_replacement_keeps_its_gap_to_fronts_and_rears_in_its_lane(
     """
     other = vehicle("other", A_LEFT, front_m if not known else 10.0)
     if known:
-        sumo.put("other", A_LEFT, front_m)
+        streets_sumo.put("other", A_LEFT, front_m)
     population(vehicle("a", A_LEFT, 100.0), inside=(other,)).refill((), 2)
-    assert (sumo.added == ["a"]) is free
+    assert (streets_sumo.added == ["a"]) is free
 
 
 @pytest.mark.parametrize(("left_m", "free"), [(3.4, False), (-3.4, False), (3.6, True), (-3.6, True)])
-def test_a_replacement_looks_a_lanes_width_to_both_sides(sumo: Sumo, left_m: float, free: bool) -> None:
-    sumo.put("other", A_LEFT, 100.0, left_m)
+def test_a_replacement_looks_a_lanes_width_to_both_sides(
+    streets_sumo: SumoOfStreets, left_m: float, free: bool
+) -> None:
+    streets_sumo.put("other", A_LEFT, 100.0, left_m)
     population(vehicle("a", A_LEFT, 100.0), inside=(vehicle("other", A_LEFT, 10.0),)).refill((), 2)
-    assert (sumo.added == ["a"]) is free
+    assert (streets_sumo.added == ["a"]) is free
 
 
 def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(
-    sumo: Sumo, monkeypatch: pytest.MonkeyPatch
+    streets_sumo: SumoOfStreets, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     crowded = vehicle("crowded", A_LEFT, 100.0)
     reserve = [crowded, *(vehicle(f"r{k}", NEAR, 20.0 + 36.0 * k) for k in range(3))]
-    sumo.put("other", A_LEFT, 100.0)
+    streets_sumo.put("other", A_LEFT, 100.0)
     emv = replace(PLAN_OF_STREETS.emvs[0], name="emv")
     traffic = population(*reserve, inside=(vehicle("other", A_LEFT, 10.0), emv))
     traffic.refill((), 1)
-    assert sumo.added == [], "one civilian is there, and EMVs are none"
+    assert streets_sumo.added == [], "one civilian is there, and EMVs are none"
     traffic.refill((), 2)
-    assert sumo.added == ["r0"]
-    del sumo.at["other"]
+    assert streets_sumo.added == ["r0"]
+    del streets_sumo.at["other"]
     monkeypatch.setattr(libsumo.simulation, "getArrivedIDList", lambda: ("other",))
     traffic.drop_departed()
-    sumo.put("r0", B_LEFT, 50.0)
-    sumo.put("emv", B_LEFT, 90.0)
+    streets_sumo.put("r0", B_LEFT, 50.0)
+    streets_sumo.put("emv", B_LEFT, 90.0)
     traffic.refill((), 3)
-    assert sumo.added == ["r0", "r1", "r2"]
+    assert streets_sumo.added == ["r0", "r1", "r2"]
     traffic.refill((), 4)
-    assert sumo.added == ["r0", "r1", "r2", "crowded"]
+    assert streets_sumo.added == ["r0", "r1", "r2", "crowded"]
     traffic.refill((), 9)
-    assert len(sumo.added) == 4, "the reserve is empty"
+    assert len(streets_sumo.added) == 4, "the reserve is empty"
 
 
-def test_who_has_arrived_is_forgotten_and_named_in_order_of_entry(sumo: Sumo) -> None:
-    del sumo
+def test_who_has_arrived_is_forgotten_and_named_in_order_of_entry(streets_sumo: SumoOfStreets) -> None:
+    del streets_sumo
     traffic = population(inside=tuple(vehicle(name, NEAR, 10.0) for name in ("a", "b", "c")))
     assert traffic.drop_departed() == ("b",)
     assert list(traffic.vehicles) == ["a", "c"]
@@ -448,46 +450,48 @@ def test_who_has_arrived_is_forgotten_and_named_in_order_of_entry(sumo: Sumo) ->
     ],
 )
 def test_the_stage_is_cleared_of_whoever_is_on_it_with_any_part(
-    sumo: Sumo, lane: int, front_m: float, cleared: bool
+    streets_sumo: SumoOfStreets, lane: int, front_m: float, cleared: bool
 ) -> None:
     """From 20 to 30 m; SUMO's lanes are twice as long as their centre lines."""
-    sumo.put("car", lane, front_m)
-    lane_id, at_m, angle, place = sumo.at["car"]
-    sumo.at["car"] = (lane_id, 2.0 * at_m, angle, place)
+    streets_sumo.put("car", lane, front_m)
+    lane_id, at_m, angle, place = streets_sumo.at["car"]
+    streets_sumo.at["car"] = (lane_id, 2.0 * at_m, angle, place)
     stage = (LaneInterval(A_LEFT, 20.0, 30.0),)
     far = replace(PLAN_OF_STREETS.emvs[0], spot=Spot(NEAR, 20.0, 5.0))
     traffic = population(inside=(vehicle("car", lane, front_m),), stage=stage, emvs=(far,), groups=(), civilians=0)
     traffic.enter_stage()
-    assert sumo.removed == (["car"] if cleared else [])
+    assert streets_sumo.removed == (["car"] if cleared else [])
     assert ("car" in traffic.vehicles) is not cleared
 
 
 @pytest.mark.parametrize(("apart_m", "cleared"), [(-0.1, True), (0.1, False)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_who_may_overlap_one_that_enters_makes_way_on_whatever_lane(
-    sumo: Sumo, apart_m: float, cleared: bool, side: float
+    streets_sumo: SumoOfStreets, apart_m: float, cleared: bool, side: float
 ) -> None:
     """Their centres are as far apart as both half lengths together, an EMV of 6.2 m and a car, or a little more."""
     emv = replace(PLAN_OF_STREETS.emvs[0], spot=Spot(A_LEFT, 100.0, 5.0))
     reach = 0.5 * (emv.length_m + CAR_M) + apart_m
     centre = 100.0 - 0.5 * emv.length_m + side * float(np.sqrt(reach**2 - 3.5**2))
-    sumo.put("car", A_RIGHT, centre + 0.5 * CAR_M)
+    streets_sumo.put("car", A_RIGHT, centre + 0.5 * CAR_M)
     traffic = population(inside=(vehicle("car", A_RIGHT, 10.0),), stage=(), emvs=(emv,), groups=(), civilians=0)
     traffic.enter_stage()
-    assert sumo.removed == (["car"] if cleared else [])
-    assert sumo.added == [emv.name]
+    assert streets_sumo.removed == (["car"] if cleared else [])
+    assert streets_sumo.added == [emv.name]
 
 
-def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driver_may_go(sumo: Sumo) -> None:
+def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driver_may_go(
+    streets_sumo: SumoOfStreets,
+) -> None:
     population(vehicle("a", A_LEFT, 100.0)).refill((), 1)
-    assert sumo.parameters["a"]["departPos"] == repr(200.0)
-    assert sumo.parameters["a"]["departLane"] == "1"
-    assert sumo.parameters["a"]["departSpeed"] == repr(5.0)
+    assert streets_sumo.parameters["a"]["departPos"] == repr(200.0)
+    assert streets_sumo.parameters["a"]["departLane"] == "1"
+    assert streets_sumo.parameters["a"]["departSpeed"] == repr(5.0)
     fast = replace(vehicle("b", A_RIGHT, 100.0), spot=Spot(A_RIGHT, 100.0, 99.0), attentive=False)
     population(fast).refill((), 1)
-    assert sumo.parameters["b"]["departSpeed"] == repr(NETWORK.lanes[A_RIGHT].speed_limit_mps)
-    assert ("b", "junctionModel.ignoreTypes") in sumo.parameters
-    assert ("a", "junctionModel.ignoreTypes") not in sumo.parameters
+    assert streets_sumo.parameters["b"]["departSpeed"] == repr(NETWORK.lanes[A_RIGHT].speed_limit_mps)
+    assert ("b", "junctionModel.ignoreTypes") in streets_sumo.parameters
+    assert ("a", "junctionModel.ignoreTypes") not in streets_sumo.parameters
 
 
 def riders(*fronts_m: float) -> dict[str, Any]:
@@ -497,7 +501,9 @@ def riders(*fronts_m: float) -> dict[str, Any]:
     return {"riders": cyclists, "riders_kept": {kind: 2}}
 
 
-def test_riders_enter_out_of_sight_near_an_emv_and_leave_far_from_it(sumo: Sumo, monkeypatch: Any) -> None:
+def test_riders_enter_out_of_sight_near_an_emv_and_leave_far_from_it(
+    streets_sumo: SumoOfStreets, monkeypatch: Any
+) -> None:
     """Within 180 m; they enter at least 50 m from it, which these tests say."""
     removed: list[str] = []
     monkeypatch.setattr(libsumo.vehicle, "unsubscribe", lambda _: None)
@@ -505,9 +511,9 @@ def test_riders_enter_out_of_sight_near_an_emv_and_leave_far_from_it(sumo: Sumo,
     traffic = population(**riders(20.0, 60.0, 100.0, 140.0))
     x, y = (float(value) for value in NETWORK.lanes[A_LEFT].centre.at(0.0))
     assert traffic.exchange_riders([(x, y)]) == []
-    assert sumo.added == ["c1", "c2"], "the first one is too near, and two are enough"
+    assert streets_sumo.added == ["c1", "c2"], "the first one is too near, and two are enough"
     for name, front_m in (("c1", 60.0), ("c2", 100.0)):
-        sumo.put(name, A_LEFT, front_m)
+        streets_sumo.put(name, A_LEFT, front_m)
     far = NETWORK.lanes[A_LEFT].centre.offset_points(np.array([60.0]), 179.0)[0]
     assert traffic.exchange_riders([(float(far[0]), float(far[1]))]) == removed == ["c2"]
     assert traffic.civilians == 0, "riders are on top"

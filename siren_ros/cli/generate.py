@@ -4,10 +4,12 @@ A study has one table of what became of its episodes. Other commands that make s
 """
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,9 +19,9 @@ from siren_ros.base.params.folders import named_params_file
 from siren_ros.base.tables import Row, Table
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, check_numbers
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, MapError
 from siren_ros.running.generation.episode_setup import plan_length
-from siren_ros.running.generation.site_choice import has_shoulder, shortcomings
+from siren_ros.running.generation.site_choice import count_lacks, has_shoulder, shortcomings
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import (
     MOST_SAMPLES,
@@ -47,6 +49,7 @@ from siren_ros.running.studies.run_study import (
 )
 from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, compile_map
+from siren_ros.simulation.roads.maps.map_source import maps_in
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.sites import Site
@@ -107,9 +110,12 @@ def add_sites(verb: Command) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Lists the sites of a map for each template, the best first. A seed draws one of the good ones; a name "
-        "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack."
+        "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack. For "
+        "several maps, it counts their sites, and the places that lack something."
     )
-    verb.add_argument("map", nargs="?", default="", metavar="MAP", help=f"map file, or {BUILT_IN} (default: town)")
+    verb.add_argument(
+        "maps", nargs="*", metavar="MAP", help=f"map file, folder with map files, or {BUILT_IN} (default: town)"
+    )
     verb.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S8, or template files (default: all)")
     verb.add_argument("--all", action="store_true", help="also sites that lack something, which no seed draws")
     verb.add_argument(
@@ -120,8 +126,15 @@ def add_sites(verb: Command) -> None:
 
 def list_sites(arguments: argparse.Namespace) -> int:
     """Prints the table; a template without a line has no site on the map."""
-    network = parse_road_network(compile_map(Path(arguments.map) if arguments.map else None).read_bytes())
     templates = [load_template(name) for name in arguments.templates or available_templates()]
+    named = [Path(name) for name in arguments.maps]
+    files = [file for path in named for file in (maps_in(path) if path.is_dir() else (path,))]
+    if len(files) > 1 or any(path.is_dir() for path in named):
+        if arguments.out is not None:
+            raise InputError("out", str(arguments.out), "one map; several have a table alone")
+        print("\n".join("\n".join((*table.text(), "")) for table in _survey(files, templates)))
+        return EXIT_OK
+    network = parse_road_network(compile_map(files[0] if files else None).read_bytes())
     found = [(template, shortcomings(right_hand_image(network), template)) for template in templates]
     rows = tuple(row for survey in found for row in _site_rows(network, *survey, lacking=arguments.all))
     print(*Table("sites", "", _SITES_HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
@@ -130,6 +143,58 @@ def list_sites(arguments: argparse.Namespace) -> int:
 
         print(save_site_map(network, found, arguments.out))
     return EXIT_OK
+
+
+def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Table]:
+    """Good sites of each map and template, and what the other places lack.
+
+    A map that cannot be used has its reason in the last column.
+    """
+    names = [template.template_id for template in templates]
+    rows, good = list[Row](), {name: set[Path]() for name in names}
+    lacks = list[tuple[str, str, Path, int, int]]()
+    for file in tqdm(files, unit="map", desc="sites", disable=None):
+        cells = []
+        try:
+            network = right_hand_image(parse_road_network(compile_map(file).read_bytes()))
+        except MapError as error:
+            rows.append((file.name, *("" for _ in names), error.allowed))
+            continue
+        for template in templates:
+            sites, (places, alone) = shortcomings(network, template), count_lacks(network, template)
+            number = sum(not lacking for lacking in sites.values())
+            cells.append(f"{number}/{len(sites)}")
+            good[template.template_id] |= {file} if number else set()
+            lacks += [(template.template_id, text, file, places[text], alone[text]) for text in places]
+        rows.append((file.name, *cells, ""))
+    has = Counter(file for maps in good.values() for file in maps)
+    yield Table("maps", "Good sites of all sites", ("map", *names, "refused"), tuple(rows))
+    counts = (
+        *(len(good[name]) for name in names),
+        len(has),
+        sum(count >= _SEVERAL for count in has.values()),
+        len(files),
+    )
+    yield Table("maps with a good site", "Maps with a good site", (*names, "any", "three or more", "maps"), (counts,))
+    yield Table("lacks", "What places lack", _LACKS_HEAD, tuple(_lack_rows(lacks, good)))
+
+
+def _lack_rows(lacks: Sequence[tuple[str, str, Path, int, int]], good: Mapping[str, Collection[Path]]) -> list[Row]:
+    """Counts for each template and reason; first those that alone stand between most maps and a good site."""
+    rows = []
+    for (name, text), found in groupby(sorted(lacks, key=lambda lack: lack[:2]), key=lambda lack: lack[:2]):
+        counts = [(file not in good[name], places, alone) for *_, file, places, alone in found]
+        without = sum(lacks_all for lacks_all, _, _ in counts)
+        won = sum(lacks_all and alone > 0 for lacks_all, _, alone in counts)
+        places, alone = (sum(count[column] for count in counts) for column in (1, 2))
+        rows.append((name, text, won, without, len(counts), alone, places))
+    return sorted(rows, key=lambda row: (row[0], *(-count for count in row[2:])))
+
+
+_LACKS_HEAD: Final = ("template", "lacks", "maps won", "maps without", "maps", "alone", "places")
+"""``maps without`` have no good site for the template; ``maps won`` are those of them that would get one, because a
+site lacks this ``alone``."""
+_SEVERAL: Final = 3
 
 
 def _site_rows(

@@ -1,5 +1,6 @@
 """``siren generate`` and ``siren sites``."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -14,7 +15,7 @@ from siren_ros.base.params.folders import named_params_file
 from siren_ros.cli import generate, generate_risk
 from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import read_episode
-from siren_ros.running.generation.site_choice import good_sites, ranked_sites
+from siren_ros.running.generation.site_choice import good_sites, ranked_sites, shortcomings
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import DrawPlan, Method, PlannedEpisode, Study, plan_study, read_study
 from siren_ros.running.studies.risk_set.make_set import RiskSetRequest
@@ -269,6 +270,43 @@ def test_where_no_site_is_good_all_are_listed(siren) -> None:
 def test_a_template_without_a_site_has_no_line(siren) -> None:
     file = str(REPOSITORY / "test" / "maps" / "signs.osm")
     assert rows(siren(["sites", file, "--templates", "S7"]).out) == []
+
+
+def test_several_maps_have_a_line_each_and_a_table_of_what_places_lack(siren, tmp_path: Path) -> None:
+    for name in ("bends.xodr", "signs.osm"):
+        shutil.copy(REPOSITORY / "test" / "maps" / name, tmp_path)
+    (tmp_path / "torn.net.xml").write_text("<net>")
+    (tmp_path / "notes.txt").write_text("no map")
+    printed = siren(["sites", str(tmp_path), "town", "--templates", "S2", "S5"]).out.splitlines()
+    town = network_of_map()
+    counts = [
+        f"{len(good_sites(town, load_template(name)))}/{len(ranked_sites(town, load_template(name)))}"
+        for name in ("S2", "S5")
+    ]
+    assert [line.split()[:2] for line in printed[2:5]] == [
+        ["bends.xodr", "0/2"],
+        ["signs.osm", "0/0"],
+        ["torn.net.xml", "a"],
+    ]
+    assert printed[5].split() == ["town", *counts]
+    assert printed[printed.index("Maps with a good site") + 2].split()[-1] == "4"
+    assert any(line.startswith("S2") and "one driving lane" in line for line in printed)
+
+
+def test_what_alone_is_lacking_comes_first(siren) -> None:
+    """Town lacks nothing for S2, so the other map alone is without a good site; it lacks one thing or several."""
+    file = str(REPOSITORY / "test" / "maps" / "bends.xodr")
+    printed = siren(["sites", file, "town", "--templates", "S2"]).out.splitlines()
+    lines = [line.split()[-5:] for line in printed[printed.index("What places lack") + 2 :] if line]
+    won = [int(line[0]) for line in lines]
+    assert won == sorted(won, reverse=True)
+    sites = shortcomings(network_of_map(Path(file)), load_template("S2")).values()
+    assert sum(int(line[3]) for line in lines) >= sum(len(lacking) == 1 for lacking in sites)
+
+
+def test_a_picture_is_of_one_map(siren, tmp_path: Path) -> None:
+    asked = ["sites", "town", "city", "--out", str(tmp_path / "sites.png")]
+    assert siren(asked, 2).err.startswith("siren sites: out: ")
 
 
 def test_an_unknown_template_is_one_line(siren) -> None:

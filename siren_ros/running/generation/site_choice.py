@@ -1,5 +1,7 @@
 """Chooses where an episode happens: among sites with all that a template needs, by the seed."""
 
+import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,7 +13,7 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.errors import InputError, MapError
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
-from siren_ros.simulation.roads.site_finder import find_sites
+from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind, bridges
 from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
@@ -31,6 +33,7 @@ _NO_BRIDGE_M: Final = 300.0
 """No bridge may be this near to a motorway stretch; traffic starts within this distance (``DISTRICT_M``)."""
 _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
+_MORE_ROAD: Final = re.compile(r"\d+ m more")
 _BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
@@ -85,6 +88,18 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
         enough_m = _LONG_ENOUGH_M
         _prefer(found, _JOINED, lambda site: quiet_reach_m(network, site.approach_lane, enough_m) >= enough_m)
     return found
+
+
+def count_lacks(network: RoadNetwork, template: Template) -> tuple[Counter[str], Counter[str]]:
+    """How many places of a map lack what for a template, and how many sites lack this alone.
+
+    The places are the sites that are not good, and the roads or junctions that are no site. Of the latter the first
+    missing thing counts, and nobody knows whether they lack more. Lengths of missing road are left out.
+    """
+    sites = [{_MORE_ROAD.sub("more", text) for text in lacking} for lacking in shortcomings(network, template).values()]
+    places = Counter(place.lacking for place in places_without_site(network, template.site_kind))
+    places.update(text for lacking in sites for text in lacking)
+    return places, Counter(text for lacking in sites if len(lacking) == 1 for text in lacking)
 
 
 def _prefer(found: dict[Site, tuple[str, ...]], text: str, preferred: Callable[[Site], bool]) -> None:

@@ -12,6 +12,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.running.generation.site_choice import (
+    count_lacks,
     good_sites,
     has_shoulder,
     plan_at_site,
@@ -22,7 +23,7 @@ from siren_ros.running.generation.site_choice import (
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import Edge, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
-from siren_ros.simulation.roads.site_finder import find_sites
+from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import REQUIREMENTS, Site
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
@@ -263,3 +264,17 @@ def test_the_bridge_of_carlas_motorway_is_found() -> None:
     lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
     assert {name for name, texts in lacking.items() if texts} == {"46..41"}
     assert "bridge" in lacking["46..41"][0]
+
+
+def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
+    template = load_template("S5")
+    places, alone = count_lacks(town, template)
+    lacking = [lacks for lacks in shortcomings(town, template).values() if lacks]
+    assert lacking
+    for text in {text for lacks in lacking for text in lacks}:
+        assert places[text] == sum(text in lacks for lacks in lacking)
+        assert alone[text] == lacking.count((text,))
+    assert places["no stop sign"] == sum(
+        place.lacking == "no stop sign" for place in places_without_site(town, template.site_kind)
+    )
+    assert alone["no stop sign"] == 0

@@ -28,6 +28,7 @@ ALLOWED: Final = (
 _SHOWN_CHARACTERS: Final = 300
 _GZIP_MAGIC: Final = b"\x1f\x8b"
 _SUFFIXES: Final = frozenset({".gz", ".xml", ".net", ".osm", ".xodr"})
+_MAP_NAME: Final = re.compile(r"\.(net\.xml|osm|osm\.xml|xodr)(\.gz|\.bz2)?$")
 
 
 class SourceKind(StrEnum):
@@ -97,6 +98,11 @@ def shown_words(text: object) -> str:
     """Words that may quote a map, as one short line that a terminal can show."""
     start = str(text)[:_SHOWN_CHARACTERS]
     return "".join(letter if letter.isprintable() else "?" for letter in start)
+
+
+def maps_in(folder: Path) -> tuple[Path, ...]:
+    """The map files of a folder by their names, sorted."""
+    return tuple(sorted(path for path in folder.iterdir() if _MAP_NAME.search(path.name) and path.is_file()))
 
 
 def map_stem(path: Path) -> str:

@@ -181,14 +181,14 @@ def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Ta
 
 def _lack_rows(lacks: Sequence[tuple[str, str, Path, int, int]], good: Mapping[str, Collection[Path]]) -> list[Row]:
     """Counts for each template and reason; first those that alone stand between most maps and a good site."""
-    rows = []
+    weighed = []
     for (name, text), found in groupby(sorted(lacks, key=lambda lack: lack[:2]), key=lambda lack: lack[:2]):
         counts = [(file not in good[name], places, alone) for *_, file, places, alone in found]
         without = sum(lacks_all for lacks_all, _, _ in counts)
         won = sum(lacks_all and alone > 0 for lacks_all, _, alone in counts)
         places, alone = (sum(count[column] for count in counts) for column in (1, 2))
-        rows.append((name, text, won, without, len(counts), alone, places))
-    return sorted(rows, key=lambda row: (row[0], *(-count for count in row[2:])))
+        weighed.append((name, (-won, -without, -len(counts), -alone, -places), text))
+    return [(name, text, *(-weight for weight in weights)) for name, weights, text in sorted(weighed)]
 
 
 _LACKS_HEAD: Final = ("template", "lacks", "maps won", "maps without", "maps", "alone", "places")

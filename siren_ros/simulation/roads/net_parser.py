@@ -141,7 +141,10 @@ ALLOWED: Final = "a SUMO net as netconvert writes it (.net.xml)"
 DEFAULT_LANE_WIDTH_M: Final = 3.2
 """SUMO's width of a lane that states none (SUMO user documentation, "Road networks")."""
 FAR_OFFSET_M: Final = 10_000.0
-"""Beyond this net offset the map's own origin is far outside it (UTM), and the map's centre becomes the origin."""
+"""An origin farther than this from the middle of a map, as that of UTM, is replaced by the middle: meshes and sweeps
+have single precision, which is 1 mm at this distance and half a metre at a northing of UTM."""
+_KEPT_DECIMALS: Final = 6
+"""Nets have two to four decimals; double precision has eight at 10,000 km."""
 FARTHEST_M: Final = 1e8
 """Largest coordinate that is accepted; no projection of the Earth has larger ones."""
 MAX_MAP_BYTES: Final = 200_000_000
@@ -178,8 +181,8 @@ def parse_road_network(net_xml: bytes) -> RoadNetwork:
     The last maps are kept: the nodes of one process, and episodes on one map, share them.
 
     The offset is the net's ``netOffset``, so that a map from OpenDRIVE keeps its own coordinates. A net in
-    UTM coordinates would put the origin thousands of kilometres away; its origin is the centre of its
-    boundary instead. Lanes, edges and connections keep the order of the file. Walking areas are left out,
+    UTM coordinates would put the origin thousands of kilometres away; its origin is the middle of the map
+    instead (``FAR_OFFSET_M``). Lanes, edges and connections keep the order of the file. Walking areas are left out,
     and so are movements that neither civilians nor emergency vehicles nor cyclists on cycle lanes make.
 
     Raises:
@@ -238,18 +241,31 @@ _Pair = tuple[float, float]
 def _location(root: Element) -> tuple[_Pair, str, _Pair | None, _Pair]:
     """Offset of the map frame, projection, latitude and longitude of the origin and its place in the projection."""
     element = root.find("location")
-    if element is None:
-        return (0.0, 0.0), "!", None, (0.0, 0.0)
-    net_x, net_y = (float(value) for value in element.get("netOffset", "0,0").split(","))
-    projection = element.get("projParameter", "!").strip()
+    stated: Mapping[str, str] = {} if element is None else element.attrib
+    net_x, net_y = (float(value) for value in stated.get("netOffset", "0,0").split(","))
+    projection = stated.get("projParameter", "!").strip()
     if not max(abs(net_x), abs(net_y)) <= FARTHEST_M:
         raise ValueError("an offset that is not on Earth")
-    offset = (net_x, net_y)
-    if max(abs(net_x), abs(net_y)) > FAR_OFFSET_M:
-        west, south, east, north = (float(value) for value in element.get("convBoundary", "0,0,0,0").split(","))
-        offset = (round((west + east) / 2.0), round((south + north) / 2.0))
+    offset, middle = (net_x, net_y), _middle(root)
+    if _is_far(offset, middle):
+        west, south, east, north = (float(value) for value in stated.get("convBoundary", "0,0,0,0").split(","))
+        boundary = (west + east) / 2.0, (south + north) / 2.0
+        x, y = middle if _is_far(boundary, middle) else boundary
+        offset = (round(x), round(y))
     projected = (offset[0] - net_x, offset[1] - net_y)
     return offset, projection, geodetic_from_projected(projection, *projected), projected
+
+
+def _middle(root: Element) -> _Pair:
+    """The middle of a net's junctions, in the net's coordinates."""
+    x, y = ([float(junction.attrib[axis]) for junction in root.iterfind("junction")] or [0.0] for axis in "xy")
+    if not max(map(abs, (*x, *y))) <= FARTHEST_M:
+        raise ValueError("a junction that is not on Earth")
+    return (min(x) + max(x)) / 2.0, (min(y) + max(y)) / 2.0
+
+
+def _is_far(place: _Pair, other: _Pair) -> bool:
+    return max(abs(place[0] - other[0]), abs(place[1] - other[1])) > FAR_OFFSET_M
 
 
 def check_shape(shape: str) -> None:
@@ -264,7 +280,13 @@ def _points(shape: str, offset_m: tuple[float, float]) -> Points:
     points = np.array(values, dtype=np.float64).reshape(-1, 2)
     if not (np.abs(points) <= FARTHEST_M).all():
         raise ValueError("a point that is not on Earth")
-    return points - offset_m
+    return _moved(points, offset_m)
+
+
+def _moved(points: Points, offset_m: _Pair) -> Points:
+    """Points ``(..., 2)`` in the ``map`` frame; far from the net's origin without the rounding of large numbers."""
+    moved = points - offset_m
+    return moved if max(map(abs, offset_m)) <= FAR_OFFSET_M else moved.round(_KEPT_DECIMALS)
 
 
 def _centre(points: Points) -> Polyline:
@@ -376,17 +398,15 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
 
 
 def _junctions(root: Element, offset_m: tuple[float, float]) -> dict[str, Junction]:
-    return {
-        element.attrib["id"]: Junction(
-            junction_id=element.attrib["id"],
-            kind=_JUNCTION_KINDS.get(element.get("type", ""), JunctionKind.UNCONTROLLED),
-            outline=_points(element.get("shape", ""), offset_m),
-            x_m=float(element.attrib["x"]) - offset_m[0],
-            y_m=float(element.attrib["y"]) - offset_m[1],
-        )
-        for element in root.iterfind("junction")
-        if element.get("type", "") != "internal"
-    }
+    junctions: dict[str, Junction] = {}
+    for element in root.iterfind("junction"):
+        name, kind = element.attrib["id"], element.get("type", "")
+        if kind != "internal":
+            place = _moved(np.array([float(element.attrib["x"]), float(element.attrib["y"])]), offset_m)
+            outline = _points(element.get("shape", ""), offset_m)
+            x_m, y_m = place.tolist()
+            junctions[name] = Junction(name, _JUNCTION_KINDS.get(kind, JunctionKind.UNCONTROLLED), outline, x_m, y_m)
+    return junctions
 
 
 def _crossings(root: Element, offset_m: tuple[float, float]) -> Iterator[Points]:

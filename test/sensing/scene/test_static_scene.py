@@ -7,7 +7,9 @@ from made_district import write_district
 from shapely.geometry import LineString, Point, Polygon
 from solids import areas, gap_m2, volume
 
-from siren_ros.sensing.meshes.mesh import LampColour, Material, Mesh
+from siren_ros.sensing.lidar.embree import RaycastWorld
+from siren_ros.sensing.lidar.lidar import Lidar
+from siren_ros.sensing.meshes.mesh import LampColour, Material, Mesh, SemanticClass
 from siren_ros.sensing.scene.kerbside import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, street_lamp, turned
 from siren_ros.sensing.scene.static_scene import (
     Lot,
@@ -21,9 +23,12 @@ from siren_ros.sensing.scene.static_scene import (
     static_scene,
 )
 from siren_ros.sensing.scene.surfaces import SceneConfig
+from siren_ros.sensing.specification import LidarSpec, Mount, map_from_base, transform
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
+from siren_ros.simulation.roads.maps.netconvert import run_netconvert
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import LaneKind, mirrored_network
+from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 GROUND = [
     Material.GROUND, Material.GRASS, Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.MARKING_WHITE,
@@ -143,6 +148,40 @@ def test_whole_maps(write, tmp_path):
     source = write and write(tmp_path)
     network = parse_road_network(compile_map(source, tmp_path).read_bytes())
     check(static_scene(network, seed=0), network)
+
+
+def straight_road(folder, x_m, y_m):
+    """The network of 400 m of road around a place, with the place's coordinates."""
+    folder.mkdir()
+    files = {
+        "node": f'<nodes><node id="a" x="{x_m - 200}" y="{y_m}"/><node id="b" x="{x_m + 200}" y="{y_m}"/></nodes>',
+        "edge": '<edges><edge id="ab" from="a" to="b" numLanes="2" sidewalkWidth="2.0"/>'
+        '<edge id="ba" from="b" to="a" numLanes="2"/></edges>',
+    }
+    options = ["--offset.disable-normalization", "--no-turnarounds"]
+    for kind, text in files.items():
+        (folder / kind).write_text(text)
+        options += [f"--{kind}-files", str(folder / kind)]
+    net = folder / "road.net.xml"
+    net.write_bytes(run_netconvert(options, folder / "out.xml", "road"))
+    return parse_road_network(compile_map(net, folder).read_bytes())
+
+
+def test_far_from_the_origin_pictures_and_sweeps_are_those_at_the_origin(boxes, tmp_path):
+    networks = [straight_road(tmp_path / f"{y_m}", x_m, y_m) for x_m, y_m in ((0, 0), (644_000, 5_491_000))]
+    scenes = [static_scene(network, seed=0) for network in networks]
+    assert scenes[0].mesh.vertices_m.tobytes() == scenes[1].mesh.vertices_m.tobytes()
+    pose, seen = map_from_base(-50.0, -1.6, 0.0, 0.0), []
+    eye = pose @ transform(np.eye(3), (0.0, 0.0, 1.5))
+    for scene in scenes:
+        lidar = Lidar(LidarSpec("lidar", Mount(0.0, 0.0, 1.9)), RaycastWorld(scene, boxes.shapes()), 0)
+        sweep = lidar.scan(0, pose @ lidar.spec.mount.base_from_sensor, boxes.placed())
+        image = boxes.renderer(scene).render(
+            CameraIntrinsics.centred(320, 240, 160.0), eye, boxes.placed(), np.zeros(0), {}, 0, labels=True
+        )
+        seen.append((sweep.points.tobytes(), image.rgba.tobytes()))
+        assert (image.semantic == SemanticClass.ROAD_LINE).sum() > 50
+    assert seen[0] == seen[1]
 
 
 def rails_of(scene):

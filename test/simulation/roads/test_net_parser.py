@@ -98,6 +98,34 @@ def test_a_distant_projection_origin_moves_to_the_middle_of_the_map():
     assert lon == pytest.approx(15.0 + 150.0 / 78_847.0, abs=1e-5)
 
 
+def moved(net, east_m, north_m):
+    """A net whose coordinates are all shifted, as those that ``--offset.disable-normalization`` keeps."""
+    net = re.sub(r"(?<=[\", ])(\d+),(\d+)", lambda pair: f"{int(pair[1]) + east_m},{int(pair[2]) + north_m}", net)
+    return re.sub(r' x="(\d+)" y="(\d+)"', lambda at: f' x="{int(at[1]) + east_m}" y="{int(at[2]) + north_m}"', net)
+
+
+@pytest.mark.parametrize("boundary", [True, False], ids=["with its boundary", "without"])
+def test_coordinates_far_from_the_nets_own_origin_become_those_around_its_middle(boundary):
+    plain = NET.replace('netOffset="100.00,50.00"', 'netOffset="0.00,0.00"')
+    plain = re.sub(r'projParameter="[^"]*"', 'projParameter="+proj=utm +zone=32 +ellps=WGS84"', plain)
+    net = moved(plain, 644_000, 5_491_000)
+    if not boundary:
+        net = re.sub(r'convBoundary="[^"]*"', "", net)
+    near, far = (parse_road_network(text.encode()) for text in (plain, net))
+    x_m, y_m = middle = (644_150, 5_491_050) if boundary else (644_200, 5_491_050)
+    assert far.sumo_offset_m == far.projected_origin_m == middle
+    for name, lane in near.lane_by_id.items():
+        shifted = lane.centre.points + np.array([644_000 - x_m, 5_491_000 - y_m])
+        np.testing.assert_allclose(far.lane_by_id[name].centre.points, shifted, atol=1e-9)
+    assert far.origin_lat_lon_deg == pytest.approx((49.555, 10.994), abs=1e-3)
+
+
+def test_an_origin_within_10_km_of_the_maps_middle_stays():
+    for east_m, offset_m in ((9_799, (100.0, 50.0)), (10_001, (10_151, 50))):
+        network = parse_road_network(moved(NET.replace("100.00,50.00", "100.0,50.0"), east_m, 0).encode())
+        assert network.sumo_offset_m == offset_m
+
+
 def test_connections_chain_all_internal_lanes_and_leave_pedestrians_out(network):
     (connection,) = network.connections
     lanes = network.lanes

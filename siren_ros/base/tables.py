@@ -13,7 +13,9 @@ A task makes its tables once. The terminal, the files and the pages show the sam
 Pages are made of jinja2 templates, styles and scripts in ``params/pages``.
 """
 
+import base64
 import csv
+import hashlib
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,7 +23,7 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any, Final, Self
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from scipy.special import ndtri
 
@@ -309,24 +311,34 @@ def _json(cell: Cell) -> Any:
     return None if isinstance(cell, float) and math.isnan(cell) else cell
 
 
-def page_template(page: str, *, trim_blocks: bool = False, keep_trailing_newline: bool = False) -> Template:
-    """Load a page's template; values are escaped, and a missing value is an error. The options are jinja2's."""
+def render_page(page: str, /, **values: object) -> str:
+    """One HTML file that needs no network: a page's template, with the common styles, its own, and its script.
+
+    ``params/pages`` has a folder for each page, and the frame that all of them fill. Values are escaped; a missing
+    value is an error. A template also has the hashes of its styles and script (``style_hash``,
+    ``script_hash``), so that its security policy can allow these alone.
+    """
+    pages = params_dir() / "pages"
+    style, script = (
+        Markup("".join(path.read_text(encoding="utf-8") for path in paths if path.is_file()))  # noqa: S704 - our own files
+        for paths in ((pages / "base.css", pages / page / "page.css"), (pages / page / "page.js",))
+    )
     environment = Environment(
-        loader=FileSystemLoader(params_dir() / "pages" / page),
+        loader=FileSystemLoader((pages / page, pages)),
         autoescape=True,
         undefined=StrictUndefined,
-        trim_blocks=trim_blocks,
-        keep_trailing_newline=keep_trailing_newline,
+        trim_blocks=True,
+        keep_trailing_newline=True,
         finalize=_written,
     )
-    return environment.get_template("page.html")
+    hashes = {"style_hash": _policy_hash(style), "script_hash": _policy_hash(script)}
+    return environment.get_template("page.html").render(style=style, script=script, **hashes, **values)
+
+
+def _policy_hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _written(value: object) -> object:
     """A text without control characters, which names from other programs and files may contain."""
     return shown_text(value, len(value)) if type(value) is str else value
-
-
-def page_part(page: str, name: str) -> Markup:
-    """A file of a page, such as its styles, that is inserted unchanged."""
-    return Markup((params_dir() / "pages" / page / name).read_text(encoding="utf-8"))  # noqa: S704 - our own file

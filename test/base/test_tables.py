@@ -1,6 +1,8 @@
 """Tables as text, files and pages, with intervals; templates of pages and their parts."""
 
+import base64
 import csv
+import hashlib
 import json
 import math
 import xml.etree.ElementTree as ET
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 import scipy
 from jinja2 import TemplateNotFound, UndefinedError
+from markupsafe import Markup
 
 from siren_ros.base import tables
 from siren_ros.base.tables import (
@@ -25,8 +28,7 @@ from siren_ros.base.tables import (
     csv_text,
     interval_of_json,
     mean_of_intervals,
-    page_part,
-    page_template,
+    render_page,
     share_interval,
     shown,
     text_of,
@@ -217,34 +219,52 @@ def test_an_interval_in_percent() -> None:
     assert Interval(0.5, 0.25, 0.75, 6).scaled(100.0) == Interval(50.0, 25.0, 75.0, 6)
 
 
-TEXT = "<p>{{ value }}</p>\n{% if value %}\nyes\n{% endif %}\n"
+FRAME = (
+    "<style>{{ style }}</style>{{ style_hash }}\n{% block body %}{% endblock %}"
+    "{% if script %}{{ script }}{{ script_hash }}{% endif %}"
+)
+TEXT = '{% extends "base.html" %}\n{% block body %}<p>{{ value }}</p>\n{% if value %}\nyes\n{% endif %}{% endblock %}'
+STYLE = ":root {}\na > b {}\n"
 
 
 @pytest.fixture(autouse=True)
-def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "pages" / "made"
     folder.mkdir(parents=True)
+    (tmp_path / "pages" / "base.html").write_text(FRAME, encoding="utf-8")
+    (tmp_path / "pages" / "base.css").write_text(":root {}\n", encoding="utf-8")
     (folder / "page.html").write_text(TEXT, encoding="utf-8")
     (folder / "page.css").write_text("a > b {}\n", encoding="utf-8")
     monkeypatch.setattr(tables, "params_dir", lambda: tmp_path)
+    return folder
 
 
-def test_values_are_escaped_and_parts_are_not() -> None:
-    assert page_template("made").render(value="<b>") == "<p>&lt;b&gt;</p>\n\nyes\n"
-    assert page_template("made").render(value=page_part("made", "page.css")) == "<p>a > b {}\n</p>\n\nyes\n"
+def hash_of(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def test_a_page_has_the_common_styles_and_its_own_and_their_hash() -> None:
+    head, rest = render_page("made", value=0).split("\n<p>")
+    assert head == f"<style>{STYLE}</style>{hash_of(STYLE).replace('+', '&#43;')}"
+    assert rest == "0</p>\n"
+
+
+def test_a_page_with_a_script_has_it_unchanged_and_its_hash(pages: Path) -> None:
+    (pages / "page.js").write_text("if (a < b) c();", encoding="utf-8")
+    assert render_page("made", value=0).endswith(f"if (a < b) c();{hash_of('if (a < b) c();')}")
+
+
+def test_values_are_escaped_unless_they_are_markup() -> None:
+    assert "<p>&lt;b&gt;</p>\nyes\n" in render_page("made", value="<b>")
+    assert "<p><b></p>" in render_page("made", value=Markup("<b>"))
 
 
 def test_texts_of_other_programs_come_without_control_characters() -> None:
-    assert page_template("made").render(value="a\x1b[31m\udce9") == "<p>a\\x1b[31m\\udce9</p>\n\nyes\n"
-
-
-def test_ends_of_lines_are_kept_or_left_out() -> None:
-    assert page_template("made", trim_blocks=True).render(value=1) == "<p>1</p>\nyes\n"
-    assert page_template("made", keep_trailing_newline=True).render(value=0) == "<p>0</p>\n\n"
+    assert "<p>a\\x1b[31m\\udce9</p>" in render_page("made", value="a\x1b[31m\udce9")
 
 
 def test_a_missing_value_and_a_missing_page_are_errors() -> None:
     with pytest.raises(UndefinedError):
-        page_template("made").render()
+        render_page("made")
     with pytest.raises(TemplateNotFound):
-        page_template("no_such")
+        render_page("no_such", value=1)

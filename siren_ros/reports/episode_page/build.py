@@ -1,13 +1,12 @@
 """Builds the page of an episode from its record or bag, with the reasons of drivers' decisions if they are known."""
 
 import base64
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables import page_part, page_template
+from siren_ros.base.tables import render_page
 from siren_ros.data.episode_source import recording_command
 from siren_ros.data.interfaces.boxes import MODE_COLOURS
 from siren_ros.data.recording.bag_reader import read_episode
@@ -33,7 +32,6 @@ from siren_ros.scoring.pictures.plot_parts import EMV_EVENTS, EMV_MODE_COLOURS, 
 from siren_ros.sensing.meshes.mesh import StaticScene
 from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, Event, EventKind, Mode, Owner
 
-_PAGE: Final = "episode"
 _UNITS: Final = {"m": "m", "s": "s", "mps": "m/s"}
 FORMAT: Final = 3
 """Version of the embedded data; the script refuses other versions."""
@@ -110,20 +108,7 @@ def live_page() -> str:
 
 
 def _page(title: str, data: str, *, live: bool) -> str:
-    style, script = page_part(_PAGE, "page.css"), page_part(_PAGE, "page.js")
-    return page_template(_PAGE, trim_blocks=True).render(
-        title=title,
-        style=style,
-        script=script,
-        data=data,
-        live=live,
-        style_hash=_hash(style),
-        script_hash=_hash(script),
-    )
-
-
-def _hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return render_page("episode", title=title, data=data, live=live)
 
 
 def _description(record: EpisodeRecord, sensed: Sensed) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from siren_ros.base.processes.process_pool import ProcessPool
-from siren_ros.base.tables import Table, page_part, page_template
+from siren_ros.base.tables import Table, render_page
 from siren_ros.errors import SirenError, write_text, writing
 from siren_ros.reports.episode_page.build import page_of_bag
 from siren_ros.scoring.pictures.video import Coding, Frame, write_video
@@ -83,12 +83,9 @@ class Page:
     sections: Sequence[Section] = ()
 
 
-_PAGE: Final = "study"
-
-
 def html_of(page: Page) -> str:
     """The complete page in one file, with its styles."""
-    return page_template(_PAGE, keep_trailing_newline=True).render(page=page, css=page_part(_PAGE, "page.css"))
+    return render_page("study", page=page)
 
 
 _JPEG_QUALITY: Final = 82

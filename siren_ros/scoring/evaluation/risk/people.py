@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.params import plain_files
-from siren_ros.base.tables import NOTHING, Interval, page_part, page_template
+from siren_ros.base.tables import NOTHING, Interval, render_page
 from siren_ros.errors import InputError, write_text, writing
 from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass, risk_class
 from siren_ros.scoring.evaluation.risk.scoring import Answers
@@ -25,7 +25,6 @@ from siren_ros.scoring.evaluation.risk.video_set import VideoSet, key_frames
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import as_jpeg, video_frames
 from siren_ros.scoring.evaluation.statistics import jackknife
 
-_PAGE: Final = "rating"
 PEOPLE: Final = "people"
 """Name of the row with the class that most people chose."""
 QUESTION: Final = (
@@ -62,13 +61,12 @@ def write_rating_page(videos: VideoSet, rater: str, folder: Path, *, pictures: b
         for name, key in sorted((blind_name(rater, key), key) for key in videos.videos):
             items.append({"id": name, "files": _shown(videos, key, folder, name, pictures=pictures)})
     content = json.dumps({"rater": rater, "items": items}).replace("</", "<\\/")
-    text = page_template(_PAGE, trim_blocks=True).render(
+    text = render_page(
+        "rating",
         rater=rater,
         classes=TITLES,
         question=QUESTION,
         items=Markup(content),  # noqa: S704 - JSON of our own names
-        style=page_part(_PAGE, "page.css"),
-        script=page_part(_PAGE, "page.js"),
     )
     write_text(folder / "index.html", text)
     return folder / "index.html"

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables import Cell, Interval, Row, Table, csv_text, interval_of_json, page_part, page_template
+from siren_ros.base.tables import Cell, Interval, Row, Table, csv_text, interval_of_json, render_page
 from siren_ros.errors import whole_file, writing
 from siren_ros.scoring.evaluation.risk.labels import TITLES, Reason, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.scoring import (
@@ -314,7 +314,6 @@ def _y(value: float, top: float) -> float:
     return HEIGHT * (1.0 - min(max(value, 0.0), top) / top)
 
 
-_PAGE: Final = "risk"
 _REASONS: Final[Mapping[Reason, str]] = {
     Reason.NOTHING: "no conflict",
     Reason.TIME_TO_COLLISION: "TTC {value:.2f} s",
@@ -367,7 +366,8 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
     """
     named = {model.name: answers[model.name] for model in models}
     cards = [card_of(videos, key, named, path.parent) for key in sorted(videos.videos)]
-    text = page_template(_PAGE, trim_blocks=True).render(
+    text = render_page(
+        "risk",
         cards=cards,
         classes=TITLES,
         counts=[sum(card.label == title for card in cards) for title in TITLES],
@@ -375,8 +375,6 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
         models=models,
         width=WIDTH,
         height=HEIGHT,
-        style=page_part(_PAGE, "page.css"),
-        script=page_part(_PAGE, "page.js"),
     )
     with writing(path, parameter="page"):
         path.parent.mkdir(parents=True, exist_ok=True)

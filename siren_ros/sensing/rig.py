@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
-from siren_ros.base.numerics.arrays import Floats, Matrix
-from siren_ros.errors import InputError
+from siren_ros.base.numerics.arrays import Floats, Floats32, Matrix, Rows
+from siren_ros.errors import InputError, SirenError
 from siren_ros.sensing.camera.camera import Camera, CameraFrame, RaycastRenderer
 from siren_ros.sensing.camera.renderer import Renderer, RendererUnavailableError
 from siren_ros.sensing.lidar.embree import RaycastWorld
@@ -170,17 +170,20 @@ class SensorRig:
         self.suite = suite
         self._seed = seed if noise_seed is None else noise_seed
         self._look = look or Look()
-        self._sees_bodies = bool(suite.lidars or suite.cameras)
+        types = {row.spec: row for row in SENSOR_TYPES.values()}
+        casts = any(types[type(spec)].casts for spec in suite.others)
+        self._sees_bodies = bool(suite.lidars or suite.cameras or casts)
         kinds = ActorClass if self._sees_bodies else ()
         self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in kinds}
         self._static = scene
         if self._static is None and self._sees_bodies:
             self._static = kept_scene(network, seed, config)
         self._lidars: tuple[Lidar, ...] = ()
-        if self._static is not None and suite.lidars:
-            world = RaycastWorld(self._static, self._shapes)
+        self._world: RaycastWorld | None = None
+        if self._static is not None and (suite.lidars or casts):
+            self._world = RaycastWorld(self._static, self._shapes)
             share = 0.0 if config is None else config.colour_share
-            self._lidars = tuple(Lidar(spec, world, self._seed, self._look, share) for spec in suite.lidars)
+            self._lidars = tuple(Lidar(spec, self._world, self._seed, self._look, share) for spec in suite.lidars)
         self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
@@ -188,8 +191,8 @@ class SensorRig:
         self._odometers = Odometers()
         self._label_kinds = label_kinds or partial(LabelKinds.of, suite)
         self._labeller = ImageLabeller(self._shapes)
-        begins = {row.spec: row.begin for row in SENSOR_TYPES.values() if row.begin is not None}
-        self._others = tuple((spec, begins[type(spec)](spec, network, self._seed)) for spec in suite.others)
+        begins = ((spec, types[type(spec)].begin) for spec in suite.others)
+        self._others = tuple((spec, begin(spec, network, self._seed)) for spec, begin in begins if begin is not None)
         self.notes: tuple[str, ...] = ()
         """What the user should know of how this machine simulates the sensors; known after ``prepare``."""
         self._device = ""
@@ -200,7 +203,7 @@ class SensorRig:
 
     @property
     def scene(self) -> StaticScene | None:
-        """The static scene, for a second rig in the same world; None without LiDARs and cameras."""
+        """The static scene, for a second rig in the same world; None where no sensor sees it."""
         return self._static
 
     @property
@@ -279,8 +282,8 @@ class SensorRig:
         exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
         # These sensors measure at every step, since some of them differentiate the motion.
-        view = CarrierView(states, base, _row_of(states, carrier_id)) if self._others else None
-        measured = [(spec, measure(view)) for spec, measure in self._others if view is not None]
+        view = CarrierView(states, base, _row_of(states, carrier_id), partial(self._cast, states, placement))
+        measured = [(spec, measure(view)) for spec, measure in self._others]
         others = tuple(item for item in measured if step % item[0].period_steps == 0)
 
         def finish() -> Observations:
@@ -291,6 +294,14 @@ class SensorRig:
             return Observations(step, sweeps, frames, truth, labels, others)
 
         return Sensing(under_way=bool(exposed or swept), finish=finish)
+
+    def _cast(self, states: ActorStates, placement: VehiclePlacement, rays: Floats32) -> tuple[Floats32, Rows]:
+        """Implements ``CarrierView.cast``."""
+        if self._world is None:
+            raise SirenError(f"{self.suite.name}: a sensor casts rays whose SensorType does not say casts=True")
+        distance, row = self._world.cast(rays, placement)
+        rows = np.append(rows_of_ids(states.actor_id, placement.actor_id), -1)
+        return distance, rows[row]
 
     def _on_ground(self, states: ActorStates, descriptions: Mapping[int, ActorDescription]) -> ActorStates:
         """The states with pedestrians lifted to the surface of raised sidewalks."""

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Matrix
+from siren_ros.base.numerics.arrays import Floats32, Matrix, Rows
 from siren_ros.base.numerics.units import STEPS_PER_S
 from siren_ros.simulation.world.actors import ActorStates
 from siren_ros.simulation.world.carrier import CameraIntrinsics
@@ -126,6 +126,10 @@ class CarrierView:
     """Pose of the carrier, shape ``(4, 4)``."""
     row: int
     """Row of the carrier in the states; negative for a station."""
+    cast: Callable[[Floats32], tuple[Floats32, Rows]]
+    """Casts rays (origin and direction in the ``map`` frame, ``(N, 6)``) at the scene and all actors but the carrier,
+    for sensors whose type says that they cast. Returns the distance to the first hit as a multiple of the direction,
+    infinite where there is none, and the row of the actor hit in the states, -1 where it is none; both ``(N,)``."""
 
 
 Measure = Callable[[CarrierView], Any]

@@ -30,6 +30,8 @@ class SensorType:
     """Makes the measuring function of a sensor from its specification, the map and the seed of the carrier's noise.
     None for LiDARs and cameras: the rig makes them, because they share one scene."""
     on_vehicles_only: bool = False
+    casts: bool = False
+    """Whether it measures with ``CarrierView.cast``: the rig then builds the scene also without LiDARs and cameras."""
 
 
 def _gnss(spec: GnssSpec, network: RoadNetwork, seed: int) -> Measure:

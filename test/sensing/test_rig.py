@@ -1,7 +1,7 @@
 """Sensors of a carrier at their steps, and the place of a roadside unit."""
 
 import io
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,12 +12,12 @@ from map_networks import network_of_map
 from PIL import Image
 
 from siren_ros.data.sensor_messages.sensor_topics import static_transforms
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, SirenError
 from siren_ros.sensing.meshes.mesh import ParkedVehicle
 from siren_ros.sensing.navigation import Odometers
 from siren_ros.sensing.rig import SensorRig, check_outdoors, crossings_above, station_mount
-from siren_ros.sensing.specification import CameraSpec, LidarSpec, Mount
-from siren_ros.sensing.suite import SensorSuite, Station, load_suite
+from siren_ros.sensing.specification import CameraSpec, LidarSpec, Mount, SensorSpec
+from siren_ros.sensing.suite import SENSOR_TYPES, SensorSuite, SensorType, Station, load_suite
 from siren_ros.sensing.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import FIRST_PARKED_ID, ActorClass, ActorDescription, SignalState
@@ -157,6 +157,49 @@ def test_parked_vehicles_are_seen_and_labelled_though_no_actor_is_there(boxes, t
     assert SensorRig(SUITE, NETWORK, 0, scene=boxes.scene()).observe(
         states, descriptions, (), 1
     ).truth.actor_id.tolist() == [2]
+
+
+@dataclass(frozen=True)
+class PointerSpec(SensorSpec):
+    """A sensor of a user, whose measurement is what it was given."""
+
+
+def seen_by_pointer(observe, monkeypatch, casts=True, lidars=()):
+    """What a suite with the sensor measures, and the view that the sensor got."""
+    row = SensorType(PointerSpec, lambda *_: lambda view: view, casts=casts)
+    monkeypatch.setitem(SENSOR_TYPES, "pointers", row)
+    (seen,) = observe(SensorSuite("own", lidars, others=(PointerSpec("pointer", Mount(0.0, 0.0, 1.0)),)))
+    return seen, seen.others[0][1]
+
+
+@pytest.mark.parametrize("lidars", [(LIDAR,), ()], ids=["beside the LiDAR", "alone"])
+def test_a_sensor_that_casts_rays_meets_what_the_lidar_meets(observe, monkeypatch, lidars):
+    points = observe()[0].sweeps[0].points
+    _, view = seen_by_pointer(observe, monkeypatch, lidars=lidars)
+    towards = np.stack([points[axis] for axis in "xyz"], axis=1).astype(np.float32)
+    rays = np.concatenate(
+        (np.tile((view.map_from_base @ LIDAR.mount.base_from_sensor)[:3, 3], (len(towards), 1)), towards), 1
+    )
+    distance, row = view.cast(rays)
+    actors = np.append(view.states.actor_id, 0)[row]
+    assert actors.tolist() == points["instance"].tolist()
+    assert {0, 2} == {*actors.tolist()}
+    assert np.abs(distance - 1.0).max() < 0.002
+
+
+def test_a_ray_into_the_sky_and_one_through_the_carrier(observe, monkeypatch):
+    _, view = seen_by_pointer(observe, monkeypatch)
+    distance, row = view.cast(np.array([(-30.0, 0.2, 0.7, 2.0, 0.0, 0.0), (0.0, 0.0, 5.0, 0.0, 0.0, 1.0)]))
+    assert row.tolist() == [1, -1]
+    assert view.states.actor_id[1] == 2
+    assert distance[0] == pytest.approx((12.0 + 30.0 - 2.4) / 2.0, abs=0.3)
+    assert np.isinf(distance[1])
+
+
+def test_a_sensor_must_say_that_it_casts(observe, monkeypatch):
+    _, view = seen_by_pointer(observe, monkeypatch, casts=False)
+    with pytest.raises(SirenError, match=r"own: .*casts=True"):
+        view.cast(np.zeros((1, 6)))
 
 
 def test_odometers_count_from_where_an_actor_was_first_seen(boxes):

@@ -33,7 +33,7 @@ from siren_ros.sensing.meshes.mesh import (
     VehicleShape,
     semantic_class_of_actor,
 )
-from siren_ros.sensing.specification import CameraSpec, inverse, map_from_base, optical_from_map, sensor_generator
+from siren_ros.sensing.specification import CameraSpec, inverse, optical_from_map, rotation_from_rpy, sensor_generator
 from siren_ros.sensing.suite import LabelKinds
 from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.carrier import CameraIntrinsics
@@ -263,27 +263,10 @@ class RaycastRenderer:
     ) -> None:
         """Replace hits behind one vehicle with the vehicle's albedo, glow and normal, and its class and actor id."""
         kind = ActorClass(int(placement.actor_class[row]))
-        centre = np.array([placement.x_m[row], placement.y_m[row], placement.z_m[row] + placement.size_m[row, 2] / 2])
-        direction = rays[:, 3:].astype(np.float64)
-        square = np.einsum("ij,ij->i", direction, direction)
-        towards = centre - rays[0, :3]
-        along = direction @ towards / square
-        gap = np.einsum("i,i->", towards, towards) - along**2 * square
-        radius = float(np.linalg.norm(placement.size_m[row])) / 2.0
-        chosen = np.flatnonzero((gap < radius**2) & (along * np.sqrt(square) > -radius))
-        if len(chosen) == 0:
-            return
-        pose = map_from_base(placement.x_m[row], placement.y_m[row], placement.z_m[row], float(placement.yaw_rad[row]))
-        base_from_map = inverse(pose)
-        shape = int(self._world.shape_rows(placement.actor_class[row : row + 1])[0])
-        scale = placement.scale[row]
-        local = np.empty((len(chosen), 6), np.float32)
-        origin = base_from_map[:3, :3] @ rays[0, :3] + base_from_map[:3, 3]
-        local[:, :3] = origin / scale + self._world.shape_offset_m[shape]
-        local[:, 3:] = (direction[chosen] @ base_from_map[:3, :3].T) / scale
-        hits_on_shapes = self._world.cast_shapes(local)
+        chosen, hits_on_shapes = self._world.cast_at_vehicle(rays, placement, row)
         nearer = hits_on_shapes.distance < depth[chosen]
         pixels = chosen[nearer]
+        shape = int(self._world.shape_rows(placement.actor_class[row : row + 1])[0])
         triangle = hits_on_shapes.triangle[nearer].astype(np.int64) + self._world.shape_start[shape]
         albedo, glow, normal = surface
         semantic, actor = names
@@ -292,8 +275,9 @@ class RaycastRenderer:
         colour = (self._world.shape_colour_rgb[triangle] / 255.0) ** 2
         albedo[pixels] = np.where(paint, colour * (placement.colour_rgb[row] / 255.0) ** 2, colour)
         glow[pixels] = 0.0
-        tilted = hits_on_shapes.normal[nearer] / scale
-        normal[pixels] = (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)) @ pose[:3, :3].T
+        tilted = hits_on_shapes.normal[nearer] / placement.scale[row]
+        map_from_vehicle = rotation_from_rpy(0.0, 0.0, float(placement.yaw_rad[row]))
+        normal[pixels] = (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)) @ map_from_vehicle.T
         semantic[pixels] = int(semantic_class_of_actor(kind))
         actor[pixels] = placement.actor_id[row]
 

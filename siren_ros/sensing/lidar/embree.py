@@ -25,10 +25,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
-from siren_ros.base.numerics.arrays import Floats32
+from siren_ros.base.numerics.arrays import Floats32, Rows
 from siren_ros.base.numerics.compiled import X, Y, Z, compiled
 from siren_ros.errors import SirenError
-from siren_ros.sensing.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.sensing.meshes.mesh import StaticScene, VehiclePlacement, VehicleShape
+from siren_ros.sensing.specification import inverse, map_from_base
 from siren_ros.simulation.world.actors import ActorClass
 
 _MOST: Final = 8
@@ -361,3 +362,40 @@ class RaycastWorld:
         Rays are in the shape's own frame, shifted by its ``shape_offset_m``.
         """
         return self._shapes.cast(rays)
+
+    def cast(self, rays: Floats32, placement: VehiclePlacement) -> tuple[Floats32, Rows]:
+        """Cast rays (origin and direction, ``(N, 6)``, ``map`` frame) at the static scene and at vehicles.
+
+        Returns the distance to the first hit as a multiple of the direction, infinite where there is none, ``(N,)``,
+        and the row of the vehicle hit in ``placement``, -1 where it is none, ``(N,)``.
+        """
+        rays = np.ascontiguousarray(rays, np.float32)
+        distance = self.cast_static(rays).distance
+        hit_row = np.full(len(rays), -1, np.intp)
+        for row in range(len(placement)):
+            chosen, hits = self.cast_at_vehicle(rays, placement, row)
+            nearer = hits.distance < distance[chosen]
+            distance[chosen[nearer]] = hits.distance[nearer]
+            hit_row[chosen[nearer]] = row
+        return distance, hit_row
+
+    def cast_at_vehicle(self, rays: Floats32, placement: VehiclePlacement, row: int) -> tuple[Rows, RayHits]:
+        """Cast rays as ``cast`` at the vehicle of a row; the hits are those of the rays that come near, ``(M,)``."""
+        size_m, scale = placement.size_m[row], placement.scale[row]
+        x_m, y_m, z_m = (float(values[row]) for values in (placement.x_m, placement.y_m, placement.z_m))
+        direction, towards = rays[:, 3:].astype(np.float64), (x_m, y_m, z_m + size_m[2] / 2.0) - rays[:, :3]
+        square = np.einsum("ij,ij->i", direction, direction)
+        along = np.einsum("ij,ij->i", direction, towards) / square
+        gap = np.einsum("ij,ij->i", towards, towards) - along**2 * square
+        radius_m = float(np.linalg.norm(size_m)) / 2.0
+        chosen = np.flatnonzero((gap < radius_m**2) & (along * np.sqrt(square) > -radius_m))
+        base_from_map = inverse(map_from_base(x_m, y_m, z_m, float(placement.yaw_rad[row])))
+        shape = int(self.shape_rows(placement.actor_class[row : row + 1])[0])
+        local = np.empty((len(chosen), 6), np.float32)
+        origin = rays[chosen, :3] @ base_from_map[:3, :3].T + base_from_map[:3, 3]
+        local[:, :3] = origin / scale + self.shape_offset_m[shape]
+        local[:, 3:] = (direction[chosen] @ base_from_map[:3, :3].T) / scale
+        hits = self.cast_shapes(local)
+        # A ray that passes by the vehicle goes on to the next shape of the common tree.
+        hits.distance[hits.distance > along[chosen] + radius_m / np.sqrt(square[chosen])] = np.inf
+        return chosen, hits

@@ -93,6 +93,15 @@ def assert_one_scene(boxes, static, placement, spec):
     return ours
 
 
+def test_a_ray_past_one_vehicle_meets_no_other_shape(boxes):
+    """The shapes stand 1024 m apart in one tree: this ray passes over the sedan's bonnet, towards the bus's shape."""
+    world = RaycastWorld(boxes.scene(), boxes.shapes())
+    rays = np.array([(-10.0, 0.0, height_m, 1.0, 0.0, 0.0) for height_m in (1.0, 1.6)])
+    distance, row = world.cast(rays, boxes.placed((SEDAN, 0.0, 0.0, 0.0)))
+    assert distance.tolist() == [pytest.approx(7.7, abs=1e-4), np.inf]
+    assert row.tolist() == [0, -1]
+
+
 def test_a_vehicle_behind_the_wall_is_not_hit(world, boxes):
     assert scan(world, boxes.placed((SEDAN, 36.0, 0.0, 0.0))).points_on_actor.tolist() == [0]
 

@@ -68,16 +68,17 @@ def test_a_detector(followed: FollowedGuide, bag: Path) -> None:
 @of("sensor")
 def test_a_sensor(followed: FollowedGuide) -> None:
     output_of(followed)
-    (bag,) = (followed.root / "studies" / "pressure").rglob("*.mcap")
+    (bag,) = (followed.root / "studies" / "ranges").rglob("*.mcap")
     with bag.open("rb") as file:
         measured = [
             typestore().deserialize_cdr(message.data, schema.name)
             for schema, channel, message in make_reader(file).iter_messages()
-            if schema is not None and channel.topic == "/emv/barometer/pressure"
+            if schema is not None and channel.topic == "/emv/rangefinder/range"
         ]
     assert len(measured) == 10
-    assert {message.header.frame_id for message in measured} == {"barometer"}
-    assert [message.fluid_pressure for message in measured] == pytest.approx([101_307.0] * 10, abs=5.0)
+    assert {message.header.frame_id for message in measured} == {"rangefinder"}
+    # The ray falls by 30 degrees from 1.5 m onto the road, or onto a vehicle in front of that place.
+    assert max(message.range for message in measured) == pytest.approx(3.0, abs=0.01)
 
 
 @of("vlm_client")

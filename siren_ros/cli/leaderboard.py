@@ -4,9 +4,9 @@ import argparse
 import json
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, score_ba
 from siren_ros.scoring.evaluation.prediction.submission import most_rows, read_prediction_file, submission
 from siren_ros.scoring.evaluation.risk.scoring import checked_answers, correct_by_class, read_answers
 from siren_ros.scoring.evaluation.risk.video_set import read_set
-from siren_ros.scoring.evaluation.statistics import BlockSums, Standing, block_sums, standings, table_of
+from siren_ros.scoring.evaluation.scores import leaderboard, standings
+from siren_ros.scoring.evaluation.statistics import BlockSums, block_sums
 
 Submissions = Mapping[str, Path]
 
@@ -129,14 +130,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Scores and ranks every submission."""
     task = TASKS[arguments.task]
     sums = task.sums(arguments, submissions_in(arguments.folder, task.suffixes))
-    rows = standings(sums, less_is_better=task.less_is_better)
-    print("\n".join(text_of((table_of(rows, task.score, task.blocks),))))
+    rows = standings(sums, task.score, less_is_better=task.less_is_better)
+    print("\n".join(text_of((leaderboard(rows, task.blocks),))))
     if arguments.out is not None:
-        content = {"task": arguments.task, "score": task.score, "standings": [_as_json(row) for row in rows]}
+        values, differences = ([row.json() for row in rows if bool(row.against) == asked] for asked in (False, True))
+        content = {"task": arguments.task, "rows": values, "differences": differences}
         write_text(arguments.out, json.dumps(content, indent=1) + "\n")
     return EXIT_OK
-
-
-def _as_json(row: Standing) -> dict[str, Any]:
-    compared = None if row.to_best is None else asdict(row.to_best) | {"difference": row.to_best.difference.json()}
-    return {"name": row.name, "value": row.value.json(), "to_best": compared, "p_adjusted": row.p_adjusted}

@@ -239,7 +239,7 @@ def prediction_table() -> str:
     return "\n".join([f"| | {' | '.join(_MODEL_FIGURES)} |", "|---" * (1 + len(_MODEL_FIGURES)) + "|", *rows])
 
 
-_CLAIMS: Final = {**{name: f"claims.{name}.siren.ade_m" for name in TEMPLATES}, "mean": "claims.siren.ade_m"}
+_CLAIMS: Final = {**{name: f"claims.siren.{name}.ade_m" for name in TEMPLATES}, "mean": "claims.siren.ade_m"}
 """Beginnings of the figures that compare ``siren`` with the best simple baseline, by template."""
 
 
@@ -277,7 +277,7 @@ def shares_table() -> str:
     return "\n".join([f"| | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|", *rows])
 
 
-_CLAIM: Final = ("best_simple", "best_simple_value", "share", "p_holm")
+_CLAIM: Final = ("against", "against_value", "share", "p_holm")
 
 
 def train_prediction_table() -> str:

@@ -25,7 +25,6 @@ from siren_ros.scoring.evaluation.diversity import (
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import (
     OUTCOMES,
-    Effect,
     ScoredEpisode,
     effect_tables,
     effects,
@@ -117,27 +116,12 @@ def evaluate_counterfactual(arguments: argparse.Namespace) -> int:
     """Scores every bag and compares the levels."""
     episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments), OUTCOMES)
     results = effects(episodes)
-    shown = [effect for effect in results if effect.outcome in arguments.outcomes and effect.paired.difference.valid]
+    shown = [effect for effect in results if effect.metric in arguments.outcomes and effect.interval.valid]
     print("\n".join(text_of(effect_tables(shown))) or "no two episodes of one seed at different levels")
     if arguments.out is not None:
-        write_text(arguments.out, json.dumps([as_json(effect) for effect in results], indent=1) + "\n")
+        rows = [effect.json() | {"levels": [effect.model, effect.against]} for effect in results]
+        write_text(arguments.out, json.dumps({"task": "counterfactual", "differences": rows}, indent=1) + "\n")
     return worst if shown else max(worst, EXIT_FAILED)
-
-
-def as_json(effect: Effect) -> dict[str, object]:
-    """An effect as JSON types."""
-    difference = effect.paired.difference
-    return {
-        "template": effect.template,
-        "outcome": effect.outcome,
-        "levels": [effect.first, effect.second],
-        "difference": difference.value if difference.valid else None,
-        "interval": [difference.low, difference.high] if difference.bounded else None,
-        "pairs": difference.blocks,
-        "cut_off": effect.cut_off,
-        "p_value": effect.paired.p_value,
-        "adjusted_p_value": effect.adjusted_p,
-    }
 
 
 def add_diversity(verb: argparse.ArgumentParser) -> None:

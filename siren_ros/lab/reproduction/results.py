@@ -22,8 +22,8 @@ from siren_ros.errors import InputError, write_text
 Figure = float | int | str
 _VERSIONS: Final = ("numpy", "libsumo", "numba", "onnxruntime")
 _LABELS: Final = (
-    *("of", "name", "template", "model", "metric", "outcome", "group"),
-    *("class", "map", "level", "levels", "kind"),
+    *("of", "name", "template", "model", "kind", "group", "metric"),
+    *("outcome", "class", "map", "level", "levels"),
 )
 """Keys whose texts (or lists of texts) name a list item, in this order."""
 

@@ -327,7 +327,7 @@ def making_way_section(study: StudyRows, measures: StudyMeasures) -> Section:
 
 def effects_section(study: StudyRows, measures: StudyMeasures) -> Section | None:
     """Section: differences between levels; None if no seed was run at two of them."""
-    known = [effect for effect in effects(measures.yielding) if effect.paired.difference.valid]
+    known = [effect for effect in effects(measures.yielding) if effect.interval.valid]
     if not known:
         return None
     text = (
@@ -339,7 +339,7 @@ def effects_section(study: StudyRows, measures: StudyMeasures) -> Section | None
     figures = [
         Picture(f"effect_{outcome}", f"Effects on {outcome}", figure_uri(draw_forest(of_outcome, outcome)))
         for outcome in _DRAWN_EFFECTS
-        if (of_outcome := [effect for effect in known if effect.outcome == outcome])
+        if (of_outcome := [effect for effect in known if effect.metric == outcome])
     ]
     return Section(
         "effects",

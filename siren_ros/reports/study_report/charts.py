@@ -14,8 +14,9 @@ from siren_ros.base.numerics.arrays import Floats
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.scoring.evaluation.diversity import GroupDiversity
 from siren_ros.scoring.evaluation.prediction.charts import SMALL_PT, TITLE_PT, new_figure, quiet
+from siren_ros.scoring.evaluation.scores import ALL, Score
 from siren_ros.scoring.evaluation.yielding.metrics import Metric
-from siren_ros.scoring.evaluation.yielding.scoring import ALL, Effect, ScoredEpisode
+from siren_ros.scoring.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.scoring.pictures.plot_parts import FAINT_TEXT, TEXT
 
 LEVEL_COLOURS: Final = {"L0": "#8a9099", "L1": "#e08e1b", "L2": "#1a86b8", "L3": "#12855f"}
@@ -81,10 +82,10 @@ _MARK_PT, _LINE_PT, _ZERO_PT = 4, 1.4, 0.8
 _ALL_TEMPLATES: Final = "#b3121a"
 
 
-def draw_forest(effects: Sequence[Effect], outcome: str) -> Figure:
+def draw_forest(effects: Sequence[Score], outcome: str) -> Figure:
     """Draw the effects on one outcome: a panel per pair of levels, a row per template."""
-    contrasts = list(dict.fromkeys((effect.first, effect.second) for effect in effects))
-    names = {effect.template for effect in effects}
+    contrasts = list(dict.fromkeys((effect.model, effect.against) for effect in effects))
+    names = {effect.group for effect in effects}
     templates = sorted(names - {ALL}) + [ALL] * (ALL in names)
     figure = new_figure(WIDTH_IN, _HEAD_IN + _ROW_IN * len(templates))
     leftmost = None
@@ -93,10 +94,10 @@ def draw_forest(effects: Sequence[Effect], outcome: str) -> Figure:
         leftmost = leftmost or axes
         axes.axvline(0.0, color=FAINT_TEXT, linewidth=_ZERO_PT)
         for effect in effects:
-            if (effect.first, effect.second) != (first, second) or not effect.paired.difference.valid:
+            if (effect.model, effect.against) != (first, second) or not effect.interval.valid:
                 continue
-            difference, row = effect.paired.difference, templates.index(effect.template)
-            colour = _ALL_TEMPLATES if effect.template == ALL else TEXT
+            difference, row = effect.interval, templates.index(effect.group)
+            colour = _ALL_TEMPLATES if effect.group == ALL else TEXT
             axes.plot(difference.value, row, "o", markersize=_MARK_PT, color=colour)
             if difference.bounded:
                 axes.hlines(row, difference.low, difference.high, color=colour, linewidth=_LINE_PT)

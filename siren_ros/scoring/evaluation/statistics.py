@@ -3,11 +3,9 @@
 The jackknife leaves out one episode at a time, because the samples within one depend on each other. A percentile
 bootstrap over few episodes is too narrow: of intervals of 95 %, 48 % hold the mean with two episodes, 84 % with five,
 92 % with twenty. ``test_statistics.py`` counts how many of these hold it. Episodes are not known here.
-
-A leaderboard sorts submissions by their mean, and compares each with the best one on the same blocks.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from typing import Final
@@ -17,7 +15,7 @@ import numpy.typing as npt
 from scipy.special import stdtr, stdtrit
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.tables import CONFIDENCE, NOTHING, Interval, Table
+from siren_ros.base.tables import CONFIDENCE, NOTHING, Interval
 from siren_ros.errors import InputError
 
 
@@ -167,24 +165,15 @@ ENUMERATED_BLOCKS: Final = 12
 _RANDOM_EXCHANGES: Final = 4096
 
 
-@dataclass(frozen=True)
-class PairedDifference:
-    """The first model's mean minus the second's; negative where the first has the smaller errors."""
-
-    difference: Interval
-    p_value: float
-    """p-value of the permutation test of blocks: small if the difference is hardly chance; 1 with at most one block."""
-
-
 def paired_difference(
     first: BlockSums, second: BlockSums, rng: np.random.Generator, confidence: float = CONFIDENCE
-) -> PairedDifference:
-    """Compare two models that were scored on the same samples.
+) -> tuple[Interval, float]:
+    """The first model's mean minus the second's on the same samples, and the p-value: small if it is hardly chance.
 
     The interval is the jackknife's, which leaves out a block of both at once. The p-value is that of a permutation
     test: if the two were alike, they could be exchanged within any block. It is the share of exchanges whose difference
     is at least as far from 0 as the measured one; all exchanges for few blocks, otherwise random ones (B. Phipson,
-    G. Smyth, Stat. Appl. Genet. Mol. Biol. 9 (2010) 39). With B blocks it is not below 2 / 2ᴮ.
+    G. Smyth, Stat. Appl. Genet. Mol. Biol. 9 (2010) 39). With B blocks it is not below 2 / 2ᴮ; 1 without blocks.
 
     Raises:
         InputError: The two do not have the same numbers of values in the same blocks.
@@ -193,10 +182,10 @@ def paired_difference(
         raise InputError("paired models", f"{len(first)} and {len(second)} blocks", "the same samples in every block")
     first, second = (sums.select(sums.count > 0) for sums in (first, second))
     if len(first) == 0:
-        return PairedDifference(NOTHING, 1.0)
+        return NOTHING, 1.0
     difference = first.value() - second.value()
     interval = jackknife(difference, first.left_out() - second.left_out(), first.stratum).interval(confidence)
-    return PairedDifference(interval, _p_of_exchanges(first, second, difference, rng))
+    return interval, _p_of_exchanges(first, second, difference, rng)
 
 
 def _p_of_exchanges(first: BlockSums, second: BlockSums, difference: float, rng: np.random.Generator) -> float:
@@ -298,68 +287,3 @@ def _rhos(values: Floats, other: Sequence[float]) -> Floats:
     ranks, against = _ranks(values) - centre, _ranks(other) - centre
     spread = np.sqrt((ranks**2).sum(axis=1) * (against @ against))
     return np.asarray(ranks @ against / np.where(spread > 0.0, spread, 1.0), dtype=np.float64)
-
-
-_SEED: Final = 0
-"""Seed of the random exchanges of blocks, so that the same submissions give the same table."""
-
-
-@dataclass(frozen=True)
-class Standing:
-    """One row of the leaderboard."""
-
-    name: str
-    value: Interval
-    to_best: PairedDifference | None
-    """Difference of this submission to the best one; None for the best one itself."""
-    p_adjusted: float | None
-    """p-value, adjusted by Holm's method for all comparisons of the table."""
-
-
-def standings(submissions: Mapping[str, BlockSums], *, less_is_better: bool) -> tuple[Standing, ...]:
-    """Sort the submissions, best first.
-
-    Each was scored on the same blocks: episodes, or videos. The test exchanges two submissions within blocks
-    (``paired_difference``). Equal means keep the order of the names.
-
-    Raises:
-        InputError: Two submissions do not have the same blocks.
-    """
-    sign = 1.0 if less_is_better else -1.0
-    means = {name: interval_of_mean(sums) for name, sums in sorted(submissions.items())}
-    order = sorted(means, key=lambda name: (not means[name].valid, sign * means[name].value))
-    if not order:
-        return ()
-    best, others = order[0], order[1:]
-    rng = np.random.default_rng(_SEED)
-    differences = [paired_difference(submissions[name], submissions[best], rng) for name in others]
-    adjusted = holm([difference.p_value for difference in differences])
-    return (
-        Standing(best, means[best], None, None),
-        *(
-            Standing(name, means[name], difference, p_value)
-            for name, difference, p_value in zip(others, differences, adjusted, strict=True)
-        ),
-    )
-
-
-def table_of(rows: tuple[Standing, ...], score: str, blocks: str) -> Table:
-    """The standings as a table; ``score`` and ``blocks`` name what was measured and on what."""
-    return Table(
-        "leaderboard",
-        f"{score}; differences to the best with 95 % intervals, p of exchanged {blocks} by Holm's method",
-        ("rank", "submission", score, blocks, "difference", "p"),
-        tuple(
-            (
-                str(number),
-                row.name,
-                row.value,
-                row.value.blocks,
-                None if row.to_best is None else row.to_best.difference,
-                row.p_adjusted,
-            )
-            for number, row in enumerate(rows, 1)
-        ),
-        spec=".3f",
-        specs={"p": ".4f"},
-    )

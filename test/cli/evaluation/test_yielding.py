@@ -67,9 +67,9 @@ def test_effects_are_printed_and_written(tmp_path, monkeypatch, siren) -> None:
     assert lines[0] == "Effects on site_time_s"
     assert lines[2].split()[:6] == ["L1", "−", "L0", "S3", "-3.00", "[-3.98,"]
     assert len(lines) == 3
-    written = json.loads(out.read_text(encoding="utf-8"))
-    assert {effect["outcome"] for effect in written} > {"site_time_s", "collisions"}
-    assert written[0]["difference"] == pytest.approx(-3.0)
+    written = json.loads(out.read_text(encoding="utf-8"))["differences"]
+    assert {effect["metric"] for effect in written} > {"site_time_s", "collisions"}
+    assert written[0]["value"] == pytest.approx(-3.0)
 
 
 def test_no_pair_fails_the_command(write_bag: Callable[..., Path], tmp_path: Path) -> None:

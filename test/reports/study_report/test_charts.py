@@ -18,16 +18,16 @@ from siren_ros.reports.study_report.charts import (
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import PlannedEpisode
 from siren_ros.scoring.evaluation.diversity import DrawnRange, diversity
-from siren_ros.scoring.evaluation.statistics import PairedDifference
+from siren_ros.scoring.evaluation.scores import ALL, Score
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.scoring.evaluation.yielding.scoring import ALL, DriverMarks, Effect, ScoredEpisode, YieldScores
+from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
 from siren_ros.scoring.pictures.plot_parts import TEXT
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 
-def effect(template: str, first: str, second: str, value: float, blocks: int = 5) -> Effect:
+def effect(template: str, first: str, second: str, value: float, blocks: int = 5) -> Score:
     interval = Interval(value, value - 1.0, value + 2.0, blocks)
-    return Effect(template, "emv_delay_s", first, second, PairedDifference(interval, 0.1), 0, 0.2)
+    return Score(first, "template", template, "emv_delay_s", interval, blocks, second, 0.1, 0.2)
 
 
 def test_effects_stand_in_the_rows_of_their_templates() -> None:

@@ -5,7 +5,7 @@ Paired comparison: two levels of a seed differ only in the level, so their diffe
 
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, Final, Self
 
@@ -15,13 +15,8 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.tables import Interval, Measure, Row, Table
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.statistics import (
-    PairedDifference,
-    block_sums,
-    holm,
-    interval_of_mean,
-    paired_difference,
-)
+from siren_ros.scoring.evaluation.scores import ALL, TEMPLATE, Score, with_holm
+from siren_ros.scoring.evaluation.statistics import block_sums, interval_of_mean, paired_difference
 from siren_ros.scoring.evaluation.yielding.encounters import EmvLine, Encounter, YieldThresholds
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, PEOPLE_METRICS, YieldScene
 
@@ -220,24 +215,7 @@ OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s"
 """Measures that are compared between levels."""
 CONTRASTS: Final = (("L1", "L0"), ("L2", "L1"), ("L3", "L1"), ("L3", "L2"), ("L3", "L0"))
 """Pairs of levels. L1 − L0: the EMV's privileges; L2 − L1: siren and lane changes; L3 − L1: siren and corridor."""
-ALL: Final = "all"
-"""Name for all templates together, which count equally."""
 Pair = tuple[str, str, int, str]
-
-
-@dataclass(frozen=True)
-class Effect:
-    """Difference of an outcome between two levels (first minus second), over pairs of episodes."""
-
-    template: str
-    outcome: str
-    first: str
-    second: str
-    paired: PairedDifference
-    cut_off: int
-    """Number of pairs in which a value is only a lower bound, because the episode ended early."""
-    adjusted_p: float
-    """p-value adjusted for all effects on this outcome (Holm)."""
 
 
 def effects(
@@ -245,8 +223,8 @@ def effects(
     contrasts: Sequence[tuple[str, str]] = CONTRASTS,
     outcomes: Sequence[str] = OUTCOMES,
     seed: int = 0,
-) -> tuple[Effect, ...]:
-    """Compute the effects of the level, per template and over all of them.
+) -> tuple[Score, ...]:
+    """Differences of outcomes between two levels (the model and the one it is compared with), per template and overall.
 
     The blocks of the intervals are the pairs; episodes without a partner at the other level are left out. A travel time
     is the one up to the episode's end where the EMV has not arrived by then, so that effects on it are understated and
@@ -256,7 +234,7 @@ def effects(
         InputError: Two episodes of one pair differ in more than the level, or a pair has two episodes of one level.
     """
     pairs = pairs_of(episodes)
-    results: list[Effect] = []
+    results: list[Score] = []
     for outcome in outcomes:
         of_outcome = []
         for contrast in contrasts:
@@ -269,14 +247,19 @@ def effects(
             for template in [*templates, *([ALL] if len(templates) > 1 else [])]:
                 chosen = {key: sides for key, sides in here.items() if template in (ALL, key[0])}
                 rng = random_stream(seed, f"counterfactual/{outcome}/{template}/{'/'.join(contrast)}")
-                of_outcome.append(Effect(template, outcome, *contrast, *_compared(chosen, rng), adjusted_p=1.0))
-        adjusted = holm([effect.paired.p_value for effect in of_outcome])
-        results += [replace(effect, adjusted_p=p_value) for effect, p_value in zip(of_outcome, adjusted, strict=True)]
+                of_outcome.append(_compared(contrast, template, outcome, chosen, rng))
+        results += with_holm(of_outcome)
     return tuple(results)
 
 
-def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generator) -> tuple[PairedDifference, int]:
-    """Difference of the sides where both have a value, and the number of pairs with a lower bound."""
+def _compared(
+    levels: tuple[str, str],
+    template: str,
+    outcome: str,
+    sides_of: Mapping[Pair, Sequence[Measure]],
+    rng: np.random.Generator,
+) -> Score:
+    """Difference of the sides where both have a value."""
     known = {key: sides for key, sides in sides_of.items() if all(side.valid for side in sides)}
     names = sorted({key[0] for key in sides_of})
     stratum = np.array([names.index(key[0]) for key in known], dtype=np.intp)
@@ -284,17 +267,20 @@ def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generat
         block_sums(np.array([sides[side].value for sides in known.values()]), np.arange(len(known)), stratum)
         for side in (0, 1)
     )
-    return paired_difference(first, second, rng), sum(any(side.at_least for side in sides) for sides in known.values())
+    difference, p_value = paired_difference(first, second, rng)
+    cut_off = sum(any(side.at_least for side in sides) for sides in known.values())
+    level, against = levels
+    return Score(level, TEMPLATE, template, outcome, difference, len(known), against, p_value, cut_off=cut_off)
 
 
-def effect_tables(results: Sequence[Effect]) -> tuple[Table, ...]:
+def effect_tables(results: Sequence[Score]) -> tuple[Table, ...]:
     """A table per outcome; levels are written as ``L2 − L1``."""
     tables = (
         Table(
             outcome,
             f"Effects on {outcome}",
             ("levels", "template", "difference", "p", "p (Holm)", "pairs", "cut off"),
-            tuple(map(_row, (effect for effect in results if effect.outcome == outcome))),
+            tuple(map(_row, (effect for effect in results if effect.metric == outcome))),
             spec=".3f",
             specs={"difference": "+.2f"},
             folded=True,
@@ -304,10 +290,9 @@ def effect_tables(results: Sequence[Effect]) -> tuple[Table, ...]:
     return tuple(table for table in tables if table.rows)
 
 
-def _row(effect: Effect) -> Row:
-    levels, difference = f"{effect.first} − {effect.second}", effect.paired.difference
-    p_values = effect.paired.p_value, effect.adjusted_p
-    return levels, effect.template, difference, *p_values, difference.blocks, effect.cut_off
+def _row(effect: Score) -> Row:
+    levels, p_values = f"{effect.model} − {effect.against}", (effect.p_value, effect.p_adjusted)
+    return levels, effect.group, effect.interval, *p_values, effect.samples, effect.cut_off
 
 
 def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, ScoredEpisode]]:

@@ -14,6 +14,7 @@ from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, p
 from siren_ros.base.tables import Measure
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.scores import Score
 from siren_ros.scoring.evaluation.yielding import metrics as marks
 from siren_ros.scoring.evaluation.yielding.encounters import (
     Encounter,
@@ -30,7 +31,6 @@ from siren_ros.scoring.evaluation.yielding.metrics import (
 )
 from siren_ros.scoring.evaluation.yielding.scoring import (
     ALL,
-    Effect,
     ScoredEpisode,
     YieldScores,
     effects,
@@ -333,36 +333,36 @@ def study(seeds: int = 8) -> list[ScoredEpisode]:
     return made
 
 
-def of(found: Sequence[Effect], template: str) -> Effect:
-    (effect,) = (one for one in found if one.template == template and one.outcome == "site_time_s")
+def of(found: Sequence[Score], template: str) -> Score:
+    (effect,) = (one for one in found if one.group == template and one.metric == "site_time_s")
     return effect
 
 
 def test_an_effect_is_found_template_by_template_and_over_all() -> None:
     found = effects(study(), contrasts=[("L1", "L0")], outcomes=["site_time_s"])
-    one = of(found, "S1").paired
-    assert one.difference.value == pytest.approx(-3.0)
-    assert -3.5 <= one.difference.low < one.difference.value < one.difference.high <= -2.5
+    one = of(found, "S1")
+    assert one.value == pytest.approx(-3.0)
+    assert -3.5 <= one.interval.low < one.interval.value < one.interval.high <= -2.5
     assert one.p_value == pytest.approx(2.0 / 2**8)
-    nothing = of(found, "S2").paired
-    assert nothing.difference.low < 0.0 < nothing.difference.high
+    nothing = of(found, "S2")
+    assert nothing.interval.low < 0.0 < nothing.interval.high
     assert nothing.p_value > 0.3
-    assert of(found, ALL).paired.difference.value == pytest.approx(-1.5)
-    assert of(found, ALL).paired.difference.blocks == 16
-    assert all(effect.adjusted_p >= effect.paired.p_value for effect in found)
+    assert of(found, ALL).value == pytest.approx(-1.5)
+    assert of(found, ALL).samples == 16
+    assert all(effect.p_adjusted >= effect.p_value for effect in found)
 
 
 def test_pairing_takes_out_what_seeds_differ_in() -> None:
     """The seeds' own spread, 10 s, would hide a gain of 3 s."""
-    one = of(effects(study(), contrasts=[("L1", "L0")]), "S1").paired.difference
+    one = of(effects(study(), contrasts=[("L1", "L0")]), "S1").interval
     assert one.high - one.low < 1.5
 
 
 def test_episodes_without_a_partner_do_not_count() -> None:
     made = [*study(4), episode("S1", "L1", 99, Measure(1.0)), episode("S3", "L2", 0, Measure(1.0))]
     found = effects(made, contrasts=[("L1", "L0")], outcomes=["site_time_s"])
-    assert of(found, "S1").paired.difference.blocks == 4
-    assert {effect.template for effect in found} == {"S1", "S2", ALL}
+    assert of(found, "S1").samples == 4
+    assert {effect.group for effect in found} == {"S1", "S2", ALL}
 
 
 def test_values_cut_off_by_the_end_are_counted() -> None:

@@ -18,14 +18,15 @@ from siren_ros.scoring.evaluation.prediction.reports.paper_results import (
     paper_value,
 )
 from siren_ros.scoring.evaluation.prediction.reports.score_table import (
-    Difference,
     GroupKind,
     SampleTable,
     ScoreTable,
+    beaten,
     calibration_interval,
 )
 from siren_ros.scoring.evaluation.prediction.samples import Population, future_times_s
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
+from siren_ros.scoring.evaluation.scores import Score, csv_of
 from siren_ros.scoring.evaluation.statistics import RANKED_MIN
 from siren_ros.simulation.scenario.episode import Split, counted_standings, overlap_warning
 from siren_ros.simulation.scenario.paper import TEMPLATES
@@ -56,7 +57,7 @@ _GROUPED: Final = (GroupKind.CATEGORY, GroupKind.SUBSET, GroupKind.LEVEL, GroupK
 
 
 def prediction_tables(
-    scores: ScoreTable, pairs: Sequence[Difference] = (), *, compare_paper: bool = False
+    scores: ScoreTable, pairs: Sequence[Score] = (), *, compare_paper: bool = False
 ) -> tuple[Table, ...]:
     """All tables of an evaluation; those that a terminal leaves out are folded.
 
@@ -190,13 +191,12 @@ def _mean(scores: ScoreTable, model: str, group: str, metrics: Sequence[str]) ->
     return (*(scores.value(model, group, metric) for metric in metrics), bounds)
 
 
-def _paired(pairs: Sequence[Difference]) -> Table:
+def _paired(pairs: Sequence[Score]) -> Table:
     """Table of differences between models. Pairs of simple baselines are left out if other models were scored."""
-    shown = [pair for pair in pairs if pair.metric == SHOWN[0] and pair.group == _ALL and pair.difference.valid]
-    others = [pair for pair in shown if not (is_simple(pair.first) and is_simple(pair.second))]
+    shown = [pair for pair in pairs if pair.metric == SHOWN[0] and pair.group == _ALL and pair.interval.valid]
+    others = [pair for pair in shown if not (is_simple(pair.model) and is_simple(pair.against))]
     rows = tuple(
-        (f"{pair.first} - {pair.second}", pair.difference, pair.adjusted_p_value, pair.samples)
-        for pair in others or shown
+        (f"{pair.model} - {pair.against}", pair.interval, pair.p_adjusted, pair.samples) for pair in others or shown
     )
     caption = "differences of ADE in m, on the samples that both models have"
     head = ("models", "difference", "p (Holm)", "common samples")
@@ -204,22 +204,14 @@ def _paired(pairs: Sequence[Difference]) -> Table:
 
 
 def _claims(scores: ScoreTable) -> Table:
-    rows = tuple(
-        (
-            claim.model,
-            claim.group,
-            claim.best_simple,
-            claim.best_simple_value,
-            claim.difference,
-            f"{claim.share:+.0%}",
-            claim.adjusted_p_value,
-        )
-        for claim in scores.claims
-        if claim.metric == SHOWN[0]
-    )
+    rows: list[Row] = []
+    for claim in (claim for claim in scores.claims if claim.metric == SHOWN[0]):
+        error, share = beaten(scores, claim)
+        named = claim.model, claim.group, claim.against
+        rows.append((*named, error, claim.interval, f"{share:+.0%}", claim.p_adjusted))
     caption = "ADE in m against the best simple baseline: the model minus the baseline, [interval]"
     head = ("model", "template", "best simple", "its ADE", "difference", "share", "p (Holm)")
-    return Table("prediction_claims", caption, head, rows, specs={"difference": "+.2f", "p (Holm)": ".3g"})
+    return Table("prediction_claims", caption, head, tuple(rows), specs={"difference": "+.2f", "p (Holm)": ".3g"})
 
 
 def _paper_lines(scores: ScoreTable) -> Iterator[str]:
@@ -238,43 +230,31 @@ def _paper_lines(scores: ScoreTable) -> Iterator[str]:
         yield f"{model}: {', '.join(parts)}; Spearman rank correlation over the templates: {text}"
 
 
-def csv_files(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, str]:
+def csv_files(table: ScoreTable, pairs: Sequence[Score]) -> dict[str, str]:
     """CSV files: content by file name, one line per value."""
-    kinds = {group.name: group.kind for group in table.groups}
-    compared = ("difference", "low", "high", "p", "p_holm", "samples")
-    files: dict[str, list[Sequence[Any]]] = {
-        "scores": [("model", "rows", "name", "metric", "value", "low", "high", "samples", "episodes", "paper")],
-        "episodes": [("episode", "template", "level", "seed", "map", "model", "metric", "value", "samples")],
-        "differences": [("metric", "name", "first", "second", *compared)],
-        "claims": [("metric", "name", "model", "best_simple", "best_simple_value", *compared)],
-        "horizon": [("model", "time_s", "distance_m")],
-        "calibration": [("model", "from", "to", "hypotheses", "mean_probability", "share_best")],
-    }
-    for (model, group, metric), cell in table.cells.items():
-        row = paper_row(model, metric)
-        paper = None if row is None else row.mean if kinds[group] is GroupKind.ALL else row.by_template.get(group)
-        *bounds, blocks = cell.interval.json().values()
-        files["scores"].append((model, kinds[group].value, group, metric, *bounds, cell.samples, blocks, paper))
+    episodes: list[Sequence[Any]] = []
     for episode in table.episodes:
         about = (shown_text(episode.name), episode.template, episode.level.name, episode.seed, episode.map_name)
         for model, scores in episode.models.items():
-            files["episodes"] += [(*about, model, metric.name, *scores[metric.name]) for metric in METRICS]
-    for pair in pairs:
-        *bounds, _ = pair.difference.json().values()
-        models = pair.first, pair.second
-        p_values = pair.p_value, pair.adjusted_p_value
-        files["differences"].append((pair.metric, pair.group, *models, *bounds, *p_values, pair.samples))
-    for claim in table.claims:
-        *bounds, _ = claim.difference.json().values()
-        about_claim = claim.metric, claim.group, claim.model, claim.best_simple, claim.best_simple_value
-        files["claims"].append((*about_claim, *bounds, claim.p_value, claim.adjusted_p_value, claim.samples))
+            episodes += [(*about, model, metric.name, *scores[metric.name]) for metric in METRICS]
+    horizon: list[Sequence[Any]] = []
+    calibration: list[Sequence[Any]] = []
     for model, samples in table.samples.items():
-        files["horizon"] += [(model, time_s, distance_m) for time_s, distance_m in _over_time(samples).items()]
+        horizon += [(model, time_s, distance_m) for time_s, distance_m in _over_time(samples).items()]
         for place, (count, probability, best) in enumerate(samples.reliability.T.tolist()):
             if count:
                 shares = probability / count, best / count
-                files["calibration"].append((model, place / BINS, (place + 1) / BINS, int(count), *shares))
-    return {f"{name}.csv": csv_text(head, rows) for name, (head, *rows) in files.items()}
+                calibration.append((model, place / BINS, (place + 1) / BINS, int(count), *shares))
+    about_episode = ("episode", "template", "level", "seed", "map", "model", "metric", "value", "samples")
+    about_bin = ("model", "from", "to", "hypotheses", "mean_probability", "share_best")
+    return {
+        "scores.csv": csv_of(table.cells.values()),
+        "differences.csv": csv_of(pairs),
+        "claims.csv": csv_of(table.claims),
+        "episodes.csv": csv_text(about_episode, episodes),
+        "horizon.csv": csv_text(("model", "time_s", "distance_m"), horizon),
+        "calibration.csv": csv_text(about_bin, calibration),
+    }
 
 
 def _over_time(samples: SampleTable) -> dict[str, float]:
@@ -285,7 +265,7 @@ def _over_time(samples: SampleTable) -> dict[str, float]:
     return {f"{time_s:.1f}": mean_m for time_s, mean_m in zip(future_times_s(), means_m, strict=True)}
 
 
-def json_report(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, Any]:
+def json_report(table: ScoreTable, pairs: Sequence[Score]) -> dict[str, Any]:
     """The whole evaluation as JSON types; null where there is no value."""
     return {
         "task": "prediction",
@@ -295,32 +275,10 @@ def json_report(table: ScoreTable, pairs: Sequence[Difference]) -> dict[str, Any
         "episodes": [_episode(episode) for episode in table.episodes],
         "models": {model: _model(table, model) for model in table.models},
         "warnings": warnings_of(table),
-        "differences": [
-            {
-                "metric": pair.metric,
-                "name": pair.group,
-                "first": pair.first,
-                "second": pair.second,
-                **pair.difference.json(),
-                "p": pair.p_value,
-                "p_holm": pair.adjusted_p_value,
-                "samples": pair.samples,
-            }
-            for pair in pairs
-        ],
+        "rows": [cell.json() for cell in table.cells.values()],
+        "differences": [pair.json() for pair in pairs],
         "claims": [
-            {
-                "metric": claim.metric,
-                "name": claim.group,
-                "model": claim.model,
-                "best_simple": claim.best_simple,
-                "best_simple_value": claim.best_simple_value,
-                **claim.difference.json(),
-                "share": claim.share,
-                "p": claim.p_value,
-                "p_holm": claim.adjusted_p_value,
-                "samples": claim.samples,
-            }
+            claim.json() | dict(zip(("against_value", "share"), beaten(table, claim), strict=True))
             for claim in table.claims
         ],
     }
@@ -349,12 +307,6 @@ def _episode(episode: EpisodeScores) -> dict[str, Any]:
 
 def _model(table: ScoreTable, model: str) -> dict[str, Any]:
     samples = table.samples[model]
-    rows: dict[str, dict[str, dict[str, Any]]] = {}
-    for group in table.groups:
-        cells = {metric.name: table.cells.get((model, group.name, metric.name)) for metric in METRICS}
-        rows.setdefault(group.kind.value, {})[group.name] = {
-            name: {**cell.interval.json(), "samples": cell.samples} for name, cell in cells.items() if cell is not None
-        }
     compared = {metric.name: compare_with_paper(table, model, metric.name) for metric in METRICS}
     return {
         "samples": len(samples),
@@ -365,7 +317,6 @@ def _model(table: ScoreTable, model: str) -> dict[str, Any]:
         "calibration_error": calibration_error(samples.reliability).value,
         "calibration_interval": calibration_interval(table, model).json(),
         "distance_over_time_m": _over_time(samples),
-        "rows": rows,
         "paper": {
             name: {**vars(result), "ranking": None if result.ranking is None else vars(result.ranking)}
             for name, result in compared.items()
@@ -402,9 +353,7 @@ def new_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
 
 
-def write_report(
-    path: Path, scores: ScoreTable, pairs: Sequence[Difference], tables: Sequence[Table], text: str
-) -> None:
+def write_report(path: Path, scores: ScoreTable, pairs: Sequence[Score], tables: Sequence[Table], text: str) -> None:
     """Write ``report.txt``, ``scores.json``, CSV files and LaTeX tables.
 
     Raises:

@@ -9,18 +9,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Brief, Flags, Floats, Rows, data_frame
+from siren_ros.base.numerics.arrays import Brief, Flags, Floats, Rows
 from siren_ros.base.tables import NOTHING, Interval, Row, Table
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.metrics import BINS, METRIC_OF, METRICS, Metric, calibration_error
 from siren_ros.scoring.evaluation.prediction.predictors import is_simple
 from siren_ros.scoring.evaluation.prediction.samples import FUTURE_POINTS
 from siren_ros.scoring.evaluation.prediction.scoring import Category, EpisodeScores, ModelScores, Trait
+from siren_ros.scoring.evaluation.scores import Score, frame_of, with_holm
 from siren_ros.scoring.evaluation.statistics import (
     BlockSums,
-    PairedDifference,
     block_sums,
-    holm,
     interval_of_mean,
     jackknife,
     paired_difference,
@@ -155,15 +154,6 @@ _PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
 
 
 @dataclass(frozen=True)
-class Score:
-    """One metric of one model in one group."""
-
-    interval: Interval
-    """Mean over the group's templates, which count equally, of the means over their samples."""
-    samples: int
-
-
-@dataclass(frozen=True)
 class ScoreTable(Brief):
     """All scores of an evaluation."""
 
@@ -225,7 +215,7 @@ class ScoreTable(Brief):
         _check("group", group, [known.name for known in self.groups])
         _check("metric", metric, METRIC_OF)
         cell = self.cells.get((model, group, metric))
-        return cell.interval.value if cell is not None and cell.interval.valid else None
+        return None if cell is None else cell.value
 
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame`` with a row for each model, group and metric.
@@ -236,18 +226,11 @@ class ScoreTable(Brief):
         Raises:
             InputError: pandas is not installed.
         """
-        kinds = {group.name: group.kind.value for group in self.groups}
-        rows = [
-            {"model": model, "kind": kinds[group], "group": group, "metric": metric}
-            | {name: np.nan if number is None else number for name, number in cell.interval.json().items()}
-            | {"samples": cell.samples}
-            for (model, group, metric), cell in self.cells.items()
-        ]
-        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
+        return frame_of(self.cells.values())
 
     @cached_property
-    def claims(self) -> tuple["Claim", ...]:
-        """Comparison of each model that is not simple with the best simple baseline, over all templates and in each.
+    def claims(self) -> tuple[Score, ...]:
+        """Difference of each model that is not simple to the best simple baseline, over all templates and in each.
 
         The best is the one with the least error on these very samples, which favours the baseline.
         """
@@ -284,7 +267,9 @@ def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
                 if metric.of_frames and group.kind in _OF_SOME_VEHICLES:
                     continue
                 sums = sums_of(table, metric, chosen, stratum)
-                cells[model, group.name, metric.name] = Score(interval_of_mean(sums), int(sums.count.sum()))
+                about = (group.kind.value, group.name, metric.name)
+                score = Score(model, *about, interval_of_mean(sums), int(sums.count.sum()))
+                cells[model, group.name, metric.name] = score
     return ScoreTable(tuple(scores), models, groups, samples, cells)
 
 
@@ -312,79 +297,36 @@ def sums_of(table: SampleTable, metric: Metric, chosen: Flags | Rows, stratum: R
 COMPARED: Final = ("ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m")
 
 
-@dataclass(frozen=True)
-class Difference:
-    """Difference of two models (first minus second) on their common samples."""
-
-    metric: str
-    group: str
-    """Name of the group: ``all`` or a template."""
-    first: str
-    second: str
-    difference: Interval
-    p_value: float
-    adjusted_p_value: float
-    """p-value by Holm's correction over all pairs of the same metric and group."""
-    samples: int
-
-
-def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
-    """Compare all pairs of models by all compared metrics, over all templates and in each."""
+def differences(table: ScoreTable, seed: int = 0) -> tuple[Score, ...]:
+    """Compare all pairs of models on their common samples by all compared metrics, over all templates and in each."""
     pairs = list(combinations(table.models, 2))
     common = {pair: common_rows(*(table.samples[model] for model in pair)) for pair in pairs}
-    rows: list[Difference] = []
+    rows: list[Score] = []
     for metric in COMPARED:
         for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
-            results = [_compared(table, pair, common[pair], metric, group, seed) for pair in pairs]
-            adjusted = holm([result.p_value for result, _ in results])
-            rows += [
-                Difference(metric, group.name, *pair, result.difference, result.p_value, together, samples)
-                for pair, (result, samples), together in zip(pairs, results, adjusted, strict=True)
-            ]
+            rows += with_holm([_compared(table, pair, common[pair], metric, group, seed) for pair in pairs])
     return tuple(rows)
 
 
 def _compared(
     table: ScoreTable, pair: tuple[str, str], common: tuple[Rows, Rows], metric: str, group: Group, seed: int
-) -> tuple[PairedDifference, int]:
-    """Difference of two models on their common samples of a group, and the number of these samples."""
+) -> Score:
+    """Difference of two models on their common samples of a group."""
     sums = []
     for model, rows in zip(pair, common, strict=True):
         samples = table.samples[model]
         chosen = rows[group.episodes[samples.episode[rows]]]
         sums.append(sums_of(samples, METRIC_OF[metric], chosen, strata(table.episodes)))
     first, second = sums
-    return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())
+    difference, p_value = paired_difference(first, second, np.random.default_rng(seed))
+    about = (group.kind.value, group.name, metric)
+    return Score(pair[0], *about, difference, int(first.count.sum()), pair[1], p_value)
 
 
 CLAIMED: Final = ("ade_m", "fde_m")
 
 
-@dataclass(frozen=True)
-class Claim:
-    """Comparison of a model with the best simple baseline."""
-
-    metric: str
-    group: str
-    """Name of the group: ``all`` or a template."""
-    model: str
-    best_simple: str
-    best_simple_value: float
-    """Value of the baseline over all its samples."""
-    difference: Interval
-    """The model minus the baseline, on their common samples; negative where the model is better."""
-    p_value: float
-    adjusted_p_value: float
-    """p-value by Holm's correction over the groups of one model and metric."""
-    samples: int
-
-    @property
-    def share(self) -> float:
-        """The difference relative to the baseline's error: −0.2 means 20 % less."""
-        return self.difference.value / self.best_simple_value if self.best_simple_value else 0.0
-
-
-def _claims_of(table: ScoreTable, model: str, simple: Sequence[str], seed: int = 0) -> Iterator[Claim]:
+def _claims_of(table: ScoreTable, model: str, simple: Sequence[str], seed: int = 0) -> Iterator[Score]:
     common = cache(lambda best: common_rows(table.samples[model], table.samples[best]))
     for metric in CLAIMED:
         found = []
@@ -392,13 +334,14 @@ def _claims_of(table: ScoreTable, model: str, simple: Sequence[str], seed: int =
             errors = {name: error for name in simple if (error := table.value(name, group.name, metric)) is not None}
             if errors:
                 best = min(errors, key=errors.__getitem__)
-                result, samples = _compared(table, (model, best), common(best), metric, group, seed)
-                found.append((group.name, best, errors[best], result, samples))
-        found = [row for row in found if row[3].difference.valid]
-        adjusted = holm([result.p_value for *_, result, _ in found])
-        for (group_name, best, error, result, samples), together in zip(found, adjusted, strict=True):
-            compared = result.difference, result.p_value, together
-            yield Claim(metric, group_name, model, best, error, *compared, samples)
+                found.append(_compared(table, (model, best), common(best), metric, group, seed))
+        yield from with_holm([claim for claim in found if claim.interval.valid])
+
+
+def beaten(table: ScoreTable, claim: Score) -> tuple[float, float]:
+    """Error of a claim's baseline over all its samples, and the difference as its share: −0.2 means 20 % less."""
+    error = table.cells[claim.against, claim.group, claim.metric].interval.value
+    return error, claim.interval.value / error if error else 0.0
 
 
 def common_rows(first: SampleTable, second: SampleTable) -> tuple[Rows, Rows]:

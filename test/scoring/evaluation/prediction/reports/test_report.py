@@ -33,6 +33,7 @@ from siren_ros.scoring.evaluation.prediction.reports.report import (
 from siren_ros.scoring.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.scoring.evaluation.prediction.samples import Population
 from siren_ros.scoring.evaluation.prediction.scoring import Category, EpisodeScores
+from siren_ros.scoring.evaluation.scores import Scores
 
 REPORT = """
 population: region (vehicles within 40 m in, 50 m out around the EMV for the whole window)
@@ -214,14 +215,13 @@ def rows_of(content: str | Path) -> list[dict[str, str]]:
 
 def test_scores(files) -> None:
     lines = files["scores.csv"].splitlines()
-    assert lines[0] == "model,rows,name,metric,value,low,high,samples,episodes,paper"
-    assert "cv,all,all,ade_m,4.7,,,10,4,1.44" in lines
-    assert "cv,template,S1,ade_m,2.1,,,5,2,1.63" in lines
-    assert "cv,template,own,ade_m,8.0,,,2,1," in lines
-    assert "cv,all,all,brier_score,,,,0,0," in lines
-    assert "net:v_1,level,L3,fde_m,10.0,,,3,2," in lines
-    # Of a part of the samples the paper says nothing.
-    assert "cv,category,emv,ade_m,4.666666666666667,,,6,4," in lines
+    assert lines[0] == "model,kind,group,metric,value,low,high,episodes,samples"
+    assert "cv,all,all,ade_m,4.7,,,4,10" in lines
+    assert "cv,template,S1,ade_m,2.1,,,2,5" in lines
+    assert "cv,template,own,ade_m,8.0,,,1,2" in lines
+    assert "cv,all,all,brier_score,,,,0,0" in lines
+    assert "net:v_1,level,L3,fde_m,10.0,,,2,3" in lines
+    assert "cv,category,emv,ade_m,4.666666666666667,,,4,6" in lines
 
 
 def test_episodes(files) -> None:
@@ -234,40 +234,40 @@ def test_episodes(files) -> None:
 
 
 def test_differences(files) -> None:
-    rows = {(row["metric"], row["name"]): row for row in rows_of(files["differences.csv"])}
+    rows = {(row["metric"], row["group"]): row for row in rows_of(files["differences.csv"])}
     assert len(rows) == 4 * 4
     row = rows["fde_m", "S1"]
-    assert (row["first"], row["second"], row["samples"]) == ("cv", "net:v_1", "3")
+    assert (row["model"], row["against"], row["samples"]) == ("cv", "net:v_1", "3")
     # Of the samples that both have, the second is worse by ADE itself: 1.0; 1.5 and 2.5. Two episodes have no bounds.
-    assert float(row["difference"]) == pytest.approx(-5.0)
+    assert float(row["value"]) == pytest.approx(-5.0)
     assert (row["low"], row["high"]) == ("", "")
     assert (row["p"], row["p_holm"]) == ("0.5", "0.5")
-    assert [rows["ade_m", "own"][name] for name in ("difference", "low", "high", "p")] == ["-8.0", "", "", "1.0"]
+    assert [rows["ade_m", "own"][name] for name in ("value", "low", "high", "p")] == ["-8.0", "", "", "1.0"]
 
 
 def test_claims(files, report) -> None:
-    rows = {(row["metric"], row["name"]): row for row in rows_of(files["claims.csv"])}
+    rows = {(row["metric"], row["group"]): row for row in rows_of(files["claims.csv"])}
     assert len(rows) == 2 * 4
     row = rows["fde_m", "S1"]
-    assert (row["model"], row["best_simple"], row["samples"]) == ("net:v_1", "cv", "3")
-    assert (float(row["best_simple_value"]), float(row["difference"])) == pytest.approx((6.3, 5.0))
-    claim = next(claim for claim in report["claims"] if (claim["metric"], claim["name"]) == ("fde_m", "S1"))
-    assert (claim["model"], claim["best_simple"]) == ("net:v_1", "cv")
+    assert (row["model"], row["against"], row["samples"]) == ("net:v_1", "cv", "3")
+    assert float(row["value"]) == pytest.approx(5.0)
+    claim = next(claim for claim in report["claims"] if (claim["metric"], claim["group"]) == ("fde_m", "S1"))
+    assert (claim["model"], claim["against"], claim["against_value"]) == ("net:v_1", "cv", pytest.approx(6.3))
     assert (claim["value"], claim["share"], claim["p"]) == pytest.approx((5.0, 5.0 / 6.3, 0.5))
 
 
 def test_five_episodes_have_bounds() -> None:
     table = score_table(five_episodes())
     files = csv_files(table, differences(table))
-    cv = next(row for row in rows_of(files["scores.csv"]) if (row["name"], row["metric"]) == ("S1", "ade_m"))
-    assert (cv["model"], cv["rows"]) == ("cv", "template")
+    cv = next(row for row in rows_of(files["scores.csv"]) if (row["group"], row["metric"]) == ("S1", "ade_m"))
+    assert (cv["model"], cv["kind"]) == ("cv", "template")
     assert [float(cv[name]) for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
     (row, *_) = rows_of(files["differences.csv"])
     bounds = pytest.approx([-3.0, -4.9632, -1.0368], abs=1e-4)
-    assert [float(row[name]) for name in ("difference", "low", "high")] == bounds
+    assert [float(row[name]) for name in ("value", "low", "high")] == bounds
     report = json_report(table, differences(table))
-    cell = report["models"]["cv"]["rows"]["template"]["S1"]["ade_m"]
-    assert [cell[name] for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
+    cell = Scores.of_json(report).interval("cv", "template", "S1", "ade_m")
+    assert (cell.value, cell.low, cell.high) == pytest.approx((3.0, 1.0368, 4.9632), abs=1e-4)
     assert [report["differences"][0][name] for name in ("value", "low", "high")] == bounds
 
 
@@ -323,13 +323,13 @@ def test_a_model(report) -> None:
     assert cv["distance_over_time_m"]["0.2"] == 0.0
     assert cv["distance_over_time_m"]["5.0"] == pytest.approx(24.0)
     assert len(net["distance_over_time_m"]) == 25
-    assert cv["rows"]["template"]["S1"]["ade_m"] == {
-        "value": pytest.approx(2.1), "low": None, "high": None, "samples": 5, "episodes": 2
-    }  # fmt: skip
-    alone = {"value": 8.0, "low": None, "high": None, "samples": 2, "episodes": 1}
-    assert cv["rows"]["template"]["own"]["ade_m"] == alone
-    assert cv["rows"]["category"]["held"]["ade_m"]["value"] is None
-    assert set(cv["rows"]["parameter"]["S1 speed_mps 9"]) == {"ade_m", "fde_m"}
+    rows = {(row["kind"], row["group"], row["metric"]): row for row in report["rows"] if row["model"] == "cv"}
+    nothing = {"low": None, "high": None}
+    found = rows["template", "S1", "ade_m"], rows["template", "own", "ade_m"]
+    assert found[0].items() >= {"value": pytest.approx(2.1), "samples": 5, "episodes": 2, **nothing}.items()
+    assert found[1].items() >= {"value": 8.0, "samples": 2, "episodes": 1, **nothing}.items()
+    assert rows["category", "held", "ade_m"]["value"] is None
+    assert {metric for kind, group, metric in rows if group == "S1 speed_mps 9"} == {"ade_m", "fde_m"}
     assert net["paper"] == {}
     paper = cv["paper"]["ade_m"]
     assert (paper["mean"], paper["deviation"]) == pytest.approx((4.7, 4.7 / 1.44 - 1.0))
@@ -339,9 +339,9 @@ def test_a_model(report) -> None:
 
 
 def test_a_difference(report) -> None:
-    by_group = {(pair["metric"], pair["name"]): pair for pair in report["differences"]}
+    by_group = {(pair["metric"], pair["group"]): pair for pair in report["differences"]}
     pair = by_group["ade_m", "S1"]
-    assert (pair["first"], pair["second"], pair["samples"]) == ("cv", "net:v_1", 3)
+    assert (pair["model"], pair["against"], pair["samples"]) == ("cv", "net:v_1", 3)
     assert [pair[name] for name in ("value", "low", "high")] == [pytest.approx(-5 / 3), None, None]
     assert (pair["p"], pair["p_holm"]) == (0.5, 0.5)
     alone = by_group["ade_m", "own"]

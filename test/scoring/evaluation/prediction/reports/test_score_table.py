@@ -7,8 +7,8 @@ from made_scores import episode_scores, five_episodes, model_scores
 from siren_ros.scoring.evaluation.prediction.metrics import BINS
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER, compare_with_paper
 from siren_ros.scoring.evaluation.prediction.reports.score_table import (
-    Difference,
     GroupKind,
+    beaten,
     calibration_interval,
     common_rows,
     differences,
@@ -17,6 +17,7 @@ from siren_ros.scoring.evaluation.prediction.reports.score_table import (
     score_table,
 )
 from siren_ros.scoring.evaluation.prediction.scoring import Category, EpisodeScores, Trait
+from siren_ros.scoring.evaluation.scores import Score
 from siren_ros.simulation.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -127,17 +128,17 @@ def test_claims_are_against_the_best_simple_baseline_of_each_template() -> None:
     table = score_table(with_models(cv=3.0, idm=2.0, siren=1.0, csp=0.5))
     claims = {(claim.model, claim.group): claim for claim in table.claims if claim.metric == "ade_m"}
     assert set(claims) == {(model, group) for model in ("siren", "csp") for group in ("all", "S1", "S2")}
-    assert {group: claims["siren", group].best_simple for group in ("all", "S1", "S2")} == {
+    assert {group: claims["siren", group].against for group in ("all", "S1", "S2")} == {
         "all": "cv", "S1": "idm", "S2": "cv"
     }  # fmt: skip
     of_s1 = claims["siren", "S1"]
-    assert (of_s1.best_simple_value, of_s1.difference.value) == pytest.approx((2.25, -1.0))
-    assert of_s1.share == pytest.approx(-1.0 / 2.25)
+    assert of_s1.value == pytest.approx(-1.0)
+    assert beaten(table, of_s1) == pytest.approx((2.25, -1.0 / 2.25))
     # The errors of six episodes can be exchanged in 64 ways, of which two are as far apart; three groups are tested.
     assert of_s1.p_value == pytest.approx(2.0 / 64.0)
-    assert of_s1.adjusted_p_value == pytest.approx(2.0 * 2.0 / 64.0)
+    assert of_s1.p_adjusted == pytest.approx(2.0 * 2.0 / 64.0)
     assert of_s1.samples == 6
-    assert claims["siren", "all"].difference.value == pytest.approx(-2.0)
+    assert claims["siren", "all"].value == pytest.approx(-2.0)
 
 
 def test_simple_models_claim_nothing_and_nothing_is_claimed_without_them() -> None:
@@ -147,9 +148,9 @@ def test_simple_models_claim_nothing_and_nothing_is_claimed_without_them() -> No
 
 
 def test_a_worse_model_is_said_to_be_worse() -> None:
-    (claim, *_) = score_table(with_models(idm=2.0, siren=6.0)).claims
-    assert claim.group == "all"
-    assert claim.share > 0.0
+    table = score_table(with_models(idm=2.0, siren=6.0))
+    assert table.claims[0].group == "all"
+    assert beaten(table, table.claims[0])[1] > 0.0
 
 
 def test_an_episode_without_samples_does_not_count() -> None:
@@ -183,7 +184,7 @@ def test_templates_that_the_paper_does_not_have() -> None:
     assert compare_with_paper(table, "cv", "miss_rate_6") is None
 
 
-def differences_of(values: dict[str, list[list[float]]], metric: str = "ade_m", group: str = "all") -> list[Difference]:
+def differences_of(values: dict[str, list[list[float]]], metric: str = "ade_m", group: str = "all") -> list[Score]:
     """Differences of models, whose values are given by episode."""
     count = len(next(iter(values.values())))
     scores = []
@@ -197,21 +198,21 @@ def differences_of(values: dict[str, list[list[float]]], metric: str = "ade_m", 
 def test_a_model_that_is_always_better() -> None:
     base = [[float(seed), seed + 2.0] for seed in range(8)]
     (pair,) = differences_of({"a": base, "b": [[value + 0.5 for value in row] for row in base]})
-    assert (pair.first, pair.second, pair.samples) == ("a", "b", 16)
-    assert (pair.difference.value, pair.difference.low, pair.difference.high) == pytest.approx((-0.5, -0.5, -0.5))
+    assert (pair.model, pair.against, pair.samples) == ("a", "b", 16)
+    assert (pair.interval.value, pair.interval.low, pair.interval.high) == pytest.approx((-0.5, -0.5, -0.5))
     assert pair.p_value == pytest.approx(2.0 / 256.0)
 
 
 def test_models_are_compared_on_the_samples_that_both_have() -> None:
     """The second has no more than the first sample of each episode."""
     (pair,) = differences_of({"a": [[1.0, 9.0], [1.0, 9.0]], "b": [[2.0], [2.0]]})
-    assert pair.difference.value == pytest.approx(-1.0)
+    assert pair.interval.value == pytest.approx(-1.0)
     assert pair.samples == 2
 
 
 def test_without_common_samples_there_is_no_difference() -> None:
     (pair,) = differences_of({"a": [[1.0], [1.0]], "b": [[], []]})
-    assert not pair.difference.valid
+    assert not pair.interval.valid
     assert pair.p_value == 1.0
 
 
@@ -219,8 +220,8 @@ def test_three_models_are_three_tests() -> None:
     base = np.arange(10.0)
     models = {name: [[value + shift] for value in base] for name, shift in (("a", 0.0), ("b", 1.0), ("c", 2.0))}
     pairs = differences_of(models)
-    assert [(pair.first, pair.second) for pair in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
-    assert all(pair.adjusted_p_value == pytest.approx(3.0 * pair.p_value) for pair in pairs)
+    assert [(pair.model, pair.against) for pair in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert all(pair.p_adjusted == pytest.approx(3.0 * pair.p_value) for pair in pairs)
 
 
 def test_rows_of_common_samples_are_in_the_same_order() -> None:

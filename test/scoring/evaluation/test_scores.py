@@ -1,0 +1,175 @@
+"""Rows of scores as files and data frames, how they are found, and the order of submissions."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from datasets.made_bag import BagSpec, write_made_bag
+from made_video_sets import small_video_set
+
+from siren_ros.base.tables import NOTHING, Interval
+from siren_ros.cli.leaderboard import submissions_in
+from siren_ros.cli.main import main
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, samples_of
+from siren_ros.scoring.evaluation.risk.scoring import balanced_accuracy, correct_by_class, score_answers
+from siren_ros.scoring.evaluation.risk.video_set import write_set
+from siren_ros.scoring.evaluation.scores import Score, Scores, csv_of, leaderboard, standings
+from siren_ros.scoring.evaluation.statistics import BlockSums
+
+SURE = Interval(2.0, 1.0, 3.0, 6)
+VALUES = (
+    Score("cv", "all", "all", "ade_m", SURE, 12),
+    Score("cv", "template", "S1", "ade_m", Interval(1.5, 1.5, 1.5, 2), 5),
+    Score("idm", "template", "S1", "fde_m", NOTHING, 0),
+)
+
+
+def test_values_have_the_same_columns_in_each_task():
+    assert csv_of(VALUES).splitlines() == [
+        "model,kind,group,metric,value,low,high,episodes,samples",
+        "cv,all,all,ade_m,2.0,1.0,3.0,6,12",
+        "cv,template,S1,ade_m,1.5,,,2,5",
+        "idm,template,S1,fde_m,,,,0,0",
+    ]
+    assert csv_of([]) == ""
+
+
+def test_differences_say_against_what_and_how_likely_chance_is():
+    row = Score("L1", "template", "S1", "emv_delay_s", SURE, 6, "L0", p_value=0.02, p_adjusted=0.04, cut_off=1)
+    head, line = csv_of([row]).splitlines()
+    assert head == "model,kind,group,metric,value,low,high,episodes,samples,against,p,p_holm,cut_off"
+    assert line == "L1,template,S1,emv_delay_s,2.0,1.0,3.0,6,6,L0,0.02,0.04,1"
+
+
+def test_rows_are_found_by_what_they_are_of():
+    scores = Scores.of_json(json.loads(json.dumps({"rows": [row.json() for row in VALUES]})))
+    assert scores.models == ("cv", "idm")
+    assert scores.groups() == (("all", "all"), ("template", "S1"))
+    assert scores.groups("template", "level") == (("template", "S1"),)
+    assert scores.interval("cv", "all", "all", "ade_m") == SURE
+    assert scores.value("cv", "template", "S1", "ade_m") == 1.5
+    assert not scores.interval("cv", "template", "S1", "ade_m").bounded
+    assert scores.value("idm", "template", "S1", "fde_m") is None
+    assert scores.value("idm", "all", "all", "ade_m") is None
+    assert scores.interval("idm", "all", "all", "ade_m") == NOTHING
+
+
+def sums(values):
+    values = np.array(values, dtype=float)
+    return BlockSums(values, np.ones(len(values)), np.zeros(len(values), dtype=np.intp))
+
+
+BASE = np.linspace(1.0, 2.0, 10)
+
+
+def test_the_best_comes_first():
+    given = {"b": sums(BASE + 0.5), "a": sums(BASE), "c": sums(BASE + 1.0)}
+    assert [row.model for row in standings(given, "error", less_is_better=True)][:3] == ["a", "b", "c"]
+    assert [row.model for row in standings(given, "error", less_is_better=False)][:3] == ["c", "b", "a"]
+    assert standings({}, "error", less_is_better=True) == ()
+
+
+def test_a_clear_difference_is_found_and_none_is_not():
+    """Ten blocks that all differ one way: 2 of 1024 exchanges are as far; alternating signs: half of them."""
+    rows = standings(
+        {"best": sums(BASE), "worse": sums(BASE + 0.5), "same": sums(BASE + 1e-3 + np.tile([0.1, -0.1], 5))},
+        "error",
+        less_is_better=True,
+    )
+    assert [(row.model, row.against) for row in rows] == [
+        ("best", ""), ("same", ""), ("worse", ""), ("same", "best"), ("worse", "best")
+    ]  # fmt: skip
+    same, worse = rows[3:]
+    assert worse.p_value == pytest.approx(2 / 1024)
+    assert worse.p_adjusted == pytest.approx(4 / 1024)
+    assert worse.value == pytest.approx(0.5)
+    assert same.p_adjusted > 0.5
+
+
+def test_other_blocks_are_refused():
+    with pytest.raises(InputError, match="same samples"):
+        standings({"a": sums(BASE), "b": sums(BASE[:-1])}, "error", less_is_better=True)
+
+
+def test_the_table_names_every_row():
+    rows = standings({"a": sums(BASE), "b": sums(BASE + 1.0)}, "error", less_is_better=True)
+    table = leaderboard(rows, "episodes")
+    assert table.head == ("rank", "submission", "error", "episodes", "difference", "p")
+    assert [row[:2] for row in table.rows] == [("1", "a"), ("2", "b")]
+    assert any("1.500" in line for line in table.text())
+
+
+def test_sums_by_class_have_the_balanced_accuracy_as_their_mean(tmp_path):
+    videos = small_video_set(tmp_path)
+    labels = {key: video.label.risk for key, video in videos.videos.items()}
+    answers = {key: risk if number % 2 else None for number, (key, risk) in enumerate(sorted(labels.items()))}
+    wanted = balanced_accuracy(score_answers("x", videos, answers).overall).value
+    assert correct_by_class(videos, answers).value() == pytest.approx(wanted)
+
+
+def test_the_command_ranks_files_of_answers(tmp_path, capsys):
+    videos = small_video_set(tmp_path / "set")
+    (tmp_path / "set").mkdir()
+    write_set(videos)
+    folder = tmp_path / "submitted"
+    folder.mkdir()
+    truth = {key: video.label.risk.title for key, video in videos.videos.items()}
+    (folder / "knows.json").write_text(json.dumps(truth))
+    rows = "\n".join(f"{key},Normal" for key in truth)
+    (folder / "guesses.csv").write_text(f"video,class\n{rows}\n")
+    (folder / "notes.txt").write_text("no submission")
+    out = tmp_path / "board.json"
+    assert main(["leaderboard", "risk", str(folder), str(tmp_path / "set"), "--out", str(out)]) == 0
+    assert "knows" in capsys.readouterr().out
+    board = json.loads(out.read_text())["rows"]
+    assert [(row["model"], row["value"]) for row in board] == [
+        ("knows", 1.0),
+        ("guesses", pytest.approx(1 / 3)),
+    ]
+    (folder / "knows.csv").write_text("video,class\n")
+    with pytest.raises(InputError, match="each name once"):
+        submissions_in(folder, (".json", ".csv"))
+    with pytest.raises(InputError, match="a folder with submissions"):
+        submissions_in(folder, (".parquet",))
+
+
+def test_the_command_ranks_predictions(tmp_path, typestore):
+    """Two submissions to a drive: the truth, and the truth one metre to the left."""
+    bag = write_made_bag(tmp_path / "S2_drive", typestore, BagSpec(steps=262, sensed=False))
+    samples = samples_of(read_episode(bag), HistoryWindow(), Population.REGION)
+    folder = tmp_path / "submitted"
+    folder.mkdir()
+    for name, shift in (("far", 1.0), ("near", 0.0)):
+        xy = samples.future_xy_m + np.array([0.0, shift])
+        columns = {
+            "episode": ["S2_drive"] * len(samples),
+            "actor": samples.batch.actor_id,
+            "step": samples.batch.sample_step,
+            "mode": np.zeros(len(samples), dtype=np.int64),
+            "probability": np.ones(len(samples)),
+            "x": list(xy[..., 0]),
+            "y": list(xy[..., 1]),
+        }
+        pq.write_table(pa.table(columns), folder / f"{name}.parquet")
+    out = tmp_path / "board.json"
+    assert main(["leaderboard", "prediction", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 0
+    board = json.loads(out.read_text())["rows"]
+    assert [row["model"] for row in board] == ["near", "far"]
+    assert [row["value"] for row in board] == pytest.approx([0.0, 1.0], abs=1e-9)
+
+
+def test_the_command_ranks_detections(tmp_path, typestore):
+    """Nothing found, in two formats; what is wrong with a file is said."""
+    bag = write_made_bag(tmp_path / "S2_drive", typestore, BagSpec())
+    folder = tmp_path / "submitted"
+    (folder / "nothing").mkdir(parents=True)
+    for number in range(19):
+        (folder / "nothing" / f"{number:06d}.txt").write_text("")
+    out = tmp_path / "board.json"
+    assert main(["leaderboard", "detection", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 0
+    board = json.loads(out.read_text())["rows"]
+    assert [(row["model"], row["value"]) for row in board] == [("nothing", 0.0)]

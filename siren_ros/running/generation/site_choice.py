@@ -18,6 +18,7 @@ from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKin
 from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
+from siren_ros.simulation.traffic.demand.group_demand import connection_from
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
 from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass
@@ -172,10 +173,19 @@ _JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others ha
 
 
 def _usable_m(network: RoadNetwork, site: Site) -> float:
-    """Usable length of the stretch; for queues only where its lanes lead straight on, and up to the next junction."""
+    """Usable length of the stretch; for queues only where its lanes lead straight on, and up to the next junction.
+
+    Where the lanes of two queues grow out of one lane, the road before it has room for one queue.
+    """
     if site.kind is not SiteKind.QUEUED_APPROACH:
         return site.length_m
-    plain = [edge for edge in site.stretch if len(driving_lanes(network, edge)) == len(site.connections)]
+    plain, queues = [], {network.connections[way].from_lane for way in site.connections}
+    for edge, before in zip(reversed(site.stretch), (*reversed(site.stretch[:-1]), None), strict=True):
+        if len(queues) < len(site.connections):
+            break
+        plain += [edge] * (len(driving_lanes(network, edge)) == len(queues))
+        steps = [] if before is None else [connection_from(network, lane, before) for lane in queues]
+        queues = {step.from_lane for step in steps if step is not None}
     return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
 
 

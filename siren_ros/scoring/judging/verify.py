@@ -154,8 +154,11 @@ def check_physics(record: EpisodeRecord, limits: VerifyLimits) -> tuple[Part, ..
     summary = summarise_physics(record)
     impact_mps = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
     contacts = record.events_of(EventKind.COLLISION)
+    first = min((state.step for state in record.states), default=0)
+    at_start = moments_of(event for event in contacts if event.step == first)
     hardest = sorted(contacts, key=lambda event: float(event.detail["impact_speed_mps"]))[-1:]
     return (
+        equals("contacts_at_start", len(at_start), 0, listed(at_start), *at_start),
         at_most("overlap_m", summary.overlap_m, limits.overlap_m, "", *filter(None, [summary.overlap_moment])),
         at_most(
             "impact_speed_mps", summary.impact_mps, impact_mps, f"{summary.contacts} contacts", *moments_of(hardest)
@@ -285,6 +288,7 @@ CHECKS: Final = {
     "teleports": "SUMO teleported no vehicle",
     "residual_p99_m": "99th percentile of the distance between SUMO's and the simulated pose of actors that SUMO owns",
     "residual_max_m": "Largest distance between SUMO's and the simulated pose of actors that SUMO owns",
+    "contacts_at_start": "At the first step no two bodies touch: they would be pushed apart and then not overlap",
     "overlap_m": "No two bodies overlap by more than the limit",
     "impact_speed_mps": "With the preset `paper` vehicles touch only slowly; with other presets at any speed",
     "lateral_accel_p99_9_mps2": "All vehicles' lateral acceleration, 99.9th percentile, is what drivers use in bends",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from map_networks import network_of_map
+from map_networks import network_of_map, plain_net
 from repository import shared_file
 
 from siren_ros.base.numerics.geometry import Polyline
@@ -129,6 +129,24 @@ def test_a_queue_has_no_turning_lane_beside_it(town: RoadNetwork) -> None:
     pocket = next(site for site, _ in ranked_sites(town, template) if site.name == "west_n_0..west_n_1")
     assert len(driving_lanes(town, pocket.site_edge)) > len(pocket.connections)
     assert pocket not in good_sites(town, template)
+
+
+@pytest.mark.parametrize(("origin", "good"), [(1, True), (0, False)])
+def test_two_queues_do_not_grow_out_of_one_lane(tmp_path: Path, origin: int, good: bool) -> None:
+    """The road has two lanes up to 45 m before the line and then four, of which the middle ones lead straight on."""
+    ways = ("b c 0 0", "b c 0 1", f"b c {origin} 2", "b c 1 3", "c s 0 0", "c e 1 0", "c e 2 1", "c n 3 0")
+    net = plain_net(
+        tmp_path,
+        '<node id="A" x="-500" y="0"/><node id="B" x="-45" y="0"/><node id="C" x="0" y="0" type="traffic_light"/>'
+        '<node id="E" x="400" y="0"/><node id="N" x="0" y="300"/><node id="S" x="0" y="-300"/>',
+        "".join(
+            f'<edge id="{name}" from="{ends[0]}" to="{ends[1]}" numLanes="{lanes}" speed="13.9"/>'
+            for name, ends, lanes in (("b", "AB", 2), ("c", "BC", 4), ("e", "CE", 2), ("n", "CN", 1), ("s", "CS", 1))
+        ),
+        "".join('<connection from="{}" to="{}" fromLane="{}" toLane="{}"/>'.format(*way.split()) for way in ways),
+    )
+    (lacking,) = shortcomings(network_of_map(net), load_template("S1")).values()
+    assert ("less than 150 m of road without a junction or a turning lane" not in lacking) is good
 
 
 def test_the_seed_draws_each_good_site(town: RoadNetwork) -> None:

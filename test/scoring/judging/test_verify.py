@@ -260,6 +260,14 @@ def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record):
     assert _failing(verify_episode(_colliding(drawn, 2.5))) == []
 
 
+def test_bodies_that_begin_in_each_other_are_found_though_they_were_pushed_apart(record):
+    contact = Event(0, EventKind.COLLISION, 2, 3, detail={"impact_speed_mps": 0.0})
+    later = replace(contact, step=1)
+    assert _failing(verify_episode(replace(record, events=(*record.events, later)))) == []
+    (fault,) = verify_episode(replace(record, events=(*record.events, contact, later))).failing
+    assert (fault.name, fault.value, fault.decisive) == ("contacts_at_start", 1.0, Moment(0, 2))
+
+
 def test_a_contact_explains_half_of_the_velocity_that_it_takes(record):
     stopped = _moved(record, vx_mps=lambda v, _: v - 3.0)
     assert _failing(verify_episode(stopped)) == ["speed_error_mps"]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -239,6 +239,8 @@ def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
 
 # These are no parameters, for the same reason as above.
 _SEARCH_STEP_M: Final = 1.0
+_ROUNDING_M: Final = 1e-6
+_Spans: TypeAlias = tuple[LaneInterval, ...]
 _LEAST_PLACED_SHARE: Final = 0.6
 """Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or
 arrives together with the EMV."""
@@ -368,6 +370,8 @@ class _GroupPlanner:
     crossing_stage: list[LaneInterval] = field(default_factory=list)
     _reached_m: dict[tuple[tuple[int, ...], bool], tuple[float, float]] = field(default_factory=dict)
     """Rear and front of the last vehicle in each row of lanes and direction of growth."""
+    _taken: list[tuple[GroupRow, _Spans, _Spans]] = field(default_factory=list)
+    """Row of each vehicle, the stretches of lanes that it covers, and these with its spacing before and behind."""
 
     def vehicle(
         self, group: DemandGroup, number: int, row: GroupRow, rng: np.random.Generator
@@ -385,6 +389,7 @@ class _GroupPlanner:
             return None
         front_m, lane, front = place
         self._reached_m[row.chain.lanes, row.forwards] = (front_m - length, front_m)
+        self._taken.append((row, *self._spans(row, front_m, length, spacing)))
         if group.placement is not Placement.CROSSING:
             self.foremost_m = max(self.foremost_m, front_m)
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
@@ -437,19 +442,44 @@ class _GroupPlanner:
             front_m = max(row.anchor_m + first_gap_m + length_m, reached_m + spacing_m + length_m)
         else:
             front_m = min(row.anchor_m - first_gap_m, rear_m - spacing_m)
-        found = self._first_place(row, front_m, length_m, _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M)
+        lengths = length_m, spacing_m
+        found = self._first_place(row, front_m, *lengths, _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M)
         if not nearest or not math.isinf(reached_m):
             return found
-        before = self._first_place(row, front_m, length_m, -_SEARCH_STEP_M)
+        before = self._first_place(row, front_m, *lengths, -_SEARCH_STEP_M)
         return min((place for place in (found, before) if place), key=lambda it: abs(it[0] - front_m), default=None)
 
     def _first_place(
-        self, row: GroupRow, front_m: float, length_m: float, step_m: float
+        self, row: GroupRow, front_m: float, length_m: float, spacing_m: float, step_m: float
     ) -> tuple[float, int, float] | None:
         least_m = row.least_m + EMV_CLEARANCE_M if row.least_m > 0.0 else 0.0
         while front_m < min(row.chain.end_m, row.most_m) and front_m - length_m >= least_m:
             place = row.chain.place(self.network, front_m)
-            if place is not None and place[1] >= min(length_m, 0.5 * self.network.lanes[place[0]].length_m):
+            least_front_m = math.inf if place is None else min(length_m, 0.5 * self.network.lanes[place[0]].length_m)
+            if place is not None and place[1] >= least_front_m and self._is_free(row, front_m, length_m, spacing_m):
                 return front_m, *place
             front_m += step_m
         return None
+
+    def _is_free(self, row: GroupRow, front_m: float, length_m: float, spacing_m: float) -> bool:
+        """Whether a place keeps its spacing to vehicles of other rows; lanes of several rows may be the same."""
+        body, around = self._spans(row, front_m, length_m, spacing_m)
+        return not any(
+            _meet(body, their_room) or _meet(around, their_body)
+            for other, their_body, their_room in self._taken
+            if (other.chain.lanes, other.forwards) != (row.chain.lanes, row.forwards)
+        )
+
+    def _spans(self, row: GroupRow, front_m: float, length_m: float, spacing_m: float) -> tuple[_Spans, _Spans]:
+        rear_m = front_m - length_m
+        body = row.chain.intervals(self.network, rear_m, front_m)
+        return body, row.chain.intervals(self.network, rear_m - spacing_m, front_m + spacing_m)
+
+
+def _meet(spans: _Spans, others: _Spans) -> bool:
+    """Whether stretches of lanes have a place in common."""
+    return any(
+        a.lane == b.lane and a.from_m < b.to_m - _ROUNDING_M and b.from_m < a.to_m - _ROUNDING_M
+        for a in spans
+        for b in others
+    )

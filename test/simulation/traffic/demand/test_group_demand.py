@@ -640,3 +640,29 @@ def test_a_stream_in_the_emvs_only_lane_is_followed() -> None:
     start = EmvStart(0, 10.0, (0, 1), (0,))
     (row,) = rows_of(road, road.site((0, 1), 0, (0,)), start, load_template("S3").demand.groups[0])
     assert row.anchor_m == pytest.approx(10.0 - 6.0)
+
+
+@pytest.mark.parametrize("line_m", [130.0, 140.0, 300.0])
+def test_queues_in_lanes_that_grow_out_of_one_lane_keep_their_spacing_in_it(line_m: float) -> None:
+    """One lane fans out into two before the line; between 100 and 120 m is its junction."""
+    road = _Road()
+    road.edge(0.0, 100.0, (0,))
+    road.edge(100.0, 120.0, (0,), LaneKind.INTERNAL)
+    road.edge(120.0, line_m, (0, 1))
+    road.connect(0, 2, (1,))
+    road.connect(0, 3, (1,))
+    network, start = road.built(), EmvStart(0, 0.0, (0, 2), (0, 2))
+    queues = [
+        replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, 3, standing=True), name="own"),
+        replace(group(Placement.ADJACENT_LANE, GroupAnchor.EMV, 3), name="beside", first_gap_m=30.0),
+        replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, 3), name="behind", optional=True),
+    ]
+    factory = VehicleFactory(network, same_drivers(), DIMENSIONS)
+    site = road.site((0, 2), 2, ())
+    plan = plan_groups(network, site, start, template_with(*queues), 0, factory, CONFIG)
+    places = [(vehicle.spot.lane, vehicle.spot.front_m) for vehicle in plan.vehicles]
+    assert len(places) >= 7
+    for lane in (0, 2, 3):
+        fronts = sorted(front for at, front in places if at == lane)
+        gaps = np.diff(fronts) - CAR_M
+        assert (gaps >= 5.0 - 1e-6).all(), (lane, fronts)

@@ -56,13 +56,14 @@ from siren_ros.simulation.roads.maps.netconvert import (
     without_header,
     without_outlines,
 )
+from siren_ros.simulation.roads.maps.opendrive_import import importable
 from siren_ros.simulation.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.simulation.roads.net_parser import is_left_hand, parse_road_network
 from siren_ros.simulation.roads.road_network import OTHER_SIDE, RoadNetwork
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "8"
+_RECIPE: Final = "9"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _PEOPLE_RECIPE: Final = f"{_RECIPE} people 4"
 """The same part of the key for maps with ways for people."""
@@ -291,12 +292,13 @@ def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files]
 def _imported(source: MapSource) -> tuple[bool, bytes]:
     """Whether traffic keeps left, and the input for netconvert.
 
-    An OpenDRIVE map is converted so that its traffic keeps right.
+    An OpenDRIVE map is converted so that its traffic keeps right, and that netconvert can read it.
     """
-    if not keeps_left(source):
-        return False, source.content
-    exchange = mirrored_opendrive if source.kind is SourceKind.OPENDRIVE else with_sides_exchanged
-    return True, exchange(source.content)
+    left_hand, content = keeps_left(source), source.content
+    if left_hand:
+        exchange = mirrored_opendrive if source.kind is SourceKind.OPENDRIVE else with_sides_exchanged
+        content = exchange(content)
+    return left_hand, importable(content) if source.kind is SourceKind.OPENDRIVE else content
 
 
 def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str, bytes]:

@@ -7,9 +7,10 @@ the first run's net. netconvert gives 50 km/h to all roads whose limit is that o
 the second run's net.
 
 OpenStreetMap: stop and give-way signs, and room where lanes fan out. A sign is a node of a way, ``highway=stop`` or
-``highway=give_way``, shortly before a junction. Its ``direction`` (``forward``, ``backward``) says for which traffic it
-stands; without one it stands for traffic towards the nearer junction. At the junction's own node it binds all
-approaches (``stop=all``), as mappers draw all-way stops. Source: https://wiki.openstreetmap.org/wiki/Tag:highway=stop.
+``highway=give_way``, shortly before a junction. Its ``direction`` (``forward``, ``backward``, ``both``) says for which
+traffic it stands; without one it stands for traffic towards the nearer junction. At the junction's own node it binds
+all approaches (``stop=all``), as mappers draw all-way stops.
+Source: https://wiki.openstreetmap.org/wiki/Tag:highway=stop.
 
 The mirror image of a SUMO net or of an OpenDRIVE map has traffic on the other side. netconvert takes the lanes on the
 right of a road as those in its direction, also where traffic keeps left (ASAM OpenDRIVE 1.7, 10.3, attribute ``rule``:
@@ -327,6 +328,8 @@ class _RoadGraph:
         if self._is_junction(node):
             if tags["highway"] == STOP and tags.get("stop", "all") == "all":
                 yield from ((other, node) for other in self._neighbours[node] if node in self._ahead.get(other, ()))
+        elif tags.get("direction") == "both":
+            yield from ((node, other) for other in onward)
         elif (stated := self._along[node].get(tags.get("direction", ""))) in onward:
             yield node, stated
         elif onward:

@@ -3,6 +3,7 @@
 netconvert would need too much time or memory for such maps.
 """
 
+import bz2
 import gzip
 import io
 import math
@@ -12,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import BinaryIO, Final
-from xml.etree.ElementTree import Element, ParseError
+from typing import BinaryIO, Final, cast
+from xml.etree.ElementTree import Element, ParseError, tostring
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring, iterparse
@@ -22,12 +23,16 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads.net_parser import MAX_MAP_BYTES, MAX_TAGS
 
 ALLOWED: Final = (
-    "a SUMO net (.net.xml, .net.xml.gz), an OpenDRIVE map (.xodr) or an OpenStreetMap extract (.osm, .osm.xml, "
-    "gzipped too), city or motorway for a built-in map, or no map for the built-in town"
+    "a SUMO net (.net.xml), an OpenDRIVE map (.xodr) or an OpenStreetMap extract (.osm, .osm.xml), each also packed by "
+    "gzip or bzip2, city or motorway for a built-in map, or no map for the built-in town"
 )
 _SHOWN_CHARACTERS: Final = 300
-_GZIP_MAGIC: Final = b"\x1f\x8b"
-_SUFFIXES: Final = frozenset({".gz", ".xml", ".net", ".osm", ".xodr"})
+_PACKED: Final[Mapping[bytes, tuple[str, Callable[[BinaryIO], BinaryIO]]]] = {
+    b"\x1f\x8b": ("gzip", lambda file: cast("BinaryIO", gzip.GzipFile(fileobj=file))),
+    b"BZh": ("bzip2", lambda file: cast("BinaryIO", bz2.BZ2File(file))),
+}
+"""By the first bytes of a packed file: how the packing is called, and what unpacks it."""
+_SUFFIXES: Final = frozenset({".gz", ".bz2", ".xml", ".net", ".osm", ".xodr"})
 _MAP_NAME: Final = re.compile(r"\.(net\.xml|osm|osm\.xml|xodr)(\.gz|\.bz2)?$")
 
 
@@ -68,12 +73,12 @@ def read_map_source(path: Path) -> MapSource:
             content = file.read(MAX_MAP_BYTES + 1)
     except (OSError, ValueError) as error:
         raise MapError(str(path), f"{ALLOWED}; {getattr(error, 'strerror', None) or error}") from error
-    if content.startswith(_GZIP_MAGIC):
+    for packing, unpacking in [way for magic, way in _PACKED.items() if content.startswith(magic)]:
         try:
-            with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+            with unpacking(io.BytesIO(content)) as packed:
                 content = packed.read(MAX_MAP_BYTES + 1)
         except (OSError, EOFError, zlib.error) as error:
-            raise MapError(str(path), f"{ALLOWED}; this gzip file is damaged") from error
+            raise MapError(str(path), f"{ALLOWED}; this {packing} file is damaged") from error
     if len(content) > MAX_MAP_BYTES or content.count(b"<") > MAX_TAGS:
         raise MapError(str(path), f"a map of at most {MAX_MAP_BYTES // 1_000_000} MB and {MAX_TAGS} XML tags")
     try:
@@ -81,10 +86,23 @@ def read_map_source(path: Path) -> MapSource:
         root = next((element.tag for _, element in elements), "")
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise MapError(str(path), f"{ALLOWED}; this file is not readable XML: {error}") from error
+    if root.startswith("{"):
+        content, root = _without_namespaces(content, path), root.rpartition("}")[2]
     kind = _KIND_OF_ROOT.get(root)
     if kind is None:
         raise MapError(str(path), f"{ALLOWED}; this file is an XML document <{root}>")
     return MapSource(name=map_stem(path), kind=kind, content=content)
+
+
+def _without_namespaces(content: bytes, path: Path) -> bytes:
+    """A document with plain names, as those who read maps expect them; RoadRunner writes a namespace into OpenDRIVE."""
+    try:
+        root = fromstring(content, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        raise MapError(str(path), f"{ALLOWED}; this file is not readable XML: {error}") from error
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    return bytes(tostring(root, encoding="utf-8", xml_declaration=True))
 
 
 def _open(path: Path) -> BinaryIO:
@@ -153,6 +171,8 @@ def _too_deep(root: Element) -> str:
 
 
 def _lanes_of_openstreetmap(osm: Element) -> str:
+    if osm.find("relation/tag[@k='type'][@v='lanelet']") is not None and osm.find("way/tag[@k='highway']") is None:
+        return f"{ALLOWED}; this is a Lanelet2 map: convert it first, as the CommonRoad Scenario Designer does"
     for way in osm.iter("way"):
         for tag in way.iter("tag"):
             value = tag.get("v", "")

@@ -409,6 +409,17 @@ def test_a_direction_is_that_of_the_way(way, direction, edges):
     assert behind == (stopped(*edges) if edges else stopped("from_e"))
 
 
+def test_a_sign_for_both_directions_binds_both():
+    """Its traffic away from the crossing is bound where the sign stands close behind the end of its way."""
+    assert bound(sign_node((-14.0, 0.0), direction="both")) == stopped("from_w", "from_e")
+    assert bound(sign_node((-14.0, 0.0), "give_way", direction="both")) == (
+        frozenset(),
+        frozenset({"from_w", "from_e"}),
+    )
+    one_way = f'{PRIMARY}<tag k="oneway" v="yes"/>'
+    assert bound(sign_node((-14.0, 0.0), direction="both"), tags=one_way) == stopped("from_w")
+
+
 @pytest.mark.parametrize(
     ("oneway", "edges"),
     [("yes", ("from_w",)), ("true", ("from_w",)), ("1", ("from_w",)), ("-1", ()), ("no", ("from_w",))],

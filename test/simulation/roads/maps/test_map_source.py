@@ -1,8 +1,10 @@
 """Map files of all kinds; maps with counts of no real place are refused, with the evidence."""
 
+import bz2
 import gzip
 
 import pytest
+from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.maps import map_source
@@ -42,12 +44,45 @@ def test_gzip_is_seen_through(tmp_path):
     assert (source.kind, source.name, source.content) == (SourceKind.OPENSTREETMAP, "city", b"<osm/>")
 
 
+def test_bzip2_is_seen_through(tmp_path):
+    path = tmp_path / "city.osm.bz2"
+    path.write_bytes(bz2.compress(b"<osm/>"))
+    source = read_map_source(path)
+    assert (source.kind, source.name, source.content) == (SourceKind.OPENSTREETMAP, "city", b"<osm/>")
+
+
+@pytest.mark.parametrize(("mark", "prefix"), [("xmlns", ""), ("xmlns:od", "od:")])
+def test_names_in_a_namespace_are_plain_names(tmp_path, mark, prefix):
+    path = tmp_path / "map.xodr"
+    space = "http://code.asam.net/simulation/standard/opendrive_schema"
+    path.write_text(f'<{prefix}OpenDRIVE {mark}="{space}"><{prefix}road id="1"/></{prefix}OpenDRIVE>')
+    source = read_map_source(path)
+    assert source.kind is SourceKind.OPENDRIVE
+    assert fromstring(source.content).find("road").attrib == {"id": "1"}
+    path.write_text(f'<{prefix}OpenDRIVE {mark}="{space}"><{prefix}road></{prefix}OpenDRIVE>')
+    with pytest.raises(MapError, match="not readable XML"):
+        read_map_source(path)
+
+
+def test_a_lanelet2_map_is_called_so():
+    lanelet = '<relation id="1"><tag k="type" v="{}"/></relation>'
+    street = '<way id="2"><tag k="highway" v="residential"/></way>'
+    for content, is_refused in ((lanelet.format("lanelet"), True), (lanelet.format("route"), False), (street, False)):
+        source = MapSource("map", SourceKind.OPENSTREETMAP, f"<osm>{content}</osm>".encode())
+        if is_refused:
+            with pytest.raises(MapError, match="Lanelet2 map: convert it first"):
+                refuse_unusable_map(source, "map.osm")
+        else:
+            refuse_unusable_map(source, "map.osm")
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
         *[(b"", "not readable XML"), (b"plain words", "not readable XML")],
         *[(b"\x89PNG\r\n", "not readable XML"), (b"<html/>", "an XML document <html>")],
         (gzip.compress(b"<net/>", mtime=0)[:-6], "gzip file is damaged"),
+        (bz2.compress(b"<net/>")[:-6], "bzip2 file is damaged"),
         (b'<!DOCTYPE n [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><net>&b;</net>', "not readable XML"),
     ],
 )

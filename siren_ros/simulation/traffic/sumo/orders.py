@@ -1,6 +1,8 @@
 """Orders to signals and to single vehicles in SUMO.
 
-* A signal's programme is shifted so that a movement's red begins at a given time, or behind a platoon.
+* A signal's programme is shifted so that a movement's red begins at a given time, or behind a platoon. A programme that
+  follows its traffic (actuated, delay-based, NEMA) becomes a fixed cycle of its phases first; those of other signals
+  stay.
 * EMVs that SUMO drives stop where their route ends, as those do that are driven from outside: SUMO takes a vehicle out
   of traffic at the end of its route, and an EMV's sensors would go with it.
 * The head of a jam blocks traffic. What causes a jam is beyond the map: SUMO's foremost drivers would go on.
@@ -11,11 +13,15 @@
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from bisect import bisect_right
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise, zip_longest
+from pathlib import Path
+from typing import Any, Final
 
 import libsumo
+from defusedxml.ElementTree import fromstring
 
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.units import STEP_S
@@ -38,6 +44,14 @@ _BEFORE_EMV_S: Final = 0.4
 _EMV_MPS2: Final = 2.0
 """Acceleration of an ambulance where others leave its lane before the line."""
 _CREEP_MPS: Final = 1.0
+_STATIC, _NEMA = 0, 4
+"""SUMO's numbers of kinds of programmes."""
+_NEMA_KEYS: Final = ("ring1", "ring2", "barrierPhases", "barrier2Phases", "coordinatePhases")
+"""Parameters of a NEMA programme: the rings and the phases at whose ends they wait for each other."""
+_NEMA_TIMES_S: Final = (3.0, 2.0)
+"""Yellow and red of a phase that does not state them (SUMO, ``NLHandler::addPhase``)."""
+_LETTERS: Final = "ruyoOsgG"
+"""SUMO's letters of a link, from closed to open."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +124,7 @@ def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
         MapError: the link is never red, or always.
     """
     signal = timing.signal_id
+    _fix_cycle(signal)
     phases = _programme(signal)
     begin_s = crossing_begin_s(phases, timing.link, timing.crossing)
     if begin_s is None:
@@ -120,9 +135,108 @@ def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
 
 
 def _programme(signal: str) -> list[SignalPhase]:
+    return [SignalPhase(float(phase.duration), str(phase.state)) for phase in _logic(signal).phases]
+
+
+def _logic(signal: str) -> Any:
     program = libsumo.trafficlight.getProgram(signal)
-    logic = next(logic for logic in libsumo.trafficlight.getAllProgramLogics(signal) if logic.programID == program)
-    return [SignalPhase(float(phase.duration), str(phase.state)) for phase in logic.phases]
+    return next(logic for logic in libsumo.trafficlight.getAllProgramLogics(signal) if logic.programID == program)
+
+
+def _fix_cycle(signal: str) -> None:
+    """Gives a signal whose programme follows its traffic one with a fixed cycle of the same phases."""
+    logic = _logic(signal)
+    if logic.type == _STATIC or not logic.phases:
+        return
+    greens = [min(max(phase.duration, phase.minDur), phase.maxDur) for phase in logic.phases]
+    phases = [SignalPhase(float(s), str(phase.state)) for s, phase in zip(greens, logic.phases, strict=True)]
+    if logic.type == _NEMA:
+        times = _nema_times_s(signal, logic)
+        named = zip((phase.name for phase in logic.phases), phases, strict=True)
+        parts = {name: parts_of_nema_phase(phase, *times.get(name, _NEMA_TIMES_S)) for name, phase in named}
+        ring1, ring2, ends, others, coordinated = (logic.subParameter.get(key, "").split(",") for key in _NEMA_KEYS)
+        phases = nema_cycle(parts, (ring1, ring2), (*ends, *(others if any(others) else coordinated)))
+    else:
+        phases = [phases[number] for number in _first_round([phase.next for phase in logic.phases])]
+    fixed = [libsumo.trafficlight.Phase(phase.duration_s, phase.state) for phase in phases]
+    libsumo.trafficlight.setProgramLogic(signal, libsumo.trafficlight.Logic("fixed", _STATIC, 0, fixed))
+
+
+def _first_round(following: Sequence[Sequence[int]]) -> list[int]:
+    """The phases of a programme from the first one until one comes again; ``following`` are those that may follow."""
+    order = [0]
+    while (then := (*following[order[-1]], (order[-1] + 1) % len(following))[0]) not in order:
+        order.append(then)
+    return order
+
+
+def _nema_times_s(signal: str, logic: Any) -> dict[str, tuple[float, float]]:
+    """Yellow and red times of the phases of a NEMA programme, by their names; only the net tells them."""
+    net = fromstring(Path(libsumo.simulation.getOption("net-file")).read_bytes())
+    yellow_s, red_s = _NEMA_TIMES_S
+    return {
+        phase.get("name", ""): (float(phase.get("yellow", yellow_s)), float(phase.get("red", red_s)))
+        for programme in net.iterfind("tlLogic")
+        if (programme.get("id"), programme.get("programID")) == (signal, logic.programID)
+        for phase in programme.iterfind("phase")
+    }
+
+
+def parts_of_nema_phase(green: SignalPhase, yellow_s: float, red_s: float) -> tuple[SignalPhase, ...]:
+    """The green, yellow and red of a phase that states the last two as times alone."""
+    yellow = "".join("y" if letter in "Gg" else letter for letter in green.state)
+    return green, SignalPhase(yellow_s, yellow), SignalPhase(red_s, "r" * len(green.state))
+
+
+def nema_cycle(
+    parts: Mapping[str, Sequence[SignalPhase]], rings: Sequence[Sequence[str]], barriers: Collection[str]
+) -> list[SignalPhase]:
+    """The fixed cycle of a NEMA programme: the phases of a ring one after the other, both rings at once.
+
+    Args:
+        parts: Green, yellow and red of each phase, by its name.
+        rings: Names of the phases of each ring in their order; others are left out.
+        barriers: Names of phases at whose ends the rings wait for each other. Between two barriers the last green of
+            the shorter ring is longer.
+
+    Source: National Electrical Manufacturers Association, Standard TS 2: dual-ring control; SUMO, "NEMA".
+    """
+    groups = [_between_barriers([name for name in ring if name in parts], barriers) for ring in rings]
+    cycle: list[SignalPhase] = []
+    for stretches in zip_longest(*groups, fillvalue=[]):
+        lines = [[part for name in names for part in parts[name]] for names in stretches if names]
+        longest_s = max(map(_length_s, lines), default=0.0)
+        for line in lines:
+            line[-3] = replace(line[-3], duration_s=line[-3].duration_s + longest_s - _length_s(line))
+        cycle += _at_once(lines)
+    return cycle
+
+
+def _between_barriers(ring: Sequence[str], barriers: Collection[str]) -> list[list[str]]:
+    """The phases of a ring by the barriers at which they end."""
+    groups: list[list[str]] = [[]]
+    for name in ring:
+        groups[-1].append(name)
+        if name in barriers:
+            groups.append([])
+    across_the_end = groups.pop()
+    return [across_the_end + (groups[0] if groups else []), *groups[1:]]
+
+
+def _length_s(phases: Sequence[SignalPhase]) -> float:
+    return sum(phase.duration_s for phase in phases)
+
+
+def _at_once(lines: Sequence[Sequence[SignalPhase]]) -> Iterator[SignalPhase]:
+    """Programmes of one length that run at once, as one; a link has the letter that lets most vehicles drive."""
+    ends = [list(accumulate(phase.duration_s for phase in line)) for line in lines]
+    moments = sorted({round(end, 3) for line in ends for end in line})
+    for begin, end in pairwise([0.0, *moments]):
+        shown = [line[bisect_right(times, (begin + end) / 2.0)].state for line, times in zip(lines, ends, strict=True)]
+        if end > begin:
+            yield SignalPhase(
+                end - begin, "".join(max(letters, key=_LETTERS.find) for letters in zip(*shown, strict=True))
+            )
 
 
 def yellow_after(phases: Sequence[SignalPhase], present: int, link: int) -> tuple[int, float] | None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from traffic_helpers import load_map, plan_of, plan_s2
 
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.simulation.roads.maps.netconvert import run_netconvert
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import JamHead, PlannedVehicle, SignalTiming, Spot
 from siren_ros.simulation.traffic.simulation import SumoSimulation
@@ -25,6 +26,8 @@ from siren_ros.simulation.traffic.sumo.orders import (
     crossing_begin_s,
     detector_s,
     drivers_who_go,
+    nema_cycle,
+    parts_of_nema_phase,
     place_in_cycle,
     red_interval_s,
     yellow_after,
@@ -125,6 +128,93 @@ def test_who_ends_the_green_drives_over_the_line_on_yellow(yellow_s: float) -> N
     assert 0.0 <= detector_s(yellow_s) <= yellow_s
     assert detector_s(3.0) == pytest.approx(1.8)
     assert detector_s(8.0) == 2.2
+
+
+FOLLOWING = ("static", "actuated", "delay_based", "NEMA")
+"""Kinds of programmes; all but the first one follow their traffic."""
+
+
+@pytest.fixture(name="two_signals", params=FOLLOWING)
+def _two_signals(request, tmp_path):
+    """A running simulation of two crossings with signals of one kind, and much traffic towards both."""
+    places = [*(("c", 0, 0), ("d", 400, 0), ("w", -300, 0), ("n", 0, 300)), ("s", 0, -300), ("e", 700, 0)]
+    places += [("m", 400, 300), ("t", 400, -300)]
+    streets = ["wc", "cw", "cd", "dc", "de", "ed", "nc", "cn", "sc", "cs", "md", "dm", "td", "dt"]
+    nodes = "".join(
+        f'<node id="{k}" x="{x}" y="{y}"{" type=" + chr(34) + "traffic_light" + chr(34) if k in "cd" else ""}/>'
+        for k, x, y in places
+    )
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="2"/>' for a, b in streets)
+    (tmp_path / "nodes").write_text(f"<nodes>{nodes}</nodes>")
+    (tmp_path / "edges").write_text(f"<edges>{edges}</edges>")
+    options = ["--node-files", str(tmp_path / "nodes"), "--edge-files", str(tmp_path / "edges"), "--no-turnarounds"]
+    options += ["--tls.default-type", request.param, "--tls.cycle.time", "60"]
+    options += [] if request.param == "NEMA" else ["--tls.layout", "opposites"]
+    net = tmp_path / "two.net.xml"
+    net.write_bytes(run_netconvert(options, tmp_path / "out.xml", "two"))
+    flows = "".join(
+        f'<flow id="{a}{b}" begin="0" end="200" vehsPerHour="900" from="{a}" to="{b}"/>'
+        for a, b in (("wc", "de"), ("ed", "cw"), ("nc", "cs"), ("td", "dm"))
+    )
+    routes = tmp_path / "flows.rou.xml"
+    routes.write_text(f"<routes>{flows}</routes>")
+    files = {"--net-file": str(net), "--route-files": str(routes), "--step-length": f"{STEP_S}"}
+    quiet = {"--no-warnings": "true", "--no-step-log": "true", "--time-to-teleport": "-1"}
+    libsumo.start(["sumo", *(part for pair in (files | quiet).items() for part in pair)])
+    yield request.param
+    libsumo.close()
+
+
+def kinds_of(signal):
+    """The kind of the programme that a signal has now."""
+    program = libsumo.trafficlight.getProgram(signal)
+    return [logic.type for logic in libsumo.trafficlight.getAllProgramLogics(signal) if logic.programID == program]
+
+
+def link_of(signal, source, target):
+    """The number of the movement between two edges."""
+    for number, ways in enumerate(libsumo.trafficlight.getControlledLinks(signal)):
+        if any((a.rpartition("_")[0], b.rpartition("_")[0]) == (source, target) for a, b, _ in ways):
+            return number
+    raise LookupError
+
+
+def test_the_planned_red_comes_when_planned_on_every_kind_of_programme(two_signals):
+    link, crossing = link_of("c", "wc", "cd"), link_of("c", "nc", "cs")
+    planned_s, seen, other = 70.0, [], kinds_of("d")
+    orders.time_signal(SignalTiming("c", link, planned_s), 0.0)
+    for _ in range(round(95.0 / STEP_S)):
+        libsumo.simulationStep()
+        seen.append(str(libsumo.trafficlight.getRedYellowGreenState("c")))
+    before, after = round((planned_s - 0.2) / STEP_S), round((planned_s + 0.2) / STEP_S)
+    assert seen[before][link] == "y"
+    assert seen[before - round(4.0 / STEP_S)][link] == "G"
+    assert {letters[link] for letters in seen[after : after + round(15.0 / STEP_S)]} == {"r"}
+    assert "G" in {letters[crossing] for letters in seen[after : after + round(6.0 / STEP_S)]}
+    assert not any(letters[link] in "Gg" and letters[crossing] in "Gg" for letters in seen)
+    assert kinds_of("c") == [0]
+    assert kinds_of("d") == other, "other signals stay as they are"
+    assert (other == [0]) == (two_signals == "static")
+
+
+def test_a_nema_programme_is_fixed_ring_by_ring_and_waits_at_its_barriers() -> None:
+    greens = {"1": 10.0, "2": 20.0, "5": 15.0, "6": 25.0, "4": 30.0, "8": 12.0}
+    order = list(greens)
+    parts = {
+        name: parts_of_nema_phase(SignalPhase(s, "".join("G" if name == other else "r" for other in order)), 3.0, 2.0)
+        for name, s in greens.items()
+    }
+    cycle = nema_cycle(parts, (("1", "2", "0", "4"), ("5", "6", "0", "8")), ("4", "8", "2", "6"))
+    assert sum(phase.duration_s for phase in cycle) == pytest.approx((15.0 + 25.0 + 10.0) + 35.0)
+    ends = np.cumsum([phase.duration_s for phase in cycle])
+    expected = {
+        5.0: "GrGrrr", 11.0: "yrGrrr", 14.0: "rrGrrr", 16.0: "rGyrrr", 19.0: "rGrrrr", 21.0: "rGrGrr",
+        44.0: "rGrGrr", 46.0: "ryryrr", 49.0: "rrrrrr", 51.0: "rrrrGG", 79.0: "rrrrGG", 81.0: "rrrryy", 84.0: "rrrrrr",
+    }  # fmt: skip
+    for at_s, state in expected.items():
+        assert cycle[int(np.searchsorted(ends, at_s, "right"))].state == state, at_s
+    rotated = nema_cycle(parts, (("2", "4", "1"), ("6", "8", "5")), ("4", "8", "2", "6"))
+    assert [phase.state for phase in rotated] == [phase.state for phase in cycle]
 
 
 @pytest.mark.parametrize("seed", [0, 3])

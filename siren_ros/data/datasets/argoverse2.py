@@ -24,7 +24,7 @@ from siren_ros.data.episode_source import EpisodeSource
 from siren_ros.data.tracks import FRAME_S, Track, tracks_of, whole_windows
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.actors import ActorClass, by_class
 
 _SEGMENT_POINTS: Final = 10
 """Number of points of boundaries and centre lines in Argoverse 2; longer lanes get one more every five metres."""
@@ -37,12 +37,14 @@ OBSERVED: Final = 50
 FOCAL, SCORED, UNSCORED, FRAGMENT = 3, 2, 1, 0
 """Track categories of Argoverse 2: to be predicted, complete, present at the current frame, other."""
 AV: Final = "AV"
-_TYPE_OF_CLASS: Final = {
-    ActorClass.BUS: "bus",
-    ActorClass.MOTORCYCLE: "motorcyclist",
-    ActorClass.BICYCLE: "cyclist",
-    ActorClass.PEDESTRIAN: "pedestrian",
-}
+_TYPE_OF_CLASS: Final = by_class(
+    {
+        ActorClass.BUS: "bus",
+        ActorClass.MOTORCYCLE: "motorcyclist",
+        ActorClass.BICYCLE: "cyclist",
+        ActorClass.PEDESTRIAN: "pedestrian",
+    }
+)
 """Object types of av2; all others are ``vehicle``."""
 """Track id of the vehicle with the sensors."""
 _MAP_FILE: Final = "log_map_archive_{}.json"

@@ -29,7 +29,7 @@ from siren_ros.data.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.errors import BagError
 from siren_ros.simulation.roads.road_network import OTHER_SIDE, Connection, LaneKind, RoadNetwork, negated
 from siren_ros.simulation.scenario.episode import EpisodeDescription
-from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass
+from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, ActorClass, by_class
 
 _BORDERS, _SURFACES = 600_000, 800_000
 _SIGNS, _LIGHTS, _JUNCTIONS, _INCOMINGS = 1_000_000, 2_000_000, 3_000_000, 4_000_000
@@ -42,13 +42,15 @@ _UNMARKED: Final = ("no_marking", "no_marking")
 _OPPOSITE_M: Final = 1.0
 """Left boundaries of opposite lanes that are nearer than this count as one line."""
 VERSION: Final = "2020a"
-_TYPE_OF_CLASS: Final = {
-    ActorClass.TRUCK: "truck",
-    ActorClass.BUS: "bus",
-    ActorClass.MOTORCYCLE: "motorcycle",
-    ActorClass.BICYCLE: "bicycle",
-    ActorClass.PEDESTRIAN: "pedestrian",
-}
+_TYPE_OF_CLASS: Final = by_class(
+    {
+        ActorClass.TRUCK: "truck",
+        ActorClass.BUS: "bus",
+        ActorClass.MOTORCYCLE: "motorcycle",
+        ActorClass.BICYCLE: "bicycle",
+        ActorClass.PEDESTRIAN: "pedestrian",
+    }
+)
 _PROBLEM: Final = 5_000_000
 _OBSTACLES: Final = 6_000_000
 _GOAL_LENGTH_M: Final = 10.0

@@ -44,7 +44,7 @@ from siren_ros.data.episode_source import FRONT_CAMERA, EpisodeSource, lidar_fra
 from siren_ros.data.interfaces.measurements import Transform, matrix_of_transform
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.episode import KittiLayout
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.actors import ActorClass, by_class
 from siren_ros.simulation.world.carrier import CameraIntrinsics, GroundTruth
 
 RANGE_M: Final = 50.0
@@ -62,22 +62,16 @@ A KITTI reader opens these files without an error and puts every box in a wrong 
 the camera's frame with the centre of the bottom face. `siren export kitti` without `--layout paper` writes what such
 a reader expects, with these lines in `label_lidar/`.
 """
-TYPE_OF_CLASS: Final = {
-    ActorClass.HATCHBACK: "Car",
+_TYPES: Final = {
     ActorClass.SEDAN: "Car",
-    ActorClass.ESTATE: "Car",
-    ActorClass.SUV: "Car",
-    ActorClass.PICKUP: "Car",
-    ActorClass.POLICE: "Car",
     ActorClass.VAN: "Van",
-    ActorClass.AMBULANCE: "Van",
     ActorClass.TRUCK: "Truck",
-    ActorClass.FIRE_TRUCK: "Truck",
     ActorClass.BUS: "Misc",
     ActorClass.MOTORCYCLE: "Misc",
     ActorClass.BICYCLE: "Cyclist",
     ActorClass.PEDESTRIAN: "Pedestrian",
 }
+TYPE_OF_CLASS: Final = by_class(_TYPES)
 """KITTI's type for each class; KITTI has no type for buses and motorcycles, so they become ``Misc``."""
 UNKNOWN: Final = 3
 """KITTI's occlusion state "unknown": here, no LiDAR point lies on the vehicle."""
@@ -393,7 +387,7 @@ def _append_table(part: EpisodePart, target: Path, first: int, *, episode: bool)
             out.write(f"{int(number) + first:06d},{rest}{',' + part.episode_id if episode else ''}\n")
 
 
-NAME_OF_CLASS: Final = {**TYPE_OF_CLASS, ActorClass.BUS: "Bus"}
+NAME_OF_CLASS: Final = by_class({**_TYPES, ActorClass.BUS: "Bus"})
 """KITTI's classes plus one for buses."""
 _OPENPCDET_FRAMES: Final = "frames.csv"
 

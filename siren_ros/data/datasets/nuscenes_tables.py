@@ -16,28 +16,26 @@ from siren_ros.base.numerics.units import time_ns_of_step
 from siren_ros.data.datasets.files import FileWriter
 from siren_ros.data.episode_source import EpisodeSource, MountedCamera
 from siren_ros.data.interfaces.measurements import quaternion_of_matrix
-from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, FIRST_PARKED_ID, TWO_WHEELED, ActorClass
+from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, FIRST_PARKED_ID, TWO_WHEELED, ActorClass, by_class
 from siren_ros.simulation.world.carrier import GroundTruth
 
 CAR: Final = "vehicle.car"
 EMERGENCY: Final = "vehicle.emergency"
 """Option value that gives emergency vehicles categories of their own."""
-CATEGORY_OF_CLASS: Final = {
-    ActorClass.HATCHBACK: "vehicle.car",
-    ActorClass.SEDAN: "vehicle.car",
-    ActorClass.ESTATE: "vehicle.car",
-    ActorClass.SUV: "vehicle.car",
-    ActorClass.VAN: "vehicle.car",
-    ActorClass.PICKUP: "vehicle.car",
-    ActorClass.BUS: "vehicle.bus.rigid",
-    ActorClass.TRUCK: "vehicle.truck",
-    ActorClass.AMBULANCE: "vehicle.emergency.ambulance",
-    ActorClass.FIRE_TRUCK: "vehicle.emergency.fire_truck",
-    ActorClass.POLICE: "vehicle.emergency.police",
-    ActorClass.MOTORCYCLE: "vehicle.motorcycle",
-    ActorClass.BICYCLE: "vehicle.bicycle",
-    ActorClass.PEDESTRIAN: "human.pedestrian.adult",
-}
+CATEGORY_OF_CLASS: Final = by_class(
+    {
+        ActorClass.SEDAN: "vehicle.car",
+        ActorClass.VAN: "vehicle.car",
+        ActorClass.BUS: "vehicle.bus.rigid",
+        ActorClass.TRUCK: "vehicle.truck",
+        ActorClass.AMBULANCE: "vehicle.emergency.ambulance",
+        ActorClass.FIRE_TRUCK: "vehicle.emergency.fire_truck",
+        ActorClass.POLICE: "vehicle.emergency.police",
+        ActorClass.MOTORCYCLE: "vehicle.motorcycle",
+        ActorClass.BICYCLE: "vehicle.bicycle",
+        ActorClass.PEDESTRIAN: "human.pedestrian.adult",
+    }
+)
 """nuScenes' category of each class; vans and pickups count as cars, and there are no fire trucks."""
 ATTRIBUTES: Final = (
     "vehicle.moving",

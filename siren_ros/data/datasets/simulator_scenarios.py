@@ -28,7 +28,7 @@ from siren_ros.data.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.simulation.roads.maps.map_formats import mirrored_net, mirrored_opendrive
 from siren_ros.simulation.roads.maps.netconvert import run_netconvert
 from siren_ros.simulation.roads.road_network import RoadNetwork, right_hand_image
-from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass, ActorDescription
+from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass, ActorDescription, by_class
 
 _HEADER: Final = {"revMajor": "1", "revMinor": "5", "date": "1970-01-01T00:00:00"}
 _OBJECT: Final = {
@@ -82,21 +82,23 @@ def opendrive_of(source: EpisodeSource) -> bytes:
 
 REAR_AXLE: Final = 0.3
 """Distance of the rear axle behind the vehicle's centre, in vehicle lengths; the front axle is as far ahead."""
-_CATEGORY: Final = {
-    ActorClass.VAN: "van",
-    ActorClass.AMBULANCE: "van",
-    ActorClass.TRUCK: "truck",
-    ActorClass.FIRE_TRUCK: "truck",
-    ActorClass.BUS: "bus",
-    ActorClass.MOTORCYCLE: "motorbike",
-    ActorClass.BICYCLE: "bicycle",
-}
-_ROLE: Final = {
-    ActorClass.AMBULANCE: "ambulance",
-    ActorClass.FIRE_TRUCK: "fire",
-    ActorClass.POLICE: "police",
-    ActorClass.BUS: "publicTransport",
-}
+_CATEGORY: Final = by_class(
+    {
+        ActorClass.VAN: "van",
+        ActorClass.TRUCK: "truck",
+        ActorClass.BUS: "bus",
+        ActorClass.MOTORCYCLE: "motorbike",
+        ActorClass.BICYCLE: "bicycle",
+    }
+)
+_ROLE: Final = by_class(
+    {
+        ActorClass.AMBULANCE: "ambulance",
+        ActorClass.FIRE_TRUCK: "fire",
+        ActorClass.POLICE: "police",
+        ActorClass.BUS: "publicTransport",
+    }
+)
 _WHEEL_M: Final = 0.65
 _LIMITS: Final = {"maxSpeed": 70.0, "maxAcceleration": 10.0, "maxDeceleration": 10.0}
 _MAJOR, _MINOR = 1, 2

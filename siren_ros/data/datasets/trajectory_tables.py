@@ -151,7 +151,7 @@ FOOT_M: Final = 0.3048
 LANE_WIDTH_M: Final = 3.5
 """Lane width for vehicles off the road."""
 _MOTORCYCLE, _CAR, _TRUCK = 1, 2, 3
-_TRUCKS: Final = frozenset({ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK})
+_TRUCKS: Final = frozenset({ActorClass.TRUCK, ActorClass.BUS})
 Numbers = npt.NDArray[np.int64]
 GRID_COLUMNS: Final = 3
 CELLS_ALONG: Final = 13
@@ -181,7 +181,7 @@ def vehicle_class(actor_class: ActorClass) -> int:
     """NGSIM's class of a vehicle: 1 a motorcycle or bicycle, 2 a car, 3 a truck."""
     if actor_class in TWO_WHEELED:
         return _MOTORCYCLE
-    return _TRUCK if actor_class in _TRUCKS else _CAR
+    return _TRUCK if actor_class.body in _TRUCKS else _CAR
 
 
 @dataclass(frozen=True)

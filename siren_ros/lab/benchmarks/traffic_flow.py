@@ -39,7 +39,7 @@ FOLLOWS_WITHIN_M: Final = 40.0
 FOLLOWS_AT_MPS: Final = 1.0
 """A driver follows the vehicle ahead if their speeds differ by less than this."""
 MOVES_MPS: Final = 3.0
-_HEAVY: Final = frozenset({ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK})
+_HEAVY: Final = frozenset({ActorClass.BUS, ActorClass.TRUCK})
 _GREEN: Final = frozenset("gG")
 _EVERY_STEPS: Final = 10
 
@@ -72,7 +72,7 @@ def discharge_headways(record: EpisodeRecord) -> DischargeHeadways:
             rest = green[begin:]
             end = begin + (rest.index(False) if False in rest else len(rest))
             crossings = list(_queue_crossings(record, lane, begin, end))[START_LOST - 1 :]
-            long = [record.actors[actor_id].actor_class in _HEAVY for _, _, actor_id in crossings]
+            long = [record.actors[actor_id].actor_class.body in _HEAVY for _, _, actor_id in crossings]
             headways += [STEP_S * (after - before) for (before, *_), (after, *_) in pairwise(crossings)]
             turns += [before or after for (_, before, _), (_, after, _) in pairwise(crossings)]
             heavy += [before or after for before, after in pairwise(long)]

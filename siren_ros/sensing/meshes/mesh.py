@@ -128,7 +128,6 @@ SEMANTIC_CLASS_OF_MATERIAL.setflags(write=False)
 _ACTOR_CLASSES: Final = {
     ActorClass.BUS: SemanticClass.BUS,
     ActorClass.TRUCK: SemanticClass.TRUCK,
-    ActorClass.FIRE_TRUCK: SemanticClass.TRUCK,
     ActorClass.MOTORCYCLE: SemanticClass.MOTORCYCLE,
     ActorClass.BICYCLE: SemanticClass.BICYCLE,
     ActorClass.PEDESTRIAN: SemanticClass.PEDESTRIAN,
@@ -137,7 +136,7 @@ _ACTOR_CLASSES: Final = {
 
 def semantic_class_of_actor(actor_class: ActorClass) -> SemanticClass:
     """Semantic class of all triangles of a vehicle and its rider; CAR for classes without one of their own."""
-    return _ACTOR_CLASSES.get(actor_class, SemanticClass.CAR)
+    return _ACTOR_CLASSES.get(actor_class.body, SemanticClass.CAR)
 
 
 class LampColour(StrEnum):

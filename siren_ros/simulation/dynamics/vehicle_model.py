@@ -19,7 +19,7 @@ from siren_ros.base.numerics.compiled import YAW, X, Y, compiled, within
 from siren_ros.base.numerics.units import GRAVITY_MPS2
 from siren_ros.base.params.parameters import FILES_ON_DISK, InputFile, InputFiles, StrictMapping, read_strict_yaml
 from siren_ros.errors import InputError
-from siren_ros.simulation.world.actors import PEOPLE_CLASSES, ActorClass
+from siren_ros.simulation.world.actors import PEOPLE_CLASSES, ActorClass, by_class
 
 
 @dataclass(frozen=True)
@@ -155,9 +155,10 @@ def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorC
             line, key, value and what is allowed.
     """
     names = {kind: kind.name.lower() for kind in ActorClass}
-    # Records of earlier episodes have no two-wheelers and no pedestrians.
-    names = {kind: name for kind, name in names.items() if kind not in PEOPLE_CLASSES or files.has("vehicles", name)}
-    return {kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()}
+    # Records of earlier episodes have no two-wheelers, no pedestrians, and no classes that are newer than they are.
+    newer = {kind for kind in ActorClass if kind in PEOPLE_CLASSES or kind.body is not kind}
+    names = {kind: name for kind, name in names.items() if kind not in newer or files.has("vehicles", name)}
+    return by_class({kind: _parameters_in(files.read("vehicle", "vehicles", name)) for kind, name in names.items()})
 
 
 @lru_cache(maxsize=4 * len(ActorClass))

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag, StrEnum
 from hashlib import blake2b
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Brief, Codes, Columns, Floats, Ids, dtypes_of
 
+Row = TypeVar("Row")
 NO_ACTOR: Final = 0
 """Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""
 FIRST_PARKED_ID: Final = 50_000
@@ -45,9 +46,32 @@ class ActorClass(IntEnum):
         """Whether vehicles of this class are emergency vehicles."""
         return self in EMERGENCY_CLASSES
 
+    @property
+    def body(self) -> "ActorClass":
+        """The plain class with such a body, whose rows in tables hold where a class has no row of its own."""
+        return _BODIES.get(self, self)
+
+
+_BODIES: Final = {
+    ActorClass.HATCHBACK: ActorClass.SEDAN,
+    ActorClass.ESTATE: ActorClass.SEDAN,
+    ActorClass.SUV: ActorClass.SEDAN,
+    ActorClass.PICKUP: ActorClass.SEDAN,
+    ActorClass.AMBULANCE: ActorClass.VAN,
+    ActorClass.FIRE_TRUCK: ActorClass.TRUCK,
+    ActorClass.POLICE: ActorClass.SEDAN,
+}
+"""Classes that are not here are plain."""
+
+
+def by_class(table: Mapping[ActorClass, Row]) -> Mapping[ActorClass, Row]:
+    """The table with a row for every class: its own, or that of its body; without those that have neither."""
+    rows = {kind: kind if kind in table else kind.body for kind in ActorClass}
+    return {kind: table[row] for kind, row in rows.items() if row in table}
+
 
 EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE})
-TWO_WHEELED: Final = frozenset({ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
+TWO_WHEELED: Final = frozenset(kind for kind in ActorClass if kind.body in {ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
 PEOPLE_CLASSES: Final = frozenset({*TWO_WHEELED, ActorClass.PEDESTRIAN})
 """Classes that the demand of a template has as people, and that scores have in rows of their own."""
 VEHICLE_CLASSES: Final = tuple(member for member in ActorClass if member is not ActorClass.PEDESTRIAN)

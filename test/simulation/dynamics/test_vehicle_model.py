@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.base.params.folders import params_dir
-from siren_ros.base.params.parameters import FILES_ON_DISK, NotedFiles, RecordedFiles
+from siren_ros.base.params.parameters import FILES_ON_DISK, InputFile, NotedFiles, RecordedFiles
 from siren_ros.errors import InputError
 from siren_ros.simulation.dynamics.vehicle_model import (
     AIR_DENSITY_KGPM3,
@@ -631,6 +631,18 @@ def _edit(folder: Path, name: str, old: str, new: str) -> Path:
     assert old in text
     file.write_text(text.replace(old, new), encoding="utf-8")
     return file
+
+
+def test_a_record_needs_no_class_that_is_newer_than_it(folder: Path) -> None:
+    def recorded(without: str) -> RecordedFiles:
+        files = (file for file in sorted(folder.glob("*.yaml")) if file.stem != without)
+        return RecordedFiles([InputFile("vehicles", file.stem, file.read_text(encoding="utf-8"), "") for file in files])
+
+    earlier = load_vehicle_parameters(recorded("suv"))
+    assert {*earlier} == {*ActorClass}
+    assert earlier[ActorClass.SUV] == earlier[ActorClass.SEDAN]
+    with pytest.raises(InputError, match="bus"):
+        load_vehicle_parameters(recorded("bus"))
 
 
 def test_every_class_has_parameters(parameters: Mapping[ActorClass, VehicleParameters]) -> None:

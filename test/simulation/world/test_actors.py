@@ -18,6 +18,7 @@ from siren_ros.simulation.world.actors import (
     SignalState,
     TrafficFlags,
     TrafficState,
+    by_class,
     hash_state,
     rows_of_ids,
 )
@@ -48,6 +49,19 @@ def test_who_yields_is_in_a_phase_from_reacting_to_the_hold():
 def test_emergency_vehicles_are_of_three_classes():
     emergency = {kind for kind in ActorClass if kind.is_emergency}
     assert emergency == {ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE}
+
+
+def test_a_class_without_a_row_has_that_of_its_body():
+    table = by_class({ActorClass.SEDAN: "car", ActorClass.TRUCK: "truck", ActorClass.POLICE: "police"})
+    cars = dict.fromkeys((ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.ESTATE, ActorClass.SUV), "car")
+    others = {ActorClass.PICKUP: "car", ActorClass.TRUCK: "truck", ActorClass.FIRE_TRUCK: "truck"}
+    assert table == {**cars, **others, ActorClass.POLICE: "police"}
+
+
+def test_bodies_are_of_plain_classes():
+    assert all(kind.body.body is kind.body for kind in ActorClass)
+    assert ActorClass.BUS.body is ActorClass.BUS
+    assert ActorClass.AMBULANCE.body is ActorClass.VAN
 
 
 def test_codes_are_those_of_the_messages():

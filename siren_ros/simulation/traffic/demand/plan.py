@@ -20,7 +20,7 @@ from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, 
 from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS
 from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver, TrafficDrivers
 from siren_ros.simulation.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
-from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
+from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass, by_class
 
 
 @dataclass(frozen=True)
@@ -138,12 +138,14 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
         max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
         speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
         cooperation=top.number("cooperation", 0.0, 1.0),
-        classes={
-            member: _class_driving(classes.mapping(member.name.lower()))
-            for member in VEHICLE_CLASSES
-            # Older records have no pedestrians' or riders' classes.
-            if member not in TWO_WHEELED or classes.has(member.name.lower())
-        },
+        classes=by_class(
+            {
+                member: _class_driving(classes.mapping(member.name.lower()))
+                for member in VEHICLE_CLASSES
+                # A class drives as its body if it has no row. Older records have no riders' classes.
+                if (member.body is member and member not in TWO_WHEELED) or classes.has(member.name.lower())
+            }
+        ),
     )
     classes.finish()
     top.finish()

@@ -20,7 +20,7 @@ from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, RoadNetw
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, least_gap_m
 from siren_ros.simulation.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
-from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass, by_class
 
 Point: TypeAlias = tuple[float, float]
 Planned = TypeVar("Planned")
@@ -61,21 +61,23 @@ class Reserve(Generic[Planned]):
             self._waiting[row] = not enter(self._planned[row])
 
 
-_SHAPES: Final[Mapping[ActorClass, str]] = {
-    ActorClass.HATCHBACK: "passenger/hatchback",
-    ActorClass.SEDAN: "passenger/sedan",
-    ActorClass.ESTATE: "passenger/wagon",
-    ActorClass.SUV: "passenger/van",
-    ActorClass.VAN: "delivery",
-    ActorClass.PICKUP: "passenger/van",
-    ActorClass.BUS: "bus",
-    ActorClass.TRUCK: "truck",
-    ActorClass.AMBULANCE: "emergency",
-    ActorClass.FIRE_TRUCK: "firebrigade",
-    ActorClass.POLICE: "police",
-    ActorClass.MOTORCYCLE: "motorcycle",
-    ActorClass.BICYCLE: "bicycle",
-}
+_SHAPES: Final = by_class(
+    {
+        ActorClass.HATCHBACK: "passenger/hatchback",
+        ActorClass.SEDAN: "passenger/sedan",
+        ActorClass.ESTATE: "passenger/wagon",
+        ActorClass.SUV: "passenger/van",
+        ActorClass.VAN: "delivery",
+        ActorClass.PICKUP: "passenger/van",
+        ActorClass.BUS: "bus",
+        ActorClass.TRUCK: "truck",
+        ActorClass.AMBULANCE: "emergency",
+        ActorClass.FIRE_TRUCK: "firebrigade",
+        ActorClass.POLICE: "police",
+        ActorClass.MOTORCYCLE: "motorcycle",
+        ActorClass.BICYCLE: "bicycle",
+    }
+)
 # These are no parameters: they are properties of vehicles and drivers that SUMO lacks, the same for all.
 _YELLOW_REACTION_S: Final = 1.0
 """``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which

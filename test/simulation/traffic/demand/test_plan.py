@@ -68,6 +68,15 @@ def test_every_number_has_its_place(tmp_path: Path) -> None:
     assert driver.car_following == "Krauss"
 
 
+def test_a_class_without_a_row_drives_as_its_body(tmp_path: Path) -> None:
+    row = next(line for line in CLASSES.splitlines() if line.startswith("  suv:"))
+    drivers = load(tmp_path, f"{row}\n", "")
+    assert drivers.classes[ActorClass.SUV] == drivers.classes[ActorClass.SEDAN]
+    plain = next(line for line in CLASSES.splitlines() if line.startswith("  bus:"))
+    with pytest.raises(InputError, match="bus"):
+        load(tmp_path, f"{plain}\n", "")
+
+
 def test_speed_and_headway_are_drawn_one_after_the_other(tmp_path: Path) -> None:
     wide = replace(load(tmp_path), speed_factor=TruncatedNormal(1.0, 0.1, 0.0, 2.0))
     wide = replace(wide, tau_s=TruncatedNormal(1.0, 0.2, 0.0, 2.0))

@@ -87,7 +87,7 @@ def user_folder(below_home: str) -> Path:
     try:
         folder = private_folder(f"siren_ros_{os.geteuid()}")
         if not is_writable(folder / below_home):
-            folder = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # another user has the name
+            folder = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # a folder of that name belongs to another user
             (folder / below_home).mkdir(parents=True)
     except OSError as error:
         why = f"the home of a user, or a folder for temporary files, that can be written ({error.strerror or error})"

@@ -102,7 +102,7 @@ class SumoSimulation:
 
     _running: ClassVar[bool] = False
     _rules: ClassVar[Sequence[Rule]] = RULES
-    """What SUMO's drivers are told."""
+    """The rules that correct SUMO's drivers; a comparison without SIREN's behaviour has fewer."""
 
     def __init__(
         self,

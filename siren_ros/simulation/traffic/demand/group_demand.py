@@ -237,9 +237,10 @@ def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
     return min(free, key=lambda connection: connection.direction != "s", default=None)
 
 
-# These are no parameters, for the same reason as above.
 _SEARCH_STEP_M: Final = 1.0
+"""Distance between the places that are tried for a vehicle."""
 _ROUNDING_M: Final = 1e-6
+"""Distances that differ by less are equal."""
 _Spans: TypeAlias = tuple[LaneInterval, ...]
 _LEAST_PLACED_SHARE: Final = 0.6
 """Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or

@@ -29,7 +29,6 @@ from siren_ros.simulation.traffic.demand.plan import (
 )
 from siren_ros.simulation.world.actors import ActorClass
 
-# This is no parameter, but a length of the measurement.
 _BEND_M: Final = 6.0
 """Length over which the bend of a lane is measured: a wheelbase of the longest vehicles."""
 _TURNS: Final = frozenset({"l", "r", "t"})

@@ -52,7 +52,7 @@ _TRAIL_STEPS: Final = 60
 _CAMERA_STEPS: Final = 40
 """Half width, in steps, of the window that smooths the camera's path."""
 _BEACON_STEPS: Final = 4
-_LEFT_TO_RIGHT: Final = "tlLsRr"
+_LEFT_TO_RIGHT: Final = "lLsRr"
 _GLASS: Final = (255, 255, 255, 190)
 _TRAIL: Final = (212, 26, 31, 80)
 _PANEL: Final = (255, 255, 255, 225)
@@ -303,9 +303,10 @@ def _camera_way(record: EpisodeRecord) -> Floats:
 def signal_bars(network: RoadNetwork, image: MapImage) -> list[SignalBar]:
     """One bar per movement with a signal."""
     bars = []
+    sides = f"{_LEFT_TO_RIGHT}t" if network.left_hand else f"t{_LEFT_TO_RIGHT}"
     for lane, connections in network.connections_from.items():
         signalled = [movement for movement in connections if movement.signal_id is not None]
-        signalled.sort(key=lambda movement: (_LEFT_TO_RIGHT.find(movement.direction), movement.signal_link))
+        signalled.sort(key=lambda movement: (sides.find(movement.direction), movement.signal_link))
         for number, movement in enumerate(signalled):
             part = (number / len(signalled), (number + 1) / len(signalled))
             corners = image.to_px(stop_bar(network.lanes[lane], *part))

@@ -174,14 +174,15 @@ def _border(lane: Lane, side: int) -> Points:
 def _draw_markings(axes: Axes, network: RoadNetwork, line_width: float) -> None:
     dashed: list[Points] = []
     solid: list[Points] = []
+    inwards = -1 if network.left_hand else 1
     for edge in network.edges:
         lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind in _PAVED]
         if edge.internal or not lanes:
             continue
-        for right, left in pairwise(lanes):
-            both_driven = right.kind is left.kind is LaneKind.DRIVING
-            (dashed if both_driven else solid).append(_border(right, 1))
-        solid += [_border(lanes[0], -1), _border(lanes[-1], 1)]
+        for outer, inner in pairwise(lanes):
+            both_driven = outer.kind is inner.kind is LaneKind.DRIVING
+            (dashed if both_driven else solid).append(_border(outer, inwards))
+        solid += [_border(lanes[0], -inwards), _border(lanes[-1], inwards)]
     axes.add_collection(LineCollection(solid, colors=ROAD_EDGE, linewidths=line_width * 0.8, zorder=1.7))
     dashes = [(0, (6, 6))]
     axes.add_collection(LineCollection(dashed, colors=MARKING, linewidths=line_width, linestyles=dashes, zorder=1.7))

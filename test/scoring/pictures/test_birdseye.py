@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
 from map_networks import network_of_map
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 from repository import REPOSITORY
@@ -25,8 +26,8 @@ from siren_ros.scoring.pictures.birdseye import (
     save_site_map,
     snapshot_steps,
 )
-from siren_ros.scoring.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.scoring.pictures.plot_parts import LabelPlacer, draw_roads, lane_outline, mode_runs, yielding_actors
+from siren_ros.simulation.roads.road_network import RoadNetwork, mirrored_network
 from siren_ros.simulation.roads.site_finder import places_without_site
 from siren_ros.simulation.scenario.templates import available_templates, load_template
 from siren_ros.simulation.world.actors import Event, EventKind, Mode
@@ -136,6 +137,26 @@ def test_a_lane_outline_has_the_lanes_area(record):
     x, y = lane_outline(lane).T
     area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2.0
     assert area == pytest.approx(lane.length_m * lane.width_m)
+
+
+def drawn_lines(network):
+    """Lines of a road picture, each with whether it is dashed, in any order."""
+    axes = Figure().add_subplot()
+    draw_roads(axes, network, line_width=1.0)
+    lines = [collection for collection in axes.collections if isinstance(collection, LineCollection)]
+    return {
+        (tuple(map(tuple, line.round(6) + 0.0)), collection.get_linestyle()[0][1] is not None)
+        for collection in lines
+        for line in collection.get_segments()
+    }
+
+
+def test_where_traffic_keeps_left_the_lines_are_the_mirror_image(record):
+    network = record.network
+    image = {(tuple((x, -y + 0.0) for x, y in line), dashed) for line, dashed in drawn_lines(mirrored_network(network))}
+    drawn = drawn_lines(network)
+    assert {dashed for _, dashed in drawn} == {True, False}
+    assert image == drawn
 
 
 def test_labels_never_cover_each_other():

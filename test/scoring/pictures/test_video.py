@@ -20,7 +20,14 @@ from siren_ros.data.interfaces.measurements import to_compressed_image
 from siren_ros.data.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
 from siren_ros.errors import BagError, InputError
-from siren_ros.scoring.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm, paint_polygons, rgb_of
+from siren_ros.scoring.pictures.moving_birdseye import (
+    SIZE_PX,
+    BirdseyeFilm,
+    draw_map_image,
+    paint_polygons,
+    rgb_of,
+    signal_bars,
+)
 from siren_ros.scoring.pictures.video import (
     CELL_PX,
     Coding,
@@ -251,6 +258,19 @@ def test_signals_show_their_state():
     assert _share(at_red, red) > 10.0 * max(_share(at_green, red), 1e-6)
     assert _share(at_green, green) > 0.0003
     assert _share(at_red, green) == 0.0
+
+
+def test_bars_of_a_lane_stand_in_the_order_of_its_movements():
+    """Turning round is the leftmost one, or the rightmost where traffic keeps left."""
+    network = _crossing_record("r").network
+    lane = next(c.from_lane for c in network.connections if c.signal_id is not None)
+    one = replace(next(c for c in network.connections_from[lane] if c.signal_id is not None), direction="s")
+    ways = tuple(replace(one, direction=letter, signal_link=link) for link, letter in enumerate("trsl"))
+    low, high = (f(network.lanes[lane].centre.points, axis=0) for f in (np.min, np.max))
+    for left_hand, order in ((False, [0, 3, 2, 1]), (True, [3, 2, 1, 0])):
+        turned = replace(network, connections=ways, left_hand=left_hand)
+        bars = signal_bars(turned, draw_map_image(turned, low - 5.0, high + 5.0, 4.0))
+        assert [link for _, link, _ in bars] == order
 
 
 def test_polygons_cover_their_area_with_smooth_edges():

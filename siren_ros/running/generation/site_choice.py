@@ -14,7 +14,7 @@ from siren_ros.errors import InputError, MapError
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
-from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind, bridges
+from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind, bridges, overlaps
 from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
@@ -74,6 +74,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
     * Another lane leads on beside its own, where vehicles of the template drive there.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
     * No other road crosses a motorway on a bridge nearby: vehicles of both would meet, since the world is flat.
+    * No other road lies over it: drivers can make way for each other there, but not for the EMV, too.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
     * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
     * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
@@ -132,6 +133,13 @@ def _far_from_bridges(network: RoadNetwork, site: Site, _: Template) -> bool:
     return not shapely.dwithin(stretch, shapely.points(bridges(network)), _NO_BRIDGE_M).any()
 
 
+def _lies_alone(network: RoadNetwork, site: Site, _: Template) -> bool:
+    ways = {network.connections[way] for way in site.connections}
+    lanes = {lane for way in ways for lane in (*way.via, way.to_lane)}
+    lanes.update(lane for edge in site.stretch for lane in network.edges[edge].lanes)
+    return not any(lane in lanes for lane, _ in overlaps(network))
+
+
 def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
     return sum(driving_lanes(network, edge)[-1].length_m for edge in after) >= EXIT_M - _JUNCTION_M
@@ -161,6 +169,7 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
     f"less than {_MOTORWAY_M:.0f} m on which nobody joins or leaves": _motorway_long_enough,
     f"a bridge, less than {_NO_BRIDGE_M:.0f} m away, where traffic of both roads meets": _far_from_bridges,
+    "a road that lies over it, without a junction": _lies_alone,
     LITTLE_BEHIND: _leads_on,
     "no second lane that leads on beside the EMV's": _has_lanes,
     "a turn, where the EMV has to go straight on": _goes_straight_on,

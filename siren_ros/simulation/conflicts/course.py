@@ -4,7 +4,7 @@ The outlook is what every driver expects of every vehicle at one step: its way f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import cos, sin
 from typing import Any, Final, NamedTuple
@@ -12,12 +12,24 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Floats, Ids, Points, Rows
+from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Points, Rows
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.conflicts.yielding import Rank, rank_inside, rank_of
-from siren_ros.simulation.conflicts.zones import CUT, HALF_LENGTH, HALF_WIDTH, LEFT, PLACE, SPACING, TRACK_M, Ways
+from siren_ros.simulation.conflicts.zones import (
+    CUT,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    LEFT,
+    OWN,
+    PLACE,
+    SPACING,
+    STEP_M,
+    TRACK_M,
+    Ways,
+)
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.sites import overlaps
 from siren_ros.simulation.world.actors import Indices, TrafficState
 
 # These are no parameters: compiled loops and caches contain the resolution and length of courses.
@@ -37,6 +49,10 @@ _STRAIGHT_M: Final = 60.0
 """Length of the course of a vehicle off the road."""
 _WALK_M: Final = 10.0
 """Length of the course of a pedestrian, who has no route: the width of a street, or seven seconds."""
+
+
+_NONE: Final = np.empty(0, np.intp)
+_NO_PAIRS: Final = np.empty((0, 2), np.intp)
 
 
 @dataclass(frozen=True)
@@ -59,6 +75,8 @@ class Course:
     """Speed limit of the lane at each point, shape ``(K,)``."""
     entries: tuple[Entry, ...] = ()
     """Movements in driving order."""
+    lanes: Rows = field(default_factory=_NONE.copy)
+    """Lane at each point, shape ``(K,)``."""
 
     @property
     def length_m(self) -> float:
@@ -98,6 +116,10 @@ class Rights(NamedTuple):
     """Arc length on the course at which each movement begins."""
     rank: npt.NDArray[np.intp]
     """Present ``Rank`` of each movement."""
+    lanes: Rows = _NONE
+    """Lane at each point of ``Ways.points``; −1 off the road."""
+    overlying: Rows = _NO_PAIRS
+    """Pairs of lanes that lie over each other in ways that SUMO does not know, shape ``(P, 2)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +133,8 @@ class CoursesOfStep:
     """Points of all courses, one course after the other, shape ``(K, 2)``."""
     limit_mps: Floats
     """Speed limit at each point, shape ``(K,)``."""
+    lanes: Rows
+    """Lane at each point; −1 off the road."""
     ends: tuple[Rows, Rows, Rows, Rows]
     """Begin and end of each course's points, and of its movements."""
     spacing_m: Floats
@@ -173,7 +197,8 @@ class CourseBook:
         self._network = network
         self._numbers: dict[tuple[int, bytes], int] = {}
         self._courses: list[Course] = []
-        self._points, self._limits = _Stack(2), _Stack()
+        self._points, self._limits, self._lanes = _Stack(2), _Stack(), _Stack(dtype=np.intp)
+        self._overlying = np.array(list(overlaps(network)), np.intp).reshape(-1, 2)
         self._ends, self._spacing = _Stack(4, dtype=np.intp), _Stack()
         self._starts, self._ranks = _Stack(), _Stack(dtype=np.intp)
         self._movements: list[Connection] = []
@@ -206,10 +231,12 @@ class CourseBook:
         if len(straight):
             most = len(straight) * round(_STRAIGHT_M / SPACING_M)
             stacks = self._points.reserve(most), self._limits.reserve(most)
+            self._lanes.reserve(most)[used:] = NO_LANE
             poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
             _lay_straight_ways(straight, poses, traffic.route_offset, used, *stacks, ends)
             spacing[straight] = SPACING_M
-        return CoursesOfStep(traffic, number, self._points.rows, self._limits.rows, tuple(ends), spacing)
+        of_points = self._points.rows, self._limits.rows, self._lanes.rows
+        return CoursesOfStep(traffic, number, *of_points, tuple(ends), spacing)
 
     def course_of(self, traffic: TrafficState, row: int) -> Course:
         """The course of the vehicle in a row."""
@@ -234,6 +261,7 @@ class CourseBook:
             self._courses.append(course)
             begin = self._points.add(course.points)
             self._limits.add(course.limit_mps)
+            self._lanes.add(course.lanes)
             first = self._starts.add([entry.start_m for entry in course.entries])
             self._ranks.add([rank_of(entry.connection, self._states) for entry in course.entries])
             self._ends.add([(begin, self._points.used, first, self._starts.used)])
@@ -252,7 +280,8 @@ class CourseBook:
             for signal in changed:
                 for at in self._of_signal.get(signal, ()):
                     self._ranks.rows[at] = rank_of(self._movements[at], signals)
-        return Rights(courses.limit_mps, *courses.ends[2:], self._starts.rows, self._ranks.rows)
+        movements = *courses.ends[2:], self._starts.rows, self._ranks.rows
+        return Rights(courses.limit_mps, *movements, courses.lanes, self._overlying)
 
 
 @compiled
@@ -309,9 +338,9 @@ def _joined(network: RoadNetwork, lanes: list[int], movements: list[tuple[int, C
     even = line.resampled(SPACING_M)
     spacing = even.length_m / (len(even.points) - 1)
     on = np.clip(np.searchsorted(starts, spacing * np.arange(len(even.points)), side="right") - 1, 0, len(lanes) - 1)
-    limits = np.array([network.lanes[item].speed_limit_mps for item in lanes])
+    limits, numbers = np.array([network.lanes[item].speed_limit_mps for item in lanes]), np.array(lanes, np.intp)
     entries = tuple(Entry(float(starts[number]), connection) for number, connection in movements)
-    return Course(even.points, spacing, limits[on], entries)
+    return Course(even.points, spacing, limits[on], entries, numbers[on])
 
 
 def _movement_from(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Connection | None:
@@ -429,3 +458,33 @@ def limit_at_mps(ways: Ways, rights: Rights, row: int, way_m: float) -> float:
     """``Outlook.limit_mps`` for compiled loops."""
     place = int(np.rint((ways.bodies[row, PLACE] + way_m) / ways.bodies[row, SPACING]))
     return rights.limit_mps[ways.first[row] + min(max(place, 0), ways.last[row] - ways.first[row] - 1)]
+
+
+@compiled
+def lie_over_each_other(ways: Ways, rights: Rights, bodies: tuple[int, int], ways_m: tuple[float, float]) -> bool:
+    """Whether two bodies, after these ways, are in lanes that lie over each other, which SUMO does not know."""
+    (row, other), (own_m, other_m) = bodies, ways_m
+    for p in range(len(rights.overlying)):
+        lane, over = rights.overlying[p]
+        if _is_in(ways, rights, row, own_m, STEP_M, lane) and _is_in(ways, rights, other, other_m, STEP_M, over):
+            return True
+    return False
+
+
+@compiled
+def come_to_overlaps(ways: Ways, rights: Rights, ahead_m: Floats) -> Flags:
+    """Which bodies are in a lane that lies over another one, or come there within ``ahead_m``, shape ``(N,)``."""
+    found = np.zeros(len(ahead_m), np.bool_)
+    for row in range(len(ahead_m)):
+        for p in range(len(rights.overlying)):
+            found[row] = found[row] or _is_in(ways, rights, row, 0.0, ahead_m[row], rights.overlying[p, OWN])
+    return found
+
+
+@compiled
+def _is_in(ways: Ways, rights: Rights, row: int, way_m: float, ahead_m: float, lane: int) -> bool:
+    """Whether a body, after it has driven a way, is in a lane with any part of its length, or within some metres."""
+    first, count, spacing_m = ways.first[row], ways.last[row] - ways.first[row], ways.bodies[row, SPACING]
+    centre_m, half_m = ways.bodies[row, PLACE] + way_m, ways.bodies[row, HALF_LENGTH]
+    low, high = int((centre_m - half_m) / spacing_m), int((centre_m + half_m + ahead_m) / spacing_m) + 1
+    return bool((rights.lanes[first + max(low, 0) : first + min(high, count - 1) + 1] == lane).any())

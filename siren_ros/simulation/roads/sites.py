@@ -16,6 +16,7 @@ import numpy.typing as npt
 import shapely
 
 from siren_ros.base.numerics.arrays import Points
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import (
     TOWN_LIMIT_MPS,
@@ -256,3 +257,50 @@ def bridges(network: RoadNetwork) -> Points:
     pairs = shapely.STRtree(centres).query(centres, predicate="crosses").T.tolist()
     crossed = [(a, b) for a, b in pairs if lanes[a].edge < lanes[b].edge]
     return shapely.get_coordinates([shapely.intersection(centres[a], centres[b]) for a, b in crossed])
+
+
+_TOUCH_M: Final = 2.55
+"""Width of the widest vehicles (Directive 96/53/EC): bodies in lanes whose middles are nearer may touch."""
+_ALONG: Final = 0.9
+"""Lanes at less than about 25° to each other do not cross."""
+_LEAST_OVERLAP_M: Final = 1.0
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def overlaps(network: RoadNetwork) -> Mapping[tuple[int, int], tuple[float, float]]:
+    """Stretches on which a lane lies over one of another road, although no junction relates them to each other.
+
+    SUMO's drivers do not know of each other there. Roads that cross, on a bridge too, are none: where ways cross,
+    everybody waits (``bridges`` has these places).
+
+    Returns:
+        Of each lane and other lane, both ways round, where the stretch begins and ends along the first, in metres.
+    """
+    junction_of = {lane: way.junction for way in network.connections for lane in way.via}
+    lanes = [
+        lane
+        for lane in network.lanes
+        if lane.civilian_allowed and (lane.kind is LaneKind.DRIVING or lane.index in junction_of)
+    ]
+    lines = np.array([shapely.LineString(lane.centre.points) for lane in lanes], dtype=object)
+    first, second = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=_TOUCH_M)
+    place = np.array([lane.edge if lane.kind is LaneKind.DRIVING else -1 for lane in lanes], dtype=np.intp)
+    at = np.array([junction_of.get(lane.index, "") for lane in lanes], dtype=object)
+    related = np.where(place[first] >= 0, place[first] == place[second], (at[first] == at[second]).astype(np.bool_))
+    first, second = first[~related], second[~related]
+    parts = shapely.intersection(lines[first], shapely.buffer(lines[second], _TOUCH_M, cap_style="flat"))
+    found = {}
+    for k in np.flatnonzero(shapely.length(parts) >= _LEAST_OVERLAP_M).tolist():
+        lane, other = lanes[first[k]], lanes[second[k]]
+        along_m, _ = lane.centre.project(shapely.get_coordinates(parts[k]))
+        begin_m, end_m = float(along_m.min()), float(along_m.max())
+        middle = lane.centre.at(0.5 * (begin_m + end_m))
+        turn_rad = _heading_rad(lane.centre, middle) - _heading_rad(other.centre, middle)
+        if abs(np.cos(turn_rad)) > _ALONG:
+            found[lane.index, other.index] = begin_m, end_m
+    return found
+
+
+def _heading_rad(centre: Polyline, point: Points) -> float:
+    along_m, _ = centre.project(point)
+    return float(centre.heading_rad(min(max(float(along_m), 0.0), centre.length_m)))

@@ -131,6 +131,19 @@ def test_a_queue_has_no_turning_lane_beside_it(town: RoadNetwork) -> None:
     assert pocket not in good_sites(town, template)
 
 
+@pytest.mark.parametrize(("apart_m", "alone"), [(2.0, False), (9.0, True)])
+def test_a_site_says_that_another_road_lies_over_it(tmp_path: Path, apart_m: float, alone: bool) -> None:
+    near = f"-400,-60 -120,{-3.2 - apart_m} 120,{-3.2 - apart_m} 400,-60"
+    net = plain_net(
+        tmp_path,
+        '<node id="A" x="-400" y="0"/><node id="B" x="400" y="0"/><node id="C" x="-400" y="-60"/>'
+        '<node id="D" x="400" y="-60"/>',
+        f'<edge id="a" from="A" to="B" numLanes="2"/><edge id="b" from="C" to="D" shape="{near}"/>',
+    )
+    (lacking,) = shortcomings(network_of_map(net), load_template("S2")).values()
+    assert ("a road that lies over it, without a junction" not in lacking) is alone
+
+
 @pytest.mark.parametrize(("origin", "good"), [(1, True), (0, False)])
 def test_two_queues_do_not_grow_out_of_one_lane(tmp_path: Path, origin: int, good: bool) -> None:
     """The road has two lanes up to 45 m before the line and then four, of which the middle ones lead straight on."""

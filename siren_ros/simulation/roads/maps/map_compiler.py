@@ -25,6 +25,7 @@ from shapely.geometry.base import BaseGeometry
 from siren_ros.base.params.folders import default_cache_dir, params_dir, store_in_cache
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.maps.map_formats import (
+    crowded_joints,
     drives_on,
     mirrored_net,
     mirrored_opendrive,
@@ -283,10 +284,9 @@ def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files]
             patches = opendrive_patches(first_net, content, shown, for_people=for_people)
             net = with_stated_limits(run(second_options, {"--sumo-net-file": first_net, **patches}), content)
             return mirrored_net(net) if left_hand else net
-        patches = _openstreetmap_patches(source.content, first_net, shown)
+        return _openstreetmap_net(source.content, first_net, shown, lambda patches: run(second_options, patches))
     except (KeyError, ValueError) as error:
         raise MapError(shown, f"{complete} are complete ({error!r})") from error
-    return run(second_options, {"--sumo-net-file": first_net, **patches}) if patches else first_net
 
 
 def _imported(source: MapSource) -> tuple[bool, bytes]:
@@ -301,15 +301,24 @@ def _imported(source: MapSource) -> tuple[bool, bytes]:
     return left_hand, importable(content) if source.kind is SourceKind.OPENDRIVE else content
 
 
-def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str, bytes]:
-    """Stop and give-way signs, and longer joints where lanes fan out; empty for a map that has none of them."""
-    net = fromstring(first_net)
-    nodes, priorities = control_patches(net, *signed_edges(osm, net), drives_on)
-    nodes += taper_patches(_parsed(first_net, shown))
-    if not nodes and not priorities:
-        return {}
+def _openstreetmap_net(osm: bytes, first_net: bytes, shown: str, run: Callable[[Files], bytes]) -> bytes:
+    """The net with stop and give-way signs, and longer joints where lanes fan out.
+
+    Joints that would reach into other junctions or roads are left as they are.
+    """
+    net, first = fromstring(first_net), _parsed(first_net, shown)
+    signs, priorities = control_patches(net, *signed_edges(osm, net), drives_on)
     edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]
-    return {"--node-files": document("nodes", nodes), "--edge-files": document("edges", edges)}
+    tapers = taper_patches(first)
+    while signs or tapers or edges:
+        nodes = document("nodes", [*signs, *tapers])
+        patched = run({"--sumo-net-file": first_net, "--node-files": nodes, "--edge-files": document("edges", edges)})
+        crowded = crowded_joints(first, _parsed(patched, shown)) if tapers else ()
+        if not crowded:
+            return patched
+        kept = [taper for taper in tapers if taper.attrib["id"] not in crowded]
+        tapers = kept if len(kept) < len(tapers) else []
+    return first_net
 
 
 def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:

@@ -39,6 +39,7 @@ from siren_ros.simulation.roads.road_network import (
     projected_from_geodetic,
 )
 from siren_ros.simulation.roads.routing import movement_turn_rad
+from siren_ros.simulation.roads.sites import overlaps
 
 OPEN_SHOULDER_WIDTH_M: Final = 1.8
 """A shoulder this wide, right of the driving lanes, is opened to emergency vehicles; kerb strips are narrower."""
@@ -272,6 +273,21 @@ def taper_patches(network: RoadNetwork) -> list[Element]:
         if only_joins(network, movements := [movement for _, movement in numbered])
         and any(movement_turn_rad(network, movement) > _TAPER_SWERVE_RAD for movement in movements)
     ]
+
+
+def crowded_joints(before: RoadNetwork, after: RoadNetwork) -> frozenset[str]:
+    """Junctions at roads that lie over each other in the second of two nets of a map, and not in the first.
+
+    There the longer joints reach into other junctions or roads.
+    """
+    known, joints = {tuple(before.lanes[lane].lane_id for lane in pair) for pair in overlaps(before)}, set()
+    for pair in overlaps(after):
+        lanes = [after.lanes[lane] for lane in pair]
+        for lane in lanes if tuple(lane.lane_id for lane in lanes) not in known else ():
+            edge = after.edges[lane.edge]
+            joints |= {edge.from_junction, edge.to_junction}
+            joints |= {way.junction for way in after.connections_over.get(lane.index, ())}
+    return frozenset(joints)
 
 
 def only_joins(network: RoadNetwork, movements: Sequence[Connection]) -> bool:

@@ -20,7 +20,7 @@ from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes, path_centre, route_path
-from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.roads.sites import Site, overlaps
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
 from siren_ros.simulation.traffic.demand.emv_start import (
@@ -148,8 +148,8 @@ class _Planner:
         civilians = demand.background_vehicles + groups.on_top + around
         spares = round(RESERVE_FACTOR * civilians)
         volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
-        background = self._scattered("background", volume, near, (), disjoint=True)
-        background += self._scattered("district", around, district, (), disjoint=True)
+        background = self._scattered("background", volume, near, self._overlapping, disjoint=True)
+        background += self._scattered("district", around, district, self._overlapping, disjoint=True)
         walkers, walkers_kept = plan_walkers(
             *(self._network, self._around_way, demand.people.pedestrians),
             *(_PEOPLE_RESERVE_FACTOR, self._seed, self._factory),
@@ -158,7 +158,9 @@ class _Planner:
             emvs=emvs,
             groups=groups.vehicles,
             background=background,
-            reserve=self._scattered("reserve", spares, [*near, *district], stage, disjoint=False),
+            reserve=self._scattered(
+                "reserve", spares, [*near, *district], (*stage, *self._overlapping), disjoint=False
+            ),
             stage=stage,
             civilians=civilians,
             warm_up_steps=steps_from_s(self._template.warm_up_s),
@@ -167,7 +169,7 @@ class _Planner:
             crossed=crossed,
             jam=self._jam(groups),
             duty=bool(self._template.response.duty),
-            riders=self._riders(stage),
+            riders=self._riders((*stage, *self._overlapping)),
             riders_kept=self._wanted,
             walkers=walkers,
             walkers_kept=walkers_kept,
@@ -314,6 +316,13 @@ class _Planner:
             for lane in driving_lanes(self._network, start.route[0]):
                 stage += chain_along(self._network, lane, start.route).intervals(self._network, rear, reach)
         return tuple(dict.fromkeys((*stage, *self._way_to_site(), *groups.crossing_stage)))
+
+    @cached_property
+    def _overlapping(self) -> tuple[LaneInterval, ...]:
+        """Stretches of roads that lie over each other: who starts there would stand in others."""
+        stretches = overlaps(self._network).items()
+        rear_m = self._factory.size(ActorClass.BUS)[0]
+        return tuple(LaneInterval(lane, from_m, to_m + rear_m) for (lane, _), (from_m, to_m) in stretches)
 
     def _way_to_site(self) -> tuple[LaneInterval, ...]:
         """The EMV's lanes up to the stop line, which must be free of standing vehicles if the template asks for it."""

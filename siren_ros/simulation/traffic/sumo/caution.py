@@ -17,7 +17,15 @@ import numpy as np
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import YAW, compiled
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.simulation.conflicts.course import CourseBook, Outlook, Rights, limit_at_mps, rank_at
+from siren_ros.simulation.conflicts.course import (
+    CourseBook,
+    Outlook,
+    Rights,
+    come_to_overlaps,
+    lie_over_each_other,
+    limit_at_mps,
+    rank_at,
+)
 from siren_ros.simulation.conflicts.junction_approach import (
     ID,
     NOBODY,
@@ -120,7 +128,7 @@ class Drivers(NamedTuple):
     inside: Flags
     """Whether SUMO drives a vehicle."""
     counts: Flags
-    """Whether it counts wherever it is near: it is driven from outside, or on a junction."""
+    """Whether it counts wherever it is near: driven from outside, on a junction, or where roads lie over each other."""
     held: Flags
     """Whether its driver waited at the step before."""
     blind: Flags
@@ -151,6 +159,8 @@ def cautions(
     ids = traffic.actor_id
     inside = traffic.owner == _BY_SUMO
     counts = ~inside | ((traffic.flags & _ON_JUNCTION) != 0)
+    if len(outlook.rights.overlying):
+        counts |= come_to_overlaps(outlook.ways, outlook.rights, WAYS_AHEAD_S * traffic.speed_mps + WAYS_MORE_M)
     poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
     speed_mps = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
     flags = inside, counts, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
@@ -290,6 +300,13 @@ def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[floa
 
 
 @compiled
+def _is_ahead(ways: Ways, row: int, other: int) -> bool:
+    """Whether a body is ahead of another one in its own direction: of two that touch in one direction, it goes on."""
+    (x_m, y_m, yaw_rad), (other_x_m, other_y_m) = ways.bodies[row, :3], ways.bodies[other, :2]
+    return np.cos(yaw_rad) * (x_m - other_x_m) + np.sin(yaw_rad) * (y_m - other_y_m) > 0.0
+
+
+@compiled
 def _widened(ways: Ways, drivers: Drivers) -> Ways:
     """The ways as far as they are looked at, with wider bodies of those who are driven from outside."""
     bodies = ways.bodies.copy()
@@ -312,8 +329,9 @@ def _strictest_waits(
 ) -> tuple[Rows, Floats]:
     """Rows of drivers who wait, with those for whom they wait most, ``(P, 2)``, and the waits ``(P, 3)``.
 
-    Left out are vehicles that merge among themselves but for riders, and those that lead while there is room, which
-    SUMO handles, and those from outside that come across the way of a driver who does not look.
+    Left out are vehicles that merge among themselves but for riders and where roads lie over each other, and those that
+    lead while there is room, which SUMO handles, and those from outside that come across the way of a driver who does
+    not look.
     A rider and another one who are beside each other do not go on together where their ways lead to the same place.
 
     ``order`` are the rows by x. The margins are those towards vehicles from outside, and among SUMO's own. ``square``
@@ -331,7 +349,11 @@ def _strictest_waits(
         met, own_in, own_out, other_in, other_out, along, blocked, blocked_along = zones[p]
         leads, merges, ridden = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION, rides[row] or rides[other]
         leads = leads or (merges and blocked < np.inf and ridden)
-        sumos = merges and inside[other] and not ridden
+        unknown, meeting = inside[other] and (merges or leads), (blocked, 0.0) if leads else (own_in, other_in)
+        unknown = unknown and lie_over_each_other(ways, rights, (row, other), meeting)
+        if unknown and blocked <= 0.0 and _is_ahead(ways, row, other):
+            continue
+        sumos = merges and inside[other] and not ridden and not unknown
         if met == 0.0 or (not leads and ((drivers.blind[row] and not inside[other]) or sumos)):
             continue
         if leads:

@@ -18,10 +18,11 @@ from made_district import write_district
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
 from repository import shared_file
 
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.maps import netconvert
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.maps.map_formats import only_joins, taper_patches
+from siren_ros.simulation.roads.maps.map_formats import crowded_joints, only_joins, taper_patches
 from siren_ros.simulation.roads.maps.map_source import MapSource, SourceKind
 from siren_ros.simulation.roads.maps.netconvert import (
     control_patches,
@@ -514,6 +515,17 @@ def test_a_lane_fans_out_into_three_over_a_long_way(network):
     for connection in fan:
         assert sum(network.lanes[lane].length_m for lane in connection.via) > 20.0, "one lane aside, 30 km/h, 3 m/s²"
         assert movement_turn_rad(network, connection) < 0.8
+
+
+def test_joints_at_roads_that_lie_over_each_other_in_the_longer_joints_net_alone_are_crowded(network):
+    assert crowded_joints(network, network) == frozenset()
+    lane, *_, other = (lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and lane.position == 0)
+    over = replace(other, centre=Polyline.through(lane.centre.offset_points(lane.centre.arc_m, 1.0)))
+    moved = replace(network, lanes=tuple(over if item is other else item for item in network.lanes))
+    edges = [network.edges[item.edge] for item in (lane, other)]
+    joints = {junction for edge in edges for junction in (edge.from_junction, edge.to_junction)}
+    assert joints <= crowded_joints(network, moved)
+    assert crowded_joints(moved, moved) == crowded_joints(moved, network) == frozenset()
 
 
 def test_only_sharp_joints_are_lengthened(network):

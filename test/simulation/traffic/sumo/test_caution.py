@@ -290,17 +290,44 @@ def test_a_rider_and_another_one_beside_each_other_do_not_go_on_together(riders:
     assert [caution.wait.speed_mps for caution in found] == [0.0 if riders else 1.3]
 
 
+@pytest.mark.parametrize("kind", [LaneKind.INTERNAL, LaneKind.DRIVING])
 @pytest.mark.parametrize("riders", [(), (1,), (2,)])
-def test_riders_and_others_give_way_where_they_merge(riders: tuple[int, ...]) -> None:
-    """The second one turns into the way of the first one, 12 m ahead, as SUMO lets it do: cars are SUMO's business."""
+def test_riders_and_others_give_way_where_they_merge(riders: tuple[int, ...], kind: LaneKind) -> None:
+    """The second one turns into the way of the first one, 12 m ahead, as SUMO lets it do.
+
+    On the paths of a junction cars are SUMO's business; of two roads that lie over each other SUMO knows nothing.
+    """
     lines = ([[0.0, 0.0], [200.0, 0.0]], [[70.0, -30.0], [100.0, -6.0], [112.0, 0.0], [200.0, 0.0]])
     roads = network(0.0)
-    lanes = tuple(replace(lane, centre=Polyline.through(line)) for lane, line in zip(roads.lanes, lines, strict=True))
+    lanes = tuple(
+        replace(lane, centre=Polyline.through(line), kind=kind) for lane, line in zip(roads.lanes, lines, strict=True)
+    )
     roads = replace(roads, lanes=lanes)
-    inside = TrafficFlags.ON_JUNCTION
+    inside = TrafficFlags.ON_JUNCTION if kind is LaneKind.INTERNAL else TrafficFlags.NONE
     traffic = traffic_of([Car(0, 90.0, 8.0, flags=inside), Car(1, 30.0, 6.0, flags=inside)], roads)
     found = seen(traffic, roads, (), (), riders)
-    assert bool(found) is bool(riders)
+    assert bool(found) is (bool(riders) or kind is LaneKind.DRIVING)
+
+
+def beside(apart_m: float, *cars: Car) -> tuple[Caution, ...]:
+    """Cautions on two one-way roads whose middles run side by side."""
+    roads = network(0.0)
+    lines = [Polyline.through([[0.0, y_m], [200.0, y_m]]) for y_m in (0.0, apart_m)]
+    roads = replace(roads, lanes=tuple(replace(roads.lanes[i], centre=line) for i, line in enumerate(lines)))
+    return seen(traffic_of(list(cars), roads), roads)
+
+
+@pytest.mark.parametrize(("apart_m", "waits"), [(1.5, True), (3.2, False)])
+def test_where_roads_lie_over_each_other_one_waits_behind_the_other(apart_m: float, waits: bool) -> None:
+    first = Car(0, 104.0, 4.0)
+    found = beside(apart_m, first, Car(1, 96.0, 8.0))
+    assert [caution.actor_id for caution in found] == ([2] if waits else [])
+
+
+def test_of_two_that_touch_on_such_roads_the_one_ahead_goes_on() -> None:
+    for ahead, behind in ((1, 2), (2, 1)):
+        cars = [Car(0, 101.5 if ahead == 1 else 100.0, 0.0), Car(1, 101.5 if ahead == 2 else 100.0, 0.0)]
+        assert [caution.actor_id for caution in beside(1.5, *cars)] == [behind]
 
 
 @pytest.mark.parametrize(("kind", "apart_m"), [(ActorClass.SEDAN, 1.8), (ActorClass.BICYCLE, 2.2)])

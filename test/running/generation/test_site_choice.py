@@ -1,5 +1,6 @@
 """Which sites are good enough, which one a seed draws, and what happens where a template finds no room."""
 
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,8 @@ from siren_ros.running.generation.site_choice import (
     sites_to_try,
 )
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
-from siren_ros.simulation.roads.road_network import Edge, RoadNetwork
+from siren_ros.simulation.roads.maps.netconvert import sumo_home
+from siren_ros.simulation.roads.road_network import Edge, RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import REQUIREMENTS, Site
@@ -309,3 +311,30 @@ def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
         place.lacking == "no stop sign" for place in places_without_site(town, template.site_kind)
     )
     assert alone["no stop sign"] == 0
+
+
+@pytest.mark.parametrize(
+    ("least", "shape"),
+    [
+        (4, "--rand --rand.iterations 25 -L 2 -j traffic_light"),
+        (0, "--rand --rand.iterations 25 -L 1 --rand.max-distance 120"),
+        (1, "--spider --spider.space-radius 100 -L 2 -j priority"),
+        (2, "--grid --grid.number 3 --grid.length 150 -L 3 -j traffic_light"),
+        (0, "--grid --grid.number 3 --grid.length 60 -L 1 -j allway_stop --lefthand"),
+    ],
+)
+def test_good_sites_of_generated_nets_have_room(tmp_path: Path, least: int, shape: str) -> None:
+    net = tmp_path / "generated.net.xml"
+    command = [str(sumo_home() / "bin" / "netgenerate"), *shape.split(), "--seed", "5", "--output-file", str(net)]
+    subprocess.run(command, check=True, capture_output=True)
+    network, planned = right_hand_image(network_of_map(net)), 0
+    for name in TEMPLATES:
+        template = load_template(name)
+        if good := good_sites(network, template):
+            site, plan = plan_at_site(
+                network, sites_to_try(network, template, 0, "", "it"), template, 0, load_drivers(), DIMENSIONS
+            )
+            planned += 1
+            assert site in good
+            assert plan.groups
+    assert planned >= least

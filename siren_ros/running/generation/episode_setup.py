@@ -187,6 +187,8 @@ def _description(
     """What an episode's bag says of it: the request, what was drawn and compiled, and the files that were read."""
     av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
     emv_ids = tuple(range(1, 1 + len(plan.emvs)))
+    roads = (network.edges[edge] for edge in site.route)
+    prolonged_m = {road.edge_id: road.prolonged_m for road in roads if road.prolonged_m}
     crossing = {"junction": plan.crossed, "emv_ids": list(emv_ids[template.emv.count :])}
     return EpisodeDescription(
         template=template.template_id,
@@ -214,6 +216,7 @@ def _description(
             "junction": site.junction or "",
             "route": [network.edges[edge].edge_id for edge in site.route],
             "stretch": [network.edges[edge].edge_id for edge in site.stretch],
+            **({"prolonged_m": prolonged_m} if prolonged_m else {}),
         },
     )
 

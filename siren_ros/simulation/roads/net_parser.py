@@ -137,6 +137,8 @@ def kind_of_lane(permissions: Permissions, lane_type: str) -> LaneKind:
     return LaneKind.CYCLE if permissions.bicycle else LaneKind.KERB
 
 
+PROLONGED: Final = "prolonged_m"
+"""Name of the parameter of a net's edge that says by how many metres SIREN prolonged it."""
 ALLOWED: Final = "a SUMO net as netconvert writes it (.net.xml)"
 DEFAULT_LANE_WIDTH_M: Final = 3.2
 """SUMO's width of a lane that states none (SUMO user documentation, "Road networks")."""
@@ -317,9 +319,15 @@ def _lanes_and_edges(root: Element, offset_m: tuple[float, float]) -> tuple[tupl
                 to_junction=element.get("to", junction),
                 internal=function in _PATH_FUNCTIONS,
                 name=element.get("name", ""),
+                prolonged_m=_prolonged_m(element),
             )
         )
     return tuple(lanes), tuple(edges)
+
+
+def _prolonged_m(edge: Element) -> float:
+    found = edge.find(f"param[@key='{PROLONGED}']")
+    return 0.0 if found is None else float(found.get("value", "0"))
 
 
 def _lane(element: Element, index: int, edge: int, function: str, offset_m: tuple[float, float]) -> Lane:

@@ -88,6 +88,8 @@ class Edge(Brief):
     to_junction: str
     internal: bool
     name: str = ""
+    prolonged_m: float = 0.0
+    """Length by which the road was prolonged at the map's border; the map itself does not have this part."""
 
 
 @dataclass(frozen=True)

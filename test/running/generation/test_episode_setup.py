@@ -2,9 +2,11 @@
 
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from made_crossing import ARMS, CROSSING, made_net
 
 from siren_ros.errors import InputError
 from siren_ros.running.generation.closed_loop import LoopStep, closed_loop
@@ -41,6 +43,16 @@ def test_parameters_of_drivers_reach_the_controllers_and_the_record() -> None:
     assert replace(setup.plan, emvs=()) == replace(usual.plan, emvs=())
     with pytest.raises(InputError, match="tight_gap_m"):
         set_up_episode(EpisodeRequest("S2", sensors="none", values="emv_driver.corridor.tight_gap_m=0.9"))
+
+
+def test_the_description_says_by_how_much_the_roads_of_the_route_were_prolonged(tmp_path: Path) -> None:
+    file = tmp_path / "arms.net.xml"
+    file.write_bytes(made_net(tmp_path, CROSSING, ARMS))
+    setup = set_up_episode(EpisodeRequest("S3", sensors="none", map=str(file), site="n_c..c_s"))
+    said = setup.description.site["prolonged_m"]
+    assert said == {name: setup.network.edge_by_id[name].prolonged_m for name in ("n_c", "c_s")}
+    assert said["n_c"] > 150.0
+    assert "prolonged_m" not in set_up_episode(EpisodeRequest("S3", sensors="none")).description.site
 
 
 LEVELS = ("L0", "L1", "L2", "L3")

@@ -58,6 +58,7 @@ from siren_ros.simulation.roads.maps.netconvert import (
     without_outlines,
 )
 from siren_ros.simulation.roads.maps.opendrive_import import importable
+from siren_ros.simulation.roads.maps.prolonged_ends import with_prolonged_ends
 from siren_ros.simulation.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.simulation.roads.net_parser import is_left_hand, parse_road_network
 from siren_ros.simulation.roads.road_network import OTHER_SIDE, RoadNetwork
@@ -195,8 +196,10 @@ def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_peopl
     except OSError:
         refuse_unusable_map(loaded, shown)
         net = _compile(loaded, shown, for_people=for_people)
-        _parsed(net, shown)  # this raises an error if no road network can be made of the net
+        network = _parsed(net, shown)
         try:
+            if loaded.kind is not SourceKind.BUILT_IN:
+                net = with_prolonged_ends(net, network)
             net = mended_lanes(net)
         except (ValueError, LookupError, OverflowError) as error:
             raise MapError(shown, f"{NET_ALLOWED}; this one is damaged ({shown_words(error)})") from error

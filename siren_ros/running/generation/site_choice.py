@@ -35,7 +35,6 @@ _NO_BRIDGE_M: Final = 300.0
 _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
 _MORE_ROAD: Final = re.compile(r"\d+ m more")
-_BESIDE: Final = frozenset({Placement.SAME_DIRECTION, Placement.ADJACENT_LANE})
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
 
@@ -71,7 +70,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
 
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
     * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
-    * Another lane leads on beside its own, where vehicles of the template drive there.
+    * Another lane leads on beside its own, where vehicles of the template drive there. Vehicles that need only have its
+      direction drive ahead of it where no site of the map has a second lane.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
     * No other road crosses a motorway on a bridge nearby: vehicles of both would meet, since the world is flat.
     * No other road lies over it: drivers can make way for each other there, but not for the EMV, too.
@@ -84,6 +84,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
     for site, approach in _approached(network, template.site_kind, template.emv):
         lacking = (text for text, has in _CONDITIONS.items() if not has(network, site, template))
         found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacking))))
+    if _has_group(template, Placement.SAME_DIRECTION):
+        _prefer(found, _ONE_LANE, lambda site: len(site.connections) > 1)
     if template.site_kind in _NO_SHOULDER:
         _prefer(found, _SHOULDER, lambda site: not has_shoulder(network, site))
     if template.site_kind is SiteKind.MULTI_LANE_ROAD:
@@ -146,8 +148,12 @@ def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
 
 
 def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
-    beside = any(group.placement in _BESIDE and not group.optional for group in template.demand.groups)
-    return len(site.connections) >= (2 if beside else 1)
+    return len(site.connections) >= (2 if _has_group(template, Placement.ADJACENT_LANE) else 1)
+
+
+def _has_group(template: Template, placement: Placement) -> bool:
+    """Whether the interaction needs a group at a placement."""
+    return any(group.placement is placement and not group.optional for group in template.demand.groups)
 
 
 def _goes_straight_on(network: RoadNetwork, site: Site, _: Template) -> bool:
@@ -177,6 +183,7 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "a stop sign at its end": _ends_free,
 }
 """Conditions of good sites, by the text that says what is lacking."""
+_ONE_LANE: Final = "one lane leads on, and others have a second one"
 _SHOULDER: Final = "a shoulder, and others have none"
 _JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"
 

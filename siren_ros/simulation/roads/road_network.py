@@ -174,6 +174,11 @@ class RoadNetwork(Brief):
         return _grouped((connection.from_lane, connection) for connection in self.connections)
 
     @cached_property
+    def connection_index(self) -> Mapping[tuple[int, int], int]:
+        """Position in ``connections`` of the movement from one lane to another."""
+        return {(c.from_lane, c.to_lane): index for index, c in enumerate(self.connections)}
+
+    @cached_property
     def cycle_connections_from(self) -> Mapping[int, tuple[Connection, ...]]:
         """Movements of cyclists out of each lane from or to cycle lanes."""
         return _grouped((connection.from_lane, connection) for connection in self.cycle_connections)

@@ -9,7 +9,7 @@ its right.
 import heapq
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import groupby, pairwise
 from typing import Final
 
@@ -116,10 +116,13 @@ def quiet_reach_m(network: RoadNetwork, lane: int, enough_m: float) -> float:
 
 def same_direction_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
     """Indices of the civilian movements that begin and end on the same edges as this one (itself among them)."""
-    pairs = [(network.lanes[c.from_lane].edge, network.lanes[c.to_lane].edge) for c in network.connections]
-    ends = network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge
-    numbered = zip(network.connections, pairs, strict=True)
-    return tuple(index for index, (c, pair) in enumerate(numbered) if pair == ends and network.is_civilian(c))
+    source, target = (network.lanes[lane].edge for lane in (connection.from_lane, connection.to_lane))
+    return tuple(
+        index
+        for index, c in network.connections_at[connection.junction]
+        if (network.lanes[c.from_lane].edge, network.lanes[c.to_lane].edge) == (source, target)
+        and network.is_civilian(c)
+    )
 
 
 def paths_cross(first: Points, second: Points) -> bool:
@@ -192,6 +195,7 @@ class EdgeGraph:
         successors, predecessors = (tuple(tuple(sorted(group)) for group in groups) for groups in (ahead, behind))
         return cls(network, successors, predecessors, lengths_m)
 
+    @cached_property
     def endless_edges(self) -> frozenset[int]:
         """Edges on which a vehicle never has to leave the map, because a way from there leads into a loop."""
         open_ends = [len(group) for group in self.successors]

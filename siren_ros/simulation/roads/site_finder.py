@@ -309,8 +309,7 @@ def _bend_rad(network: RoadNetwork, stretch: Sequence[int]) -> float:
 
 def _indices(network: RoadNetwork, connections: Sequence[Connection]) -> tuple[int, ...]:
     """Positions in ``network.connections``."""
-    index_of = {(c.from_lane, c.to_lane): index for index, c in enumerate(network.connections)}
-    return tuple(index_of[c.from_lane, c.to_lane] for c in connections)
+    return tuple(network.connection_index[c.from_lane, c.to_lane] for c in connections)
 
 
 def _directions(graph: EdgeGraph) -> Iterator[tuple[int, int, tuple[Connection, ...]]]:
@@ -354,7 +353,7 @@ def _crossed(
     graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Connection]], bool], unbound: str
 ) -> Iterator[Site | NoSite]:
     network = graph.network
-    lasting = graph.endless_edges()
+    lasting = graph.endless_edges
     for edge, way, movements in _directions(graph):
         if not binding(movements):
             yield NoSite(edge, unbound)

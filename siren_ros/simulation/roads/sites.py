@@ -235,7 +235,7 @@ def way_back(graph: EdgeGraph, stretch: Sequence[int], least_m: float) -> tuple[
 
 def _exit(graph: EdgeGraph, before: Sequence[int]) -> tuple[int, ...]:
     """Ways on that lead into a loop, or that complete the route before they leave the map; any where there is none."""
-    lasting, visits = graph.endless_edges(), Counter(frozenset(before))
+    lasting, visits = graph.endless_edges, Counter(frozenset(before))
     route = list(before)
     while graph.route_length_m(route) < ROUTE_M or graph.route_length_m(route[len(before) - 1 :]) < EXIT_M:
         edge, missing_m = route[-1], ROUTE_M - graph.route_length_m(route)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_crossing import ARMS, CROSSING, made_net
 from map_networks import network_of_map, plain_net
 from repository import shared_file
 
@@ -22,7 +23,9 @@ from siren_ros.running.generation.site_choice import (
     sites_to_try,
 )
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.maps.netconvert import sumo_home
+from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Edge, RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
@@ -338,3 +341,17 @@ def test_good_sites_of_generated_nets_have_room(tmp_path: Path, least: int, shap
             assert site in good
             assert plan.groups
     assert planned >= least
+
+
+@pytest.mark.parametrize(("narrow", "good"), [("nesw", 4), ("ns", 2)])
+def test_one_lane_is_enough_for_traffic_of_the_same_direction_unless_others_have_two(
+    tmp_path: Path, narrow: str, good: int
+) -> None:
+    file = tmp_path / "arms.net.xml"
+    file.write_bytes(made_net(tmp_path, CROSSING, ARMS, narrow=narrow))
+    found = shortcomings(parse_road_network(compile_map(file, tmp_path / "cache").read_bytes()), load_template("S3"))
+    assert sum(not lacking for lacking in found.values()) == good
+    only = ("one lane leads on, and others have a second one",)
+    assert [site.name for site, lacking in found.items() if lacking == only] == (
+        [] if good == 4 else ["n_c..c_s", "s_c..c_n"]
+    )

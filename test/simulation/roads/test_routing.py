@@ -246,7 +246,7 @@ def test_the_centre_of_a_path_is_continuous_and_as_long_as_the_road(town, graph)
 
 
 def test_endless_edges_are_those_of_the_blocks(town, graph):
-    endless = {town.edges[index].edge_id for index in graph.endless_edges()}
+    endless = {town.edges[index].edge_id for index in graph.endless_edges}
     assert {"main_e_1", "north_w_0", "oak_e_0", "west_n_0"} <= endless
     assert endless.isdisjoint({"main_e_3", "main_w_3", "west_s_4", "east_s_2", "west_n_3", "centre_n_1"})
 
@@ -295,8 +295,8 @@ def test_a_longer_first_edge_may_begin_the_shorter_way():
 def test_endless_are_the_edges_from_which_a_loop_can_be_reached():
     """0 and 1 are a loop; 2 leads into it; 3 is a dead end, 4 leads there alone, 5 to both."""
     graph = graph_of([1.0] * 7, (0, 1), (1, 0), (2, 0), (1, 3), (4, 3), (5, 4), (5, 0), (6, 4))
-    assert graph.endless_edges() == {0, 1, 2, 5}
-    assert graph_of([1.0] * 3, (0, 1), (1, 2)).endless_edges() == frozenset()
+    assert graph.endless_edges == {0, 1, 2, 5}
+    assert graph_of([1.0] * 3, (0, 1), (1, 2)).endless_edges == frozenset()
 
 
 NETWORK = streets()

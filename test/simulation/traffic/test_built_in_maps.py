@@ -66,7 +66,7 @@ def test_every_block_can_be_reached_from_every_entry(town):
 
     roads = [edge.index for edge in town.edges if driving_lanes(town, edge.index)]
     blocks = {edge for edge in roads if edge in reached_from(edge)}
-    entries = [edge for edge in graph.endless_edges() if edge in roads and not graph.predecessors[edge]]
+    entries = [edge for edge in graph.endless_edges if edge in roads and not graph.predecessors[edge]]
     assert len(entries) == 9
     assert len(blocks) == 22
     for entry in entries:

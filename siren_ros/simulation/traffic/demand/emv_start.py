@@ -353,7 +353,7 @@ def _side_streets(network: RoadNetwork, site: Site, own: Connection) -> Iterator
     Of them those straight on come first, then those that do not lead off the map soon.
     """
     crossing, exit_edge = crossing_connections(network, own), network.lanes[own.to_lane].edge
-    lasting = EdgeGraph.of(network).endless_edges()
+    lasting = EdgeGraph.of(network).endless_edges
     ways: dict[tuple[int, int], tuple[bool, bool, bool, int]] = {}
     for index, way in network.connections_at[own.junction]:
         ends = network.lanes[way.from_lane].edge, network.lanes[way.to_lane].edge

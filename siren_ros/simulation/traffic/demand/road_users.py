@@ -73,7 +73,7 @@ class RouteChooser:
         self._choices: dict[tuple[int, bool, int | None, float, bool], tuple[tuple[int, ...], list[float], Floats]] = {}
         """Edges to choose from, weights, chances: by edge, whether the vehicle is long, lane, weight of turns, and
         whether left turns are among them."""
-        self._endless = graph.endless_edges()
+        self._endless = graph.endless_edges
 
     def leads_on(self, lane: int, vehicle_m: float) -> bool:
         """Whether a long vehicle can drive on from a lane without coming to where all ways are too tight for it.

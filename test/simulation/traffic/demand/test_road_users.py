@@ -102,7 +102,7 @@ def test_routes_follow_the_roads_and_are_long_enough(
 def test_a_route_leaves_the_map_early_only_where_there_is_no_other_way(
     network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
 ) -> None:
-    endless, ended = graph.endless_edges(), 0
+    endless, ended = graph.endless_edges, 0
     for number, lane in enumerate(starts(network, graph)):
         route = chooser.draw((lane.edge,), 900.0, np.random.default_rng(number), CAR_M, lane.index, lasting_m=500.0)
         if graph.route_length_m(route) < 500.0:

@@ -21,7 +21,12 @@ from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of, rea
 from siren_ros.scoring.evaluation.detection.metrics import devkit_score, devkit_tracking
 from siren_ros.scoring.evaluation.detection.pictures import draw_curves, draw_worst_frame
 from siren_ros.scoring.evaluation.detection.result_files import read_detections, self_test_sets, write_nuscenes_tracks
-from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
+from siren_ros.scoring.evaluation.detection.scoring import (
+    VEHICLE_NAMES,
+    DetectorScores,
+    score_detector,
+    sentence_of_order,
+)
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.scoring.evaluation.detection.tracking import score_tracking, tracks_of
 from siren_ros.simulation.scenario.episode import overlap_warning
@@ -153,7 +158,7 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
     if any(episode.camera_from_lidar is None for episode in frames.episodes):
         lines.append("no front camera in some bags, so these have no KITTI frames")
     lines += [line for score in scores if (line := overlap_warning(score.name, score.seen))]
-    return lines + [f"{score.name}: {score.order.sentence()}" for score in scores if score.order is not None]
+    return lines + [f"{score.name}: {sentence_of_order(score.order)}" for score in scores if score.order]
 
 
 def _scored(
@@ -162,9 +167,8 @@ def _scored(
     score = score_detector(frames, part, names, lambda tables: pool.map(devkit_score, tables))
     if not tracking:
         return score
-    return replace(
-        score, tracking=score_tracking(frames, part, names, lambda tables: pool.map(devkit_tracking, tables))
-    )
+    tracks = score_tracking(frames, part, names, lambda tables: pool.map(devkit_tracking, tables))
+    return replace(score, rows=(*score.rows, *tracks))
 
 
 def _write_tracks(out: Path, sets: Sequence[FoundSet], names: frozenset[str], frames: Frames) -> None:

@@ -14,7 +14,6 @@ from siren_ros.cli.options import add_named_paths, check_numbers, positive, step
 from siren_ros.errors import EXIT_OK, InputError, write_text, writing
 from siren_ros.scoring.evaluation.risk.people import PEOPLE, agreement, consensus, read_rating, write_rating_page
 from siren_ros.scoring.evaluation.risk.report import (
-    csv_of_scores,
     save_confusions,
     scores_as_json,
     table_of_agreement,
@@ -42,6 +41,7 @@ from siren_ros.scoring.evaluation.risk.vlm.pipeline import (
     ask_about_all,
     write_answers,
 )
+from siren_ros.scoring.evaluation.scores import csv_of
 from siren_ros.simulation.scenario.episode import overlap_warning
 
 _SEQUENCE: Final = "sequence"
@@ -191,7 +191,7 @@ def run(arguments: argparse.Namespace) -> int:
     print("\n".join([*text_of(tables), *filter(None, (remark,))]))
     if arguments.out is not None:
         files = {
-            "scores.csv": csv_of_scores(models),
+            "scores.csv": csv_of(row for model in models for row in model.rows),
             "scores.tex": "\n".join(table.latex() for table in tables if not table.folded),
             "scores.json": json.dumps(content, indent=1) + "\n",
         }

@@ -212,7 +212,7 @@ def stored_tables(
         return None
     try:
         return tuple(tables(content))
-    except (KeyError, TypeError, AttributeError) as error:
+    except (InputError, KeyError, TypeError, AttributeError) as error:
         raise InputError(task, str(folder), f"scores of `siren evaluate {task}` ({error!r})") from error
 
 

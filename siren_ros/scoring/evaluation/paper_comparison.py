@@ -9,18 +9,19 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.base.params import plain_files
-from siren_ros.base.tables import NOTHING, Bounds, Interval, Row, Table, interval_of_json, share_interval
+from siren_ros.base.tables import NOTHING, Bounds, Interval, Row, Table, share_interval
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.scoring import FAMILIES
 from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER
 from siren_ros.scoring.evaluation.prediction.metrics import METRIC_OF
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER as PREDICTION
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, paper_row
-from siren_ros.scoring.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
+from siren_ros.scoring.evaluation.prediction.reports.score_table import ScoreTable, strata, sums_of
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.scoring.evaluation.risk.report import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet
+from siren_ros.scoring.evaluation.scores import ALL, TEMPLATE, Scores
 from siren_ros.scoring.evaluation.statistics import (
     RANKED_MIN,
     BlockSums,
@@ -155,7 +156,6 @@ MEAN_COLUMN: Final = "mean"
 RANKING: Final = "rank correlation of the templates' ADE"
 RATIO: Final = "mean ADE over that of CV"
 SAMPLES: Final = "samples of an episode"
-_ALL: Final = GroupKind.ALL.value
 
 
 def at_template_level(scores: Sequence[EpisodeScores], level_of: Callable[[str], str]) -> list[EpisodeScores]:
@@ -183,7 +183,7 @@ def _errors(table: ScoreTable) -> Iterator[Compared]:
         if row is paper_row(model, _SINGLE_PATH.get(metric, "")):
             continue
         columns = [(template, template, row.by_template[template]) for template in TEMPLATES]
-        for column, group, paper in (*columns, (MEAN_COLUMN, _ALL, row.mean)):
+        for column, group, paper in (*columns, (MEAN_COLUMN, ALL, row.mean)):
             cell = table.cells.get((model, group, metric))
             yield Compared(title, name, column, paper, NOTHING if cell is None else cell.interval)
 
@@ -241,32 +241,25 @@ ORDER: Final = "order of the families by mAP as in the paper"
 
 def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
     """All rows for detection, also unmeasured ones, from ``scores.json`` of ``siren evaluate detection``."""
-    content = content or {}
-    ours = {name.lower(): scores for name, scores in content.items()}
+    scores = _scores_in(content)
+    named = {name.lower(): name for name in scores.models}
     for key, paper in PAPER.items():
-        scores = ours.get(key, {"templates": {}, "mean": {}})
-        columns = {**scores["templates"], MEAN: scores["mean"]}
+        model = named.get(key, "")
         for template in (*TEMPLATES, MEAN):
-            mean_ap, nds = paper.ap_and_nds[template]
-            column = columns.get(template, {})
-            yield Compared("mAP", paper.name, template, mean_ap, interval_of_json(column.get("mAP")), digits=3)
-            single = interval_of_json({"value": column.get("NDS")})
-            yield Compared("NDS", paper.name, template, nds, single, digits=3)
+            group = (ALL, ALL) if template == MEAN else (TEMPLATE, template)
+            for metric, value in zip(("mAP", "NDS"), paper.ap_and_nds[template], strict=True):
+                yield Compared(metric, paper.name, template, value, scores.interval(model, *group, metric), digits=3)
         for name, value in paper.errors.items():
-            errors = [column["errors"][name] for column in scores["templates"].values()]
-            single = interval_of_json({"value": float(np.mean(errors)) if errors else None})
-            yield Compared(f"error {name}", paper.name, MEAN, value, single, digits=3)
+            yield Compared(f"error {name}", paper.name, MEAN, value, scores.interval(model, ALL, ALL, name), digits=3)
     # A detector with another name is compared with the mean of the paper's four.
-    for name, scores in content.items():
+    for name in scores.models:
         for family, templates in FAMILIES.items():
             values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
-            ours_of_family = interval_of_json(scores["families"].get(family))
+            ours_of_family = scores.interval(name, "family", family, "mAP")
             yield Compared(FAMILY, name, family, float(np.mean(values)), ours_of_family, digits=3)
-        share = scores.get("order_of_families_share")
-        if share is not None:
-            episodes = interval_of_json(scores["mean"]["mAP"]).blocks
-            interval = Interval(share, share, share, episodes, scatter_known=False)
-            yield Compared(ORDER, name, "share of the draws", 1.0, interval, relative=False)
+        order = scores.interval(name, "order", ALL, "share")
+        if order.valid:
+            yield Compared(ORDER, name, "share of the draws", 1.0, order, relative=False)
 
 
 BALANCE: Final = "share of the videos"
@@ -278,8 +271,11 @@ def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Ite
     for risk, count in zip(RiskClass, PAPER_BALANCE, strict=True):
         share = share_interval(labels.count(risk), len(labels))
         yield Compared(BALANCE, "labels", TITLES[risk], count / sum(PAPER_BALANCE), share)
-    models = {} if content is None else content["models"]
+    ours = _scores_in(content)
     for name, scores in PAPER_SCORES.items():
-        ours = models.get(name, {"scores": {}})["scores"]
         for score, value in scores.items():
-            yield Compared("risk scores", name, score, value, interval_of_json(ours.get(score)), digits=3)
+            yield Compared("risk scores", name, score, value, ours.interval(name, ALL, ALL, score), digits=3)
+
+
+def _scores_in(content: Mapping[str, Any] | None) -> Scores:
+    return Scores(()) if content is None else Scores.of_json(content)

@@ -3,6 +3,7 @@
 A row is one metric of a model in a group, or its difference to another model's. All tasks have the same columns.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import data_frame
 from siren_ros.base.tables import NOTHING, Interval, Table, csv_text, interval_of_json
+from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.statistics import BlockSums, holm, interval_of_mean, paired_difference
 
 ALL: Final = "all"
@@ -66,13 +68,14 @@ class Scores:
 
     @classmethod
     def of_json(cls, content: Mapping[str, Any]) -> Self:
-        """The ``rows`` of a file of scores. KeyError or TypeError if it has none."""
-        return cls(
-            tuple(
-                Score(row["model"], row["kind"], row["group"], row["metric"], interval_of_json(row), row["samples"])
-                for row in content["rows"]
-            )
-        )
+        """The ``rows`` of a file of scores; InputError if it has none."""
+        try:
+            rows = content["rows"]
+            places = [(row["model"], row["kind"], row["group"], row["metric"]) for row in rows]
+            values = [(interval_of_json(row), row["samples"]) for row in rows]
+            return cls(tuple(Score(*place, *value) for place, value in zip(places, values, strict=True)))
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError("scores", repr(error), "rows of scores, as `siren evaluate` writes them") from error
 
     @cached_property
     def by_place(self) -> Mapping[tuple[str, str, str, str], Score]:
@@ -97,6 +100,11 @@ class Scores:
         """A value alone; None if there is no such row."""
         row = self.by_place.get((model, kind, group, metric))
         return None if row is None else row.value
+
+
+def single(value: float | None, blocks: int = 1) -> Interval:
+    """A value without bounds; ``NOTHING`` for None and NaN."""
+    return NOTHING if value is None or math.isnan(value) else Interval(value, value, value, blocks, scatter_known=False)
 
 
 def csv_of(rows: Iterable[Score]) -> str:

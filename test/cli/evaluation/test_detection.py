@@ -13,6 +13,7 @@ from recorded_episode import sensed_recording
 
 from siren_ros.cli.main import main
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
+from siren_ros.scoring.evaluation.scores import Scores
 
 Box = dict[str, Any]
 _POSE = {"translation": [10.0, 5.0, 0.8], "size": [1.8, 4.5, 1.5], "rotation": [1.0, 0.0, 0.0, 0.0]}
@@ -60,11 +61,13 @@ def test_what_the_node_said_live_scores_as_the_detector_on_the_recorded_sweeps(b
     code = evaluate(bag, "--detections", "live=topic:/emv/detections", "--detectors", "pillars", "--out", str(tmp_path))
     assert code == EXIT_OK
     scores = json.loads((tmp_path / "scores.json").read_text(encoding="utf-8"))
-    live, offline = (scores[name]["templates"]["S2"] for name in ("live", "pillars"))
+    live, offline = (scores["models"][name]["curves"]["S2"] for name in ("live", "pillars"))
     assert live["labels"] > 50
     assert live["AP"] == pytest.approx(offline["AP"], abs=1e-9)
-    for name in ("ATE", "ASE", "AOE"):
-        assert live["errors"][name] == pytest.approx(offline["errors"][name], abs=1e-6)
+    written = Scores.of_json(scores)
+    for error in ("ATE", "ASE", "AOE"):
+        of_live, of_offline = (written.value(name, "template", "S2", error) for name in ("live", "pillars"))
+        assert of_live == pytest.approx(of_offline, abs=1e-6)
     assert (tmp_path / "birdseye_live_S2.png").stat().st_size > 10_000
     assert (tmp_path / "curves_pillars.png").stat().st_size > 10_000
 

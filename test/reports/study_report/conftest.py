@@ -17,10 +17,11 @@ from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import PlannedEpisode, Study
 from siren_ros.running.studies.study_folder import LocalFolder, write_study, write_table
 from siren_ros.scoring.evaluation.detection.metrics import ERRORS, DevkitScore
-from siren_ros.scoring.evaluation.detection.scoring import DetectorScores, GroupScore
+from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json
 from siren_ros.scoring.evaluation.risk.report import scores_as_json as risk_scores_as_json
 from siren_ros.scoring.evaluation.risk.scoring import ModelScores
+from siren_ros.scoring.evaluation.scores import Score, single
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 
@@ -36,10 +37,13 @@ def detector_scores() -> DetectorScores:
     score = DevkitScore(40, 50, {0.5: 0.2, 4.0: 0.4}, dict.fromkeys(ERRORS, 0.25), 0.3125, 0.4375, np.zeros((2, 101)))
     interval = Interval(0.3125, 0.25, 0.375, 6)
     nothing: Any = None
-    parts = (GroupScore("EMV", "the EMV", 12, interval), GroupScore("EMV", "none", 0, interval))
-    return DetectorScores(
-        "made", "topic", True, {"S2": 9}, {"S2": score}, {"S2": interval}, interval, {}, None, parts, *[nothing] * 3
-    )  # fmt: skip
+    rows = [
+        Score("made", *group, metric, value, 40)
+        for group in (("all", "all"), ("template", "S2"))
+        for metric, value in {"mAP": interval, "NDS": single(0.4375), **dict.fromkeys(ERRORS, single(0.25))}.items()
+    ]
+    rows += [Score("made", "EMV", name, "mAP", interval, count) for name, count in (("the EMV", 12), ("none", 0))]
+    return DetectorScores("made", "topic", True, {"S2": 9}, {"S2": score}, {}, tuple(rows), {}, *[nothing] * 3)
 
 
 def risk_scores() -> ModelScores:

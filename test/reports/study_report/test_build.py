@@ -17,7 +17,8 @@ from evaluation.made_records import moving, record_with
 from evaluation.made_scores import reported_scores
 from synthetic_episode import NET_XML
 
-from siren_ros.base.tables import Measure, Table
+from siren_ros.base.tables import NOTHING as NO_VALUE
+from siren_ros.base.tables import Interval, Measure, Table
 from siren_ros.cli.evaluation import yielding
 from siren_ros.cli.evaluation.yielding import score_bag
 from siren_ros.cli.generate import study_of
@@ -43,6 +44,7 @@ from siren_ros.running.studies.matrix import DrawPlan, Method, PlannedEpisode, S
 from siren_ros.scoring.evaluation.prediction.reports.report import prediction_tables, text_report
 from siren_ros.scoring.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, score_bags
+from siren_ros.scoring.evaluation.scores import Score, single
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS, PEOPLE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores, group_means
 from siren_ros.simulation.roads.net_parser import parse_road_network
@@ -235,18 +237,24 @@ def test_tables_of_predictors() -> None:
     assert "40 m in" in section.text[0]
 
 
-def template(mean_ap: float, labels: int = 10) -> dict[str, Any]:
-    interval = {"value": mean_ap, "low": mean_ap - 0.05, "high": mean_ap + 0.05, "episodes": 6}
-    return {"mAP": interval, "NDS": mean_ap / 2.0, "labels": labels, "errors": {"ATE": 0.5, "AOE": 0.25}}
+def detector(name: str, **templates: float) -> list[Score]:
+    """Rows of a detector with a mean of 0.4."""
+    rows = []
+    for group, mean_ap in {
+        ("all", "all"): 0.4,
+        **{("template", name): value for name, value in templates.items()},
+    }.items():
+        values = {"mAP": around(mean_ap), "NDS": single(mean_ap / 2.0), "ATE": single(0.5), "AOE": single(0.25)}
+        rows += [Score(name, *group, metric, value, 10) for metric, value in values.items()]
+    return rows
 
 
-def detector(parts: list[dict[str, Any]], **templates: float) -> dict[str, Any]:
-    return {
-        "mean": {"mAP": template(0.4)["mAP"], "NDS": 0.2},
-        "templates": {name: template(value) for name, value in templates.items()},
-        "families": {},
-        "parts": parts,
-    }
+def around(value: float) -> Interval:
+    return Interval(value, value - 0.05, value + 0.05, 6)
+
+
+def rows_as_json(*rows: Score) -> dict[str, Any]:
+    return {"rows": [row.json() for row in rows]}
 
 
 def written(folder: Path, content: Any) -> Path:
@@ -256,11 +264,10 @@ def written(folder: Path, content: Any) -> Path:
 
 
 def test_detectors_with_different_templates(tmp_path: Path) -> None:
-    parts = [
-        {"of": "distance", "name": "0-15 m", "labels": 1234, "mAP": template(0.5)["mAP"]},
-        {"of": "distance", "name": "15-30 m", "labels": 0, "mAP": None},
-    ]
-    folder = written(tmp_path / "d", {"one": detector(parts, S1=0.4), "other": detector([], S2=0.6)})
+    near = Score("one", "distance", "0-15 m", "mAP", around(0.5), 1234)
+    far = Score("one", "distance", "15-30 m", "mAP", NO_VALUE, 0)
+    both = rows_as_json(*detector("one", S1=0.4), near, far, *detector("other", S2=0.6))
+    folder = written(tmp_path / "d", both)
     section = detection_section(STUDY, folder)
     assert section is not None
     by_template, errors, by_both, of_parts = section.tables
@@ -275,18 +282,19 @@ def test_detectors_with_different_templates(tmp_path: Path) -> None:
     assert by_both.cells()[0] == ("one", "S1", "0.500", "–", "0.250", "–", "–")
     assert of_parts.cells() == [("distance", "0-15 m", "1,234", "0.500 [0.450, 0.550]", "–")]
     assert section.commands[0].startswith("./env siren evaluate detection 'a study' ")
-    bare = detection_section(STUDY, written(tmp_path / "e", {"one": detector([], S1=0.4)}))
+    bare = detection_section(STUDY, written(tmp_path / "e", rows_as_json(*detector("one", S1=0.4))))
     assert bare is not None
     assert [table.key for table in bare.tables] == ["by_template", "errors", "errors_by_template"]
 
 
 def test_models_that_judge_risk(tmp_path: Path) -> None:
-    score = {"value": 0.5, "low": 0.25, "high": 0.75, "episodes": 6}
+    accuracy = Score("m", "all", "all", "accuracy", Interval(0.5, 0.25, 0.75, 6), 4)
     model = {
-        "videos": 5, "answered": 4, "scores": {"accuracy": score, "f1_collision": {"value": None}},
+        "videos": 5, "answered": 4,
         "confusion": [[2, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]], "confusion_by_template": {},
     }  # fmt: skip
-    content = {"classes": ["Normal", "Near-Miss", "Collision"], "models": {"m": model}}
+    rows = rows_as_json(accuracy, Score("m", "all", "all", "f1_collision", NO_VALUE, 4))
+    content = {**rows, "classes": ["Normal", "Near-Miss", "Collision"], "models": {"m": model}}
     section = risk_section(written(tmp_path, content))
     assert section is not None
     models, classes, confusion = section.tables

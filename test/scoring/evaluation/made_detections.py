@@ -12,7 +12,8 @@ from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, TruthBoxes, attributes_of
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of
 from siren_ros.scoring.evaluation.detection.metrics import DISTANCES_M, ERRORS, DevkitScore, match
-from siren_ros.scoring.evaluation.detection.scoring import DetectorScores, FamilyOrder, GroupScore
+from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
+from siren_ros.scoring.evaluation.scores import Score, single
 
 
 def _shared(
@@ -153,21 +154,36 @@ def detector_scores(name: str, mean_ap: Mapping[str, float], *, bounded: bool = 
 
     truth, found = made_boxes([5.0, 15.0], [5.0, 40.0], [0.9, 0.5])
     mean = float(np.mean(list(mean_ap.values())))
+
+    def row(kind: str, group: str, metric: str, value: Interval, labels: int = 10) -> Score:
+        return Score(name, kind, group, metric, value, labels)
+
+    values = {("all", "all"): mean} | {("template", template): value for template, value in mean_ap.items()}
+    rows = [row(*group, "mAP", interval(value)) for group, value in values.items()]
+    rows += [row(*group, "NDS", single(value / 2.0)) for group, value in values.items()]
+    rows += [
+        row(*group, error, single(value + place))
+        for group, value in values.items()
+        for place, error in enumerate(ERRORS)
+    ]
+    order = {"clearance < stop sign": 0.75, "all": 0.25} if bounded else {}
     return DetectorScores(
         name=name,
         format="nuScenes",
         has_velocity=True,
         frames=dict.fromkeys(mean_ap, 40),
         templates={template: devkit_score_of(value) for template, value in mean_ap.items()},
-        template_ap={template: interval(value) for template, value in mean_ap.items()},
-        mean_ap=interval(mean),
-        families={"clearance": interval(mean), "red light": NOTHING},
-        order=FamilyOrder({"clearance < stop sign": 0.75}, 0.25) if bounded else None,
-        groups=(
-            GroupScore("behaviour", "held", 7, interval(0.25)),
-            GroupScore("behaviour", "yielding", 0, NOTHING),
-            GroupScore("distance", "0-15 m", 8 if bounded else 9, interval(1.0)),
+        people={},
+        rows=(
+            *rows,
+            row("family", "clearance", "mAP", interval(mean)),
+            row("family", "red light", "mAP", NOTHING),
+            *(row("order", step, "share", single(share)) for step, share in order.items()),
+            row("behaviour", "held", "mAP", interval(0.25), 7),
+            row("behaviour", "yielding", "mAP", NOTHING, 0),
+            row("distance", "0-15 m", "mAP", interval(1.0), 8 if bounded else 9),
         ),
+        order=order,
         truth=truth,
         found=found,
         matches=match(truth, found),

@@ -30,6 +30,7 @@ from siren_ros.scoring.evaluation.paper_comparison import (
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER, PAPER_SAMPLES
 from siren_ros.scoring.evaluation.prediction.reports.score_table import score_table
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
+from siren_ros.scoring.evaluation.scores import Score, single
 from siren_ros.simulation.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.simulation.scenario.templates import load_template
 
@@ -222,18 +223,24 @@ def test_a_ranking_that_is_the_papers_upside_down() -> None:
     assert rows[RANKING, "CV", "Spearman"].deviation is None
 
 
-AP = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
+AP = Interval(0.4, 0.3, 0.5, 14)
 
 
-def detector(**more: object) -> dict[str, object]:
-    mean = {"mAP": AP, "NDS": 0.45}
-    template = {**mean, "errors": dict.fromkeys(ERRORS, 0.5)}
-    content = {"mean": mean, "templates": {"S1": template, "S2": template}, "families": {"clearance": AP}}
-    return {**content, "order_of_families_share": None, **more}
+def content_of(*rows: Score) -> dict[str, object]:
+    return {"rows": [row.json() for row in rows]}
+
+
+def detector(name: str, **values: float) -> list[Score]:
+    """mAP, NDS and errors over all and of S1 and S2, by their metrics, and the mAP of a family."""
+    groups = (("all", "all"), ("template", "S1"), ("template", "S2"))
+    metrics = {"mAP": AP, "NDS": single(0.45), **dict.fromkeys(ERRORS, single(0.5))}
+    metrics |= {metric: single(value) for metric, value in values.items()}
+    rows = [Score(name, *group, metric, value, 10) for group in groups for metric, value in metrics.items()]
+    return [*rows, Score(name, "family", "clearance", "mAP", AP, 10)]
 
 
 def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
-    rows = by_place(detection_rows({"PointPillars": detector()}))
+    rows = by_place(detection_rows(content_of(*detector("PointPillars"))))
     row = rows["mAP", "PointPillars", "S1"]
     assert (row.paper, row.ours.value, row.inside) == (0.398, 0.4, True)
     assert rows["NDS", "PointPillars", "mean"].ours.value == 0.45
@@ -243,7 +250,9 @@ def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
 
 
 def test_any_detector_is_held_against_the_families() -> None:
-    rows = by_place(detection_rows({"mine": detector(order_of_families_share=0.25)}))
+    rows = by_place(
+        detection_rows(content_of(*detector("mine"), Score("mine", "order", "all", "share", single(0.25), 1000)))
+    )
     clearance = rows[FAMILY, "mine", "clearance"]
     assert clearance.paper == pytest.approx(np.mean([0.398, 0.434, 0.420, 0.388, 0.438, 0.413, 0.424, 0.423]))
     assert clearance.ours.value == 0.4
@@ -267,7 +276,7 @@ def test_the_balance_is_that_of_the_labels(tmp_path) -> None:
 
 
 def test_scores_of_the_papers_models_are_found_by_name() -> None:
-    content = {"models": {"Qwen3.5-9B": {"scores": {"accuracy": {"value": 0.6, "low": 0.5, "high": 0.8}}}}}
+    content = content_of(Score("Qwen3.5-9B", "all", "all", "accuracy", Interval(0.6, 0.5, 0.8, 20), 20))
     rows = {(row.row, row.column): row for row in risk_rows(None, content)}
     assert rows["Qwen3.5-9B", "accuracy"].inside is True
     (table,) = comparison_tables([rows["Qwen3.5-9B", "accuracy"]])
@@ -285,28 +294,15 @@ def test_stored_scores_are_a_json_object(tmp_path) -> None:
     assert stored(file) == stored(tmp_path) == {"a": 1}
 
 
-def test_an_error_is_the_mean_over_the_templates() -> None:
-    templates = {
-        name: {"mAP": {**AP, "value": value}, "NDS": 2.0 * value, "errors": dict.fromkeys(ERRORS, value)}
-        for name, value in (("S1", 0.1), ("S2", 0.3), ("S3", 0.2))
-    }
-    given = detector(templates=templates, mean={"mAP": AP, "NDS": 0.7})
-    rows = by_place(detection_rows({"second": given}))
-    for error in ERRORS:
-        assert rows[f"error {error}", "SECOND", "mean"].ours.value == pytest.approx(0.2)
-    assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.2, 0.6, 0.7])
-    assert [rows["mAP", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.1, 0.3, 0.4])
+def test_an_error_and_nds_are_those_of_the_rows() -> None:
+    rows = by_place(detection_rows(content_of(*detector("second", ATE=0.2, NDS=0.7))))
+    assert rows["error ATE", "SECOND", "mean"].ours.value == 0.2
+    assert rows["error ASE", "SECOND", "mean"].ours.value == 0.5
+    assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == [0.7] * 3
     assert not rows["NDS", "SECOND", "S1"].ours.bounded
 
 
-def test_detections_have_three_digits_as_in_the_paper() -> None:
-    tables = {table.caption: table for table in comparison_tables([*detection_rows({"PointPillars": detector()})])}
-
-    def column(caption: str, title: str) -> list[str]:
-        table = tables[caption]
-        return [row[table.head.index(title)] for row in table.cells() if row[0].startswith("PointPillars")]
-
-    assert column("mAP", "S1")[:3] == ["0.398", "0.400", "[0.300, 0.500]"]
-    assert column("NDS", "mean")[:3] == ["0.492", "0.450", "[–]"]
-    assert column("Error ATE", "mean")[:3] == ["0.553", "0.500", "[–]"]
-    assert column(FAMILY, "clearance")[:3] == ["0.417", "0.400", "[0.300, 0.500]"]
+def test_scores_without_rows_are_refused() -> None:
+    for read in (detection_rows, lambda content: risk_rows(None, content)):
+        with pytest.raises(InputError, match="rows of scores"):
+            list(read({"pillars": {"mean": {}}}))

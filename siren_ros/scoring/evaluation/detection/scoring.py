@@ -1,10 +1,10 @@
 """Scores one detector, also on subsets of labels: nuScenes' code gives the tables, the jackknife the intervals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,13 +26,14 @@ from siren_ros.scoring.evaluation.detection.boxes import (
 from siren_ros.scoring.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
 from siren_ros.scoring.evaluation.detection.metrics import (
     DISTANCES_M,
+    ERRORS,
     DevkitScore,
     Matches,
     average_precision,
     class_range_m,
     match,
 )
-from siren_ros.scoring.evaluation.detection.tracking import TrackingScore
+from siren_ros.scoring.evaluation.scores import ALL, TEMPLATE, Score, single
 from siren_ros.scoring.evaluation.statistics import Estimate, jackknife
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.scenario.episode import Split, counted_standings
@@ -156,35 +157,30 @@ FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 """Templates of the paper's families, in the paper's order of increasing mAP."""
 
 
-@dataclass(frozen=True)
-class FamilyOrder:
+def order_of_families(families: Mapping[str, Floats]) -> dict[str, float]:
     """How certain the paper's order of families is: shares of random draws in which it holds.
 
-    The draws are around each family's mAP, with the spread of its episodes.
+    Takes the mAP of each family in each draw around it, with the spread of its episodes, shape ``(R,)``.
+
+    Returns:
+        The share of draws in which a family is below the next one, by ``clearance < stop sign`` and so on, and in which
+        the whole order holds, by ``all``; chance gives 1 in 24. Empty if a family is missing.
     """
+    if set(families) != set(FAMILIES):
+        return {}
+    rises = {f"{low} < {high}": families[low] < families[high] for low, high in pairwise(FAMILIES)}
+    return {name: float(rise.mean()) for name, rise in {**rises, ALL: np.all(list(rises.values()), axis=0)}.items()}
 
-    steps: Mapping[str, float]
-    """Share of draws in which a family is below the next one, by ``clearance < stop sign`` and so on."""
-    whole: float
-    """Share of draws in which the whole order holds; chance gives 1 in 24."""
 
-    @classmethod
-    def of(cls, families: Mapping[str, Floats]) -> Self | None:
-        """Compute the shares from the mAP of each family in each draw, shape ``(R,)``; None if a family is missing."""
-        if set(families) != set(FAMILIES):
-            return None
-        rises = {f"{low} < {high}": families[low] < families[high] for low, high in pairwise(FAMILIES)}
-        steps = {name: float(rise.mean()) for name, rise in rises.items()}
-        return cls(MappingProxyType(steps), float(np.all(list(rises.values()), axis=0).mean()))
-
-    def sentence(self) -> str:
-        """The result as a sentence for readers of the tables."""
-        steps = ", ".join(f"{name} in {share:.0%}" for name, share in self.steps.items())
-        return f"{steps} of the draws; the paper's whole order in {self.whole:.0%}, by chance 4%"
+def sentence_of_order(shares: Mapping[str, float]) -> str:
+    """The shares of ``order_of_families`` as a sentence for readers of the tables."""
+    steps = ", ".join(f"{name} in {share:.0%}" for name, share in shares.items() if name != ALL)
+    return f"{steps} of the draws; the paper's whole order in {shares[ALL]:.0%}, by chance 4%"
 
 
 _DRAWS: Final = 1000
 """Number of draws for the order of the families."""
+MEAN_AP: Final = "mAP"
 _NAMED: Final = "found by name"
 VEHICLE_NAMES: Final = frozenset(
     {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
@@ -198,24 +194,6 @@ Run = Callable[[Sequence[tuple[TruthBoxes, FoundBoxes, str]]], Sequence[DevkitSc
 
 
 @dataclass(frozen=True)
-class GroupScore:
-    """Score of a subset of the labels."""
-
-    group: str
-    name: str
-    labels: int
-    mean_ap: Interval
-
-
-@dataclass(frozen=True)
-class PersonScore:
-    """Score of one class of people, over all episodes."""
-
-    score: DevkitScore
-    mean_ap: Interval
-
-
-@dataclass(frozen=True)
 class DetectorScores:
     """All scores of one detector."""
 
@@ -225,29 +203,21 @@ class DetectorScores:
     frames: Mapping[str, int]
     """Number of scored frames by template."""
     templates: Mapping[str, DevkitScore]
-    template_ap: Mapping[str, Interval]
-    mean_ap: Interval
-    """Mean over the templates, which count equally, as in the paper."""
-    families: Mapping[str, Interval]
-    order: FamilyOrder | None
-    """Whether the families have the paper's order; None without all families or without intervals."""
-    groups: tuple[GroupScore, ...]
+    """The devkit's scores, with the curves, by template."""
+    people: Mapping[str, DevkitScore]
+    """The devkit's scores of people by nuScenes' name, if there is a label; they are part of no other score."""
+    rows: tuple[Score, ...]
+    """mAP, NDS and errors of all (the mean over the templates, which count equally, as in the paper), of each template
+    and of people; mAP of families and of parts of the labels; the order of the families; scores of tracks."""
+    order: Mapping[str, float]
+    """As ``order_of_families``; empty without all families or without intervals."""
     truth: TruthBoxes
     """Labels that are scored."""
     found: FoundBoxes
     """Detections that are scored."""
     matches: Matches
-    people: Mapping[str, PersonScore] = field(default_factory=dict)
-    """Scores of people by nuScenes' name, if there is a label; they are part of no other score."""
-    tracking: Mapping[str, TrackingScore] = field(default_factory=dict)
-    """Scores of tracks by class (``score_tracking``), if tracks are scored."""
     seen: Mapping[Split, int] = field(default_factory=dict)
     """Number of episodes by their relation to the detector's training; empty if that is unknown or there was none."""
-
-    @property
-    def mean_nds(self) -> float:
-        """Mean over the templates."""
-        return float(np.mean([score.nds for score in self.templates.values()]))
 
 
 def counted_boxes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
@@ -300,50 +270,86 @@ def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], ru
         (truth.at(of_frame[truth.frame] == name), boxes.at(of_frame[boxes.frame] == name), CAR) for name in templates
     ]
     scores = dict(zip(templates, run(tables), strict=True))
-    jackknifed = _Jackknifed(frames, truth, boxes, of_episode)
-    left_out = {name: jackknifed.mean_ap(of_frame, name) for name in templates}
-    values = {name: score.mean_average_precision for name, score in scores.items()}
-    mean = _mean(values, left_out, templates).interval()
-    families = {
-        name: _mean(values, left_out, members) for name, members in FAMILIES.items() if set(members) <= set(templates)
-    }
-    rng = np.random.default_rng(0)
+    jackknifed = _Jackknifed(detected.name, frames, truth, boxes, of_episode)
+    whole, order = _rows_of_templates(
+        detected.name, scores, {name: jackknifed.mean_ap(of_frame, name) for name in scores}
+    )
+    of_people, people = _people(frames, detected, of_episode, run)
+    rows = (
+        *(*whole, *of_people),
+        *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames, detected))),
+        *(jackknifed.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
+    )
     return DetectorScores(
         name=detected.name,
         format=detected.format,
         has_velocity=detected.has_velocity,
         frames={name: int((detected.scored & (of_frame == name)).sum()) for name in templates},
         templates=scores,
-        template_ap={name: _mean(values, left_out, [name]).interval() for name in templates},
-        mean_ap=mean,
-        families={name: estimate.interval() for name, estimate in families.items()},
-        order=FamilyOrder.of({name: estimate.draws(_DRAWS, rng) for name, estimate in families.items()})
-        if mean.bounded
-        else None,
-        groups=(
-            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames, detected))),
-            *(jackknifed.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
-        ),
+        people=people,
+        rows=rows,
+        order=order,
         truth=truth,
         found=boxes,
         matches=jackknifed.matches,
-        people=_people(frames, detected, of_episode, run),
         seen=counted_standings(
             [detected.seen.split_of(episode.identity) for episode in frames.episodes] if detected.seen else []
         ),
     )
 
 
-def _people(frames: Frames, detected: FoundSet, template: Names, run: Run) -> dict[str, PersonScore]:
-    """Scores of each class of people with a label, by nuScenes' name."""
+def _rows_of_templates(
+    name: str, scores: Mapping[str, DevkitScore], left_out: Mapping[str, Floats]
+) -> tuple[list[Score], dict[str, float]]:
+    """Rows of the mean over the templates, of each one, of the families and their order; and that order's shares."""
+    values = {template: score.mean_average_precision for template, score in scores.items()}
+    means = {figure: float(np.mean([_figures(score)[figure] for score in scores.values()])) for figure in _FIGURES}
+    mean = _mean(values, left_out, list(scores)).interval()
+    rows = [*_rows(name, (ALL, ALL), mean, means, sum(score.labels for score in scores.values()))]
+    for template, score in scores.items():
+        mean_ap = _mean(values, left_out, [template]).interval()
+        rows += _rows(name, (TEMPLATE, template), mean_ap, _figures(score), score.labels)
+    complete = {family: members for family, members in FAMILIES.items() if set(members) <= set(scores)}
+    families = {family: _mean(values, left_out, members) for family, members in complete.items()}
+    for family, estimate in families.items():
+        labels = sum(scores[template].labels for template in complete[family])
+        rows += _rows(name, ("family", family), estimate.interval(), {}, labels)
+    rng = np.random.default_rng(0)
+    draws = {family: estimate.draws(_DRAWS, rng) for family, estimate in families.items()}
+    order = order_of_families(draws) if mean.bounded else {}
+    rows += [Score(name, "order", step, "share", single(share, mean.blocks), _DRAWS) for step, share in order.items()]
+    return rows, order
+
+
+_FIGURES: Final = ("NDS", *ERRORS)
+
+
+def _figures(score: DevkitScore) -> dict[str, float]:
+    return {"NDS": score.nds, **score.errors}
+
+
+def _rows(
+    name: str, group: tuple[str, str], mean_ap: Interval, figures: Mapping[str, float], labels: int
+) -> Iterator[Score]:
+    """Rows of mAP with its interval, and of figures without one."""
+    yield Score(name, *group, MEAN_AP, mean_ap, labels)
+    for figure, value in figures.items():
+        yield Score(name, *group, figure, single(value, mean_ap.blocks), labels)
+
+
+def _people(
+    frames: Frames, detected: FoundSet, template: Names, run: Run
+) -> tuple[list[Score], dict[str, DevkitScore]]:
+    """Rows of each class of people with a label, and the devkit's scores by nuScenes' name."""
     there = [kind for kind in PERSON_NAMES if (frames.truth.actor_class == kind).any()]
     counted = [(*counted_people(frames, detected, kind), PERSON_NAMES[kind][0]) for kind in there]
     tables = [table for table in counted if len(table[0])]
     scores = run(tables) if tables else ()
-    found = {}
+    rows: list[Score] = []
     for (truth, boxes, name), score in zip(tables, scores, strict=True):
-        found[name] = PersonScore(score, _Jackknifed(frames, truth, boxes, template).whole("people", name).mean_ap)
-    return found
+        whole = _Jackknifed(detected.name, frames, truth, boxes, template).whole("people", name)
+        rows += _rows(detected.name, ("people", name), whole.interval, _figures(score), score.labels)
+    return rows, {name: score for (*_, name), score in zip(tables, scores, strict=True)}
 
 
 def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates: Sequence[str]) -> Estimate:
@@ -357,8 +363,8 @@ def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates
 class _Jackknifed:
     """Average precisions without each episode, for the jackknife."""
 
-    def __init__(self, frames: Frames, truth: TruthBoxes, boxes: FoundBoxes, template: Names) -> None:
-        self._frames, self._truth, self._given, self._template = frames, truth, boxes, template
+    def __init__(self, name: str, frames: Frames, truth: TruthBoxes, boxes: FoundBoxes, template: Names) -> None:
+        self._name, self._frames, self._truth, self._given, self._template = name, frames, truth, boxes, template
         self.matches = match(truth, boxes)
         self._boxes = boxes.at(self.matches.order)
         _, self._stratum = np.unique(template, return_inverse=True)
@@ -385,32 +391,32 @@ class _Jackknifed:
         labels = template_of_frame[self._truth.frame] == template
         return self._mean_ap(labels, [kept] * len(DISTANCES_M), np.flatnonzero(self._template == template))[1:]
 
-    def group(self, subset: Subset) -> GroupScore:
+    def group(self, subset: Subset) -> Score:
         """Score of a subset: detections of other labels are ignored, false alarms count."""
         labels = subset.labels(self._frames, self._truth)
         if not labels.any():
-            return GroupScore(subset.group, subset.name, 0, NOTHING)
+            return Score(self._name, subset.group, subset.name, MEAN_AP, NOTHING, 0)
         alarm = np.ones(len(self._boxes), dtype=np.bool_)
         if subset.detections is not None:
             alarm = subset.detections(self._frames, self._boxes)
         counted = [np.where(matched >= 0, labels[matched], alarm) for matched in self.matches.label]
         return self._scored(subset.group, subset.name, labels, counted)
 
-    def named(self, name: str) -> GroupScore:
+    def named(self, name: str) -> Score:
         """Score of a class by name: a detection with another name does not find its labels."""
         truth = self._truth.at(labels_named(self._truth, name))
         if not len(truth):
-            return GroupScore(_NAMED, name, 0, NOTHING)
+            return Score(self._name, _NAMED, name, MEAN_AP, NOTHING, 0)
         boxes = self._given.at(self._given.label == name)
-        return _Jackknifed(self._frames, truth, boxes, self._template).whole(_NAMED, name)
+        return _Jackknifed(self._name, self._frames, truth, boxes, self._template).whole(_NAMED, name)
 
-    def whole(self, group: str, name: str) -> GroupScore:
+    def whole(self, group: str, name: str) -> Score:
         """Score of all labels and detections."""
         labels, counted = (np.ones(len(table), dtype=np.bool_) for table in (self._truth, self._boxes))
         return self._scored(group, name, labels, [counted] * len(DISTANCES_M))
 
-    def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> GroupScore:
+    def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> Score:
         episodes = np.unique(self._episode_of_label[labels])
         value, *left_out = self._mean_ap(labels, counted, episodes).tolist()
         estimate = jackknife(value, np.array(left_out), self._stratum[episodes])
-        return GroupScore(group, name, int(labels.sum()), estimate.interval())
+        return Score(self._name, group, name, MEAN_AP, estimate.interval(), int(labels.sum()))

@@ -1,16 +1,14 @@
 """Tables of the detectors' scores beside the paper's, and all scores as JSON."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
-import numpy as np
-
-from siren_ros.base.tables import Bounds, Interval, Row, Table, interval_of_json
+from siren_ros.base.tables import Bounds, Cell, Row, Table
 from siren_ros.scoring.evaluation.detection.metrics import ERRORS, DevkitScore
-from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
-from siren_ros.scoring.evaluation.detection.tracking import TrackingScore
+from siren_ros.scoring.evaluation.detection.scoring import MEAN_AP, DetectorScores
+from siren_ros.scoring.evaluation.scores import ALL, TEMPLATE, Scores
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
 MEAN: Final = "mean"
@@ -62,26 +60,27 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     They are made from the content of ``scores.json`` (``scores_as_json``), so that a page of stored scores shows the
     tables of the terminal.
     """
-    paper = list({row.name: row for name in content for row in paper_rows(name)}.values()) if compare_paper else []
+    scores = Scores.of_json(content)
+    asked = scores.models if compare_paper else ()
+    paper = list({row.name: row for name in asked for row in paper_rows(name)}.values())
     tables = (
-        *(_by_template(content, paper), _errors(content, paper)),
-        *(_people(content), _tracking(content), _errors_by_template(content), _parts(content)),
+        *(_by_template(scores, paper), _errors(scores, paper)),
+        *(_people(scores), _tracking(scores), _errors_by_template(scores), _parts(scores)),
     )
     return tuple(table for table in tables if table.rows)
 
 
-def _by_template(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> Table:
-    templates = list(dict.fromkeys(template for scores in content.values() for template in scores["templates"]))
+def _by_template(scores: Scores, paper: Sequence[PaperDetector]) -> Table:
+    groups = (*scores.groups(TEMPLATE), (ALL, ALL))
     values: list[Row] = []
     bounds: list[Row] = []
-    for name, scores in content.items():
-        columns = [*(scores["templates"].get(template) for template in templates), scores["mean"]]
-        mean_ap = [interval_of_json(column and column["mAP"]) for column in columns]
-        pairs = [column and (ap.value, column["NDS"]) for column, ap in zip(columns, mean_ap, strict=True)]
-        values.append((name, *pairs))
-        bounds.append((f"{name}, 95 % of mAP", *map(Bounds, mean_ap)))
+    for model in scores.models:
+        pairs = ([scores.value(model, *group, metric) for metric in (MEAN_AP, "NDS")] for group in groups)
+        values.append((model, *(None if pair[0] is None else tuple(pair) for pair in pairs)))
+        mean_ap = (scores.interval(model, *group, MEAN_AP) for group in groups)
+        bounds.append((f"{model}, 95 % of mAP", *map(Bounds, mean_ap)))
     some_bounded = any(isinstance(cell, Bounds) and cell.interval.bounded for row in bounds for cell in row)
-    names = (*templates, MEAN)
+    names = (*(name for _, name in groups[:-1]), MEAN)
     return Table(
         "by_template",
         "mAP/NDS of the class Car by template, and the mean over the templates",
@@ -92,29 +91,30 @@ def _by_template(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> 
     )
 
 
-def _errors(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> Table:
+def _errors(scores: Scores, paper: Sequence[PaperDetector]) -> Table:
     return Table(
         "errors",
         "True-positive errors, mean over the templates; lower is better",
         ("detector", *_ERROR_TITLES),
-        tuple(
-            (name, *(_mean(score["errors"].get(error) for score in scores["templates"].values()) for error in ERRORS))
-            for name, scores in content.items()
-        ),
+        tuple((model, *_errors_of(scores, model, ALL, ALL)) for model in scores.models),
         spec=".3f",
         reference=tuple((f"{row.name} (paper)", *(row.errors[error] for error in ERRORS)) for row in paper),
     )
 
 
-def _people(content: Mapping[str, Any]) -> Table:
+def _errors_of(scores: Scores, model: str, kind: str, group: str) -> Iterator[float | None]:
+    return (scores.value(model, kind, group, error) for error in ERRORS)
+
+
+def _people(scores: Scores) -> Table:
+    rows = [row for row in scores.rows if (row.kind, row.metric) == ("people", MEAN_AP)]
     return Table(
         "people",
         "mAP, with the interval of 95 %, and true-positive errors of people, over all episodes",
         ("detector", "class", "labels", "mAP", *_ERROR_TITLES),
         tuple(
-            (name, kind, score["labels"], interval_of_json(score["mAP"]), *map(score["errors"].get, ERRORS))
-            for name, scores in content.items()
-            for kind, score in scores.get("people", {}).items()
+            (row.model, row.group, row.samples, row.interval, *_errors_of(scores, row.model, row.kind, row.group))
+            for row in rows
         ),
         spec=".3f",
     )
@@ -132,72 +132,71 @@ _TRACKING: Final = MappingProxyType(
         "labels": "labelled tracks",
     }
 )
-"""Tracking scores: names in ``scores.json`` and in the table."""
+"""Tracking scores: names of metrics (``labels`` are their samples) and in the table."""
 
 
-def _tracking(content: Mapping[str, Any]) -> Table:
+def _tracking(scores: Scores) -> Table:
     """Table of tracking scores. Kinds of emergency vehicles have columns of their own, which nuScenes' classes lack."""
-    tracking = {name: scores.get("tracking", {}) for name, scores in content.items()}
-    classes = list(dict.fromkeys(kind for of_detector in tracking.values() for kind in of_detector))
+    groups = scores.groups("tracking")
 
-    def cell(score: Mapping[str, Any] | None, figure: str) -> Any:
-        value = score and score[figure]
-        return interval_of_json(value) if isinstance(value, dict) else value
+    def cell(model: str, group: tuple[str, str], figure: str) -> Cell:
+        row = scores.by_place.get((model, *group, "AMOTA" if figure == "labels" else figure))
+        if row is None or row.value is None:
+            return None
+        if figure in {"labels", "switches"}:
+            return row.samples if figure == "labels" else int(row.value)
+        return row.interval if figure in {"AMOTA", "AMOTP", "HOTA"} else row.value
 
     return Table(
         "tracking",
         "Tracks by class, over all episodes: AMOTA, AMOTP and MOTA by nuScenes' code, HOTA, with intervals of 95 %",
-        ("detector", "figure", *classes),
+        ("detector", "figure", *(name for _, name in groups)),
         tuple(
-            (name, title, *(cell(of_detector.get(kind), figure) for kind in classes))
-            for name, of_detector in tracking.items()
-            if of_detector
+            (model, title, *(cell(model, group, figure) for group in groups))
+            for model in scores.models
+            if any((model, *group, "AMOTA") in scores.by_place for group in groups)
             for figure, title in _TRACKING.items()
         ),
         spec=".3f",
     )
 
 
-def _mean(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
-
-
-def _errors_by_template(content: Mapping[str, Any]) -> Table:
+def _errors_by_template(scores: Scores) -> Table:
     return Table(
         "errors_by_template",
         "True-positive errors by template",
         ("detector", "template", *_ERROR_TITLES),
         tuple(
-            (name, template, *map(score["errors"].get, ERRORS))
-            for name, scores in content.items()
-            for template, score in scores["templates"].items()
+            (row.model, row.group, *_errors_of(scores, row.model, row.kind, row.group))
+            for row in scores.rows
+            if (row.kind, row.metric) == (TEMPLATE, MEAN_AP)
         ),
         spec=".3f",
         folded=True,
     )
 
 
-def _parts(content: Mapping[str, Any]) -> Table:
+_NO_PARTS: Final = frozenset({ALL, TEMPLATE, "people", "family", "order", "tracking"})
+
+
+def _parts(scores: Scores) -> Table:
     """Table of scores by family of templates and by subset of labels.
 
     Detectors may have different subsets: only one that names kinds of vehicles has those found by name.
     """
-    families = [scores["families"] for scores in content.values()]
     rows: list[Row] = [
-        ("behaviour family", name, "", *(interval_of_json(of_detector.get(name)) for of_detector in families))
-        for name in dict.fromkeys(name for of_detector in families for name in of_detector)
+        ("behaviour family", name, "", *(scores.interval(model, "family", name, MEAN_AP) for model in scores.models))
+        for _, name in scores.groups("family")
     ]
-    parts = [{(part["of"], part["name"]): part for part in scores["parts"]} for scores in content.values()]
-    for key in dict.fromkeys(key for of_detector in parts for key in of_detector):
-        of_detectors = [of_detector.get(key) for of_detector in parts]
-        labels = dict.fromkeys(part["labels"] for part in of_detectors if part)
+    for group in (group for group in scores.groups() if group[0] not in _NO_PARTS):
+        found = [scores.by_place.get((model, *group, MEAN_AP)) for model in scores.models]
+        labels = dict.fromkeys(row.samples for row in found if row)
         if any(labels):
-            rows.append((*key, tuple(labels), *(interval_of_json(part and part["mAP"]) for part in of_detectors)))
+            rows.append((*group, tuple(labels), *(row.interval if row else None for row in found)))
     return Table(
         "parts",
         "mAP of parts of the labels, with the interval of 95 % over episodes",
-        ("of", "labels that are", "labels", *content),
+        ("of", "labels that are", "labels", *scores.models),
         tuple(rows),
         spec=".3f",
         folded=True,
@@ -205,58 +204,25 @@ def _parts(content: Mapping[str, Any]) -> Table:
 
 
 def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
-    """All scores by detector; intervals are null where there are too few episodes."""
-    return {detector.name: _detector(detector) for detector in scores}
+    """Rows of scores, and what is no row, by detector."""
+    rows = [row.json() for detector in scores for row in detector.rows]
+    return {"task": "detection", "rows": rows, "models": {detector.name: _detector(detector) for detector in scores}}
 
 
 def _detector(scores: DetectorScores) -> dict[str, Any]:
-    people = {name: {**_score(of.score), "mAP": _interval(of.mean_ap)} for name, of in scores.people.items()}
-    tracking = {name: _tracked(score) for name, score in scores.tracking.items()}
     return {
         "format": scores.format,
         "velocity_known": scores.has_velocity,
-        "mean": {"mAP": _interval(scores.mean_ap), "NDS": scores.mean_nds},
-        "templates": {
-            name: {"frames": scores.frames[name], **_score(score), "mAP": _interval(scores.template_ap[name])}
-            for name, score in scores.templates.items()
-        },
-        **({"people": people} if people else {}),
-        **({"tracking": tracking} if tracking else {}),
+        "frames": dict(scores.frames),
         **({"seen": {split.value: count for split, count in scores.seen.items()}} if scores.seen else {}),
-        "families": {name: _interval(value) for name, value in scores.families.items()},
-        "order_of_families_share": None if scores.order is None else scores.order.whole,
-        "order_of_families_steps": None if scores.order is None else dict(scores.order.steps),
-        "parts": [
-            {"of": part.group, "name": part.name, "labels": part.labels, "mAP": _interval(part.mean_ap)}
-            for part in scores.groups
-        ],
+        "curves": {name: _curves(score) for name, score in {**scores.templates, **scores.people}.items()},
     }
 
 
-def _score(score: DevkitScore) -> Mapping[str, Any]:
+def _curves(score: DevkitScore) -> dict[str, Any]:
     return {
         "labels": score.labels,
         "detections": score.detections,
-        "NDS": score.nds,
         "AP": {f"{distance_m:g}": value for distance_m, value in score.average_precision.items()},
-        "errors": dict(score.errors),
         "precision_at_recall_0_to_1": score.precision.round(6).tolist(),
     }
-
-
-def _tracked(score: TrackingScore) -> Mapping[str, Any]:
-    return {
-        "AMOTA": _interval(score.amota),
-        "AMOTP": _interval(score.amotp_m),
-        "HOTA": _interval(score.hota),
-        "DetA": score.detection,
-        "AssA": score.association,
-        "MOTA": score.devkit.mota,
-        "switches": None if np.isnan(score.devkit.switches) else int(score.devkit.switches),
-        "labels": score.devkit.labels,
-        "confidence": score.devkit.confidence,
-    }
-
-
-def _interval(value: Interval) -> dict[str, Any] | None:
-    return value.json() if value.valid else None

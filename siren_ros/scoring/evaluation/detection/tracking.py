@@ -5,7 +5,6 @@ The tracker finds which boxes of successive sweeps are the same vehicle, and its
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from siren_ros.scoring.evaluation.detection.boxes import (
 )
 from siren_ros.scoring.evaluation.detection.frames import RANGE_M, Frames
 from siren_ros.scoring.evaluation.detection.metrics import DevkitTracking, TrackTable, class_range_m, hota_sums
+from siren_ros.scoring.evaluation.scores import Score, single
 from siren_ros.scoring.evaluation.statistics import jackknife
 from siren_ros.simulation.world.actors import PEOPLE_CLASSES
 
@@ -133,21 +133,6 @@ class Tracks:
         return Tracks(self.boxes.at(rows), self.track[rows], self.velocity_mps[rows])
 
 
-@dataclass(frozen=True)
-class TrackingScore:
-    """Tracking scores of one class, over all episodes."""
-
-    devkit: DevkitTracking
-    amota: Interval
-    amotp_m: Interval
-    hota: Interval
-    """HOTA at the confidence with the best MOTA."""
-    detection: float
-    """DetA, a part of HOTA."""
-    association: float
-    """AssA, the other part."""
-
-
 def tracks_of(frames: Frames, detected: FoundBoxes) -> Tracks:
     """Track boxes from frame to frame of each episode, without regard to their class names."""
     boxes = detected.at(np.argsort(detected.frame, kind="stable").astype(np.intp))
@@ -169,8 +154,11 @@ def tracks_of(frames: Frames, detected: FoundBoxes) -> Tracks:
     return Tracks(replace(boxes, label=label), track, velocity)
 
 
-def score_tracking(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> Mapping[str, TrackingScore]:
+def score_tracking(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> tuple[Score, ...]:
     """Score tracks by class, where labels exist: all vehicles together, each kind by its name, and people.
+
+    The rows are of the kind ``tracking``; their samples are labelled tracks. HOTA is at the confidence with the best
+    MOTA, which is a row, too; DetA and AssA are its parts.
 
     Labels and boxes are those that count for detections, at the keyframes of the nuScenes export. Kinds of vehicles
     are scored where the detector names them.
@@ -205,8 +193,10 @@ def score_tracking(frames: Frames, detected: FoundSet, names: frozenset[str], ru
     numbers = [part.tolist() for part in np.split(np.arange(len(frames)), frames.first[1:-1])]
     scenes = [[number for number in part if counted[number]] for part in numbers]
     scores = run([(*pair, scenes) for pair in tables.values()])
-    return MappingProxyType(
-        {name: _score(frames, *pair, score) for (name, pair), score in zip(tables.items(), scores, strict=True)}
+    return tuple(
+        Score(detected.name, "tracking", name, figure, value, score.labels)
+        for (name, pair), score in zip(tables.items(), scores, strict=True)
+        for figure, value in _figures(frames, *pair, score).items()
     )
 
 
@@ -227,7 +217,7 @@ def _followed(frames: Frames, tracks: Tracks, counted: Flags, range_m: float) ->
     return TrackTable(frames.episode[frame], frame, near.boxes.centre_m[:, :2], near.track, score[track])
 
 
-def _score(frames: Frames, labels: TrackTable, found: TrackTable, devkit: DevkitTracking) -> TrackingScore:
+def _figures(frames: Frames, labels: TrackTable, found: TrackTable, devkit: DevkitTracking) -> Mapping[str, Interval]:
     """Scores of one class, with intervals over the episodes that have labels or tracks."""
     template = np.array([episode.template for episode in frames.episodes])
     episodes = np.unique(labels.episode)
@@ -240,11 +230,13 @@ def _score(frames: Frames, labels: TrackTable, found: TrackTable, devkit: Devkit
     def interval(of_all: float, left_out: Floats) -> Interval:
         return jackknife(of_all, left_out, stratum).interval()
 
-    return TrackingScore(
-        devkit=devkit,
-        amota=interval(devkit.amota, devkit.left_out["amota"][episodes]),
-        amotp_m=interval(devkit.amotp_m, devkit.left_out["amotp_m"][episodes]),
-        hota=interval(value.hota, without),
-        detection=value.detection,
-        association=value.association,
-    )
+    return {
+        "AMOTA": interval(devkit.amota, devkit.left_out["amota"][episodes]),
+        "AMOTP": interval(devkit.amotp_m, devkit.left_out["amotp_m"][episodes]),
+        "HOTA": interval(value.hota, without),
+        "DetA": single(value.detection),
+        "AssA": single(value.association),
+        "MOTA": single(devkit.mota),
+        "switches": single(devkit.switches),
+        "confidence": single(devkit.confidence),
+    }

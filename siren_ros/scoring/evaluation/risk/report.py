@@ -1,10 +1,11 @@
-"""The report on risk: tables beside the paper's, all scores as JSON and CSV, and the page of a set of videos.
+"""The report on risk: tables beside the paper's, all scores as JSON, and the page of a set of videos.
 
 The page shows each video with its label, its measures over time and the answers. Confusion matrices are a picture.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from os.path import relpath
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -15,12 +16,11 @@ from matplotlib.figure import Figure
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.base.tables import Cell, Interval, Row, Table, csv_text, interval_of_json, render_page
+from siren_ros.base.tables import Cell, Interval, Row, Table, render_page
 from siren_ros.errors import whole_file, writing
 from siren_ros.scoring.evaluation.risk.labels import TITLES, Reason, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.scoring import (
     MEASURES,
-    SCORES,
     UNREADABLE,
     Answers,
     ModelScores,
@@ -29,6 +29,7 @@ from siren_ros.scoring.evaluation.risk.scoring import (
     template_means,
 )
 from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet, changes_of_labels
+from siren_ros.scoring.evaluation.scores import ALL, Scores
 
 _PAPER_COLUMNS: Final = (
     "accuracy",
@@ -68,7 +69,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     They are made from the content of ``scores.json`` (``scores_as_json``), so that a page of stored scores shows the
     tables of the terminal.
     """
-    models, paper = content["models"], PAPER_SCORES if compare_paper else {}
+    scores, models, paper = Scores.of_json(content), content["models"], PAPER_SCORES if compare_paper else {}
     answers = ("label", *(f"answered {title}" for title in content["classes"]), "unreadable")
 
     def labelled(counts: Sequence[Sequence[int]]) -> Iterator[Row]:
@@ -82,21 +83,19 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
             "Scores in percent",
             ("model", "videos", *_OVERALL),
             tuple(
-                (name, (model["answered"], model["videos"]), *_percent(model, _OVERALL))
+                (name, (model["answered"], model["videos"]), *_percent(scores, name, _OVERALL))
                 for name, model in models.items()
             ),
             reference=tuple(
-                (f"{name} (paper)", _PAPER_VIDEOS, *_paper_percent(scores, _OVERALL)) for name, scores in paper.items()
+                (f"{name} (paper)", _PAPER_VIDEOS, *_paper_percent(row, _OVERALL)) for name, row in paper.items()
             ),
         ),
         Table(
             "classes",
             "Precision (P), recall (R) and F1 of the classes in percent",
             ("model", *_OF_CLASSES),
-            tuple((name, *_percent(model, _OF_CLASSES)) for name, model in models.items()),
-            reference=tuple(
-                (f"{name} (paper)", *_paper_percent(scores, _OF_CLASSES)) for name, scores in paper.items()
-            ),
+            tuple((name, *_percent(scores, name, _OF_CLASSES)) for name in models),
+            reference=tuple((f"{name} (paper)", *_paper_percent(row, _OF_CLASSES)) for name, row in paper.items()),
         ),
         Table(
             "confusion",
@@ -135,7 +134,7 @@ def table_of_severity(videos: VideoSet, given: Mapping[str, Severities]) -> Tabl
     rows = []
     for name, guesses in ({"template_prior": template_means(videos)} | dict(given)).items():
         scores = score_severities(videos, guesses)
-        rows.append((name, *(part for score in scores.values() for part in (score.error, score.rank_correlation))))
+        rows.append((name, *chain.from_iterable(scores.values())))
     titles = [title for measure in MEASURES.values() for title in (f"error of {measure}", f"ρ of {measure}")]
     return Table("severity", "Severity: mean absolute error and rank correlation", ("model", *titles), tuple(rows))
 
@@ -146,10 +145,10 @@ def table_of_agreement(kappas: Mapping[tuple[str, str], Interval]) -> Table:
     return Table("agreement", "Agreement (Cohen's κ)", ("first", "second", "κ"), rows)
 
 
-def _percent(model: Mapping[str, Any], columns: Mapping[str, str]) -> Iterator[Cell]:
+def _percent(scores: Scores, model: str, columns: Mapping[str, str]) -> Iterator[Cell]:
     """Cells of a model's scores; precision and recall have no interval, since F1 follows from them."""
     for title, score in columns.items():
-        percent = interval_of_json(model["scores"].get(score)).scaled(100.0)
+        percent = scores.interval(model, ALL, ALL, score).scaled(100.0)
         without_interval = title.startswith(("P ", "R "))
         yield (percent.value if percent.valid else None) if without_interval else percent
 
@@ -158,29 +157,16 @@ def _paper_percent(scores: Mapping[str, float], columns: Mapping[str, str]) -> I
     return (100.0 * scores[score] if score in scores else None for score in columns.values())
 
 
-def csv_of_scores(models: Sequence[ModelScores]) -> str:
-    """CSV with one row per model, group (all or a template) and score; the value is empty if not valid."""
-    rows = []
-    for model in models:
-        for group, counts in (("all", model.overall), *model.by_template.items()):
-            for name, score in SCORES.items():
-                interval = score(counts)
-                value = f"{interval.value:.6f}" if interval.valid else None
-                bounded = group == "all" and interval.bounded
-                bounds = [f"{bound:.6f}" if bounded else None for bound in (interval.low, interval.high)]
-                rows.append((model.name, group, name, value, *bounds, int(counts.sum())))
-    return csv_text(("model", "group", "score", "value", "low", "high", "videos"), rows)
-
-
 def scores_as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
-    """All scores with intervals, and confusion matrices (rows: labels; columns: answers, then unreadable)."""
+    """Rows of scores, and confusion matrices (rows: labels; columns: answers, then unreadable)."""
     return {
+        "task": "risk",
+        "rows": [row.json() for model in models for row in model.rows],
         "classes": list(TITLES),
         "models": {
             model.name: {
                 "videos": model.videos,
                 "answered": model.answered,
-                "scores": {name: score.json() for name, score in model.scores.items()},
                 "confusion": model.overall.tolist(),
                 "confusion_by_template": {key: counts.tolist() for key, counts in model.by_template.items()},
             }

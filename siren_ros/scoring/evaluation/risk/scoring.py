@@ -23,6 +23,7 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import Evidence, RiskClass, RiskThresholds, label_of, risk_class
 from siren_ros.scoring.evaluation.risk.sequence_model import load_sequence_model
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, missing_files
+from siren_ros.scoring.evaluation.scores import ALL, TEMPLATE, Score
 from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean, rank_correlation
 from siren_ros.scoring.judging.surrogate_safety import HORIZON_S
 
@@ -223,6 +224,16 @@ class ModelScores:
         """All scores over the whole set, by name."""
         return {name: score(self.overall) for name, score in SCORES.items()}
 
+    @property
+    def rows(self) -> tuple[Score, ...]:
+        """All scores over the whole set, then those of each template."""
+        parts = {(ALL, ALL): self.overall, **{(TEMPLATE, name): counts for name, counts in self.by_template.items()}}
+        return tuple(
+            Score(self.name, *group, name, score(counts), int(counts.sum()))
+            for group, counts in parts.items()
+            for name, score in SCORES.items()
+        )
+
 
 def score_answers(name: str, videos: VideoSet, answers: Answers) -> ModelScores:
     """Score a model's answers; ``answers`` may contain only ids of the set."""
@@ -302,18 +313,8 @@ def read_severities(path: Path) -> Severities:
     return found
 
 
-@dataclass(frozen=True)
-class SeverityScore:
-    """Quality of the estimates of one number."""
-
-    error: Interval
-    """Mean absolute error, with the interval over videos."""
-    rank_correlation: float | None
-    """Spearman's ρ with the truth; None if all estimates are equal."""
-
-
-def score_severities(videos: VideoSet, given: Severities) -> Mapping[str, SeverityScore]:
-    """Score estimates by measure.
+def score_severities(videos: VideoSet, given: Severities) -> Mapping[str, tuple[Interval, float | None]]:
+    """Mean absolute error of estimates and Spearman's ρ with the truth by measure; no ρ if all estimates are equal.
 
     Videos without an estimate do not count; contact speed counts only videos with a contact.
     """
@@ -324,7 +325,7 @@ def score_severities(videos: VideoSet, given: Severities) -> Mapping[str, Severi
         counted = [key for key in keys if name != "contact_mps" or truth[key].contact_mps > 0.0]
         want, have = (np.array([getattr(of[key], name) for key in counted], dtype=float) for of in (truth, given))
         ranked = rank_correlation(want.tolist(), have.tolist())
-        scores[name] = SeverityScore(_mean_error(np.abs(want - have)), None if ranked is None else ranked.rho)
+        scores[name] = _mean_error(np.abs(want - have)), None if ranked is None else ranked.rho
     return scores
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_detections import STEPS, columns_ahead, found_boxes, made_frames, random_boxes, truth_boxes
 
+from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, FoundSet, TruthBoxes, joined
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
 from siren_ros.scoring.evaluation.detection.metrics import devkit_score
@@ -14,7 +15,6 @@ from siren_ros.scoring.evaluation.detection.result_files import labels_as_detect
 from siren_ros.scoring.evaluation.detection.scoring import (
     VEHICLE_NAMES,
     DetectorScores,
-    GroupScore,
     counted_boxes,
     counted_people,
     mean_ap_of_episodes,
@@ -22,6 +22,7 @@ from siren_ros.scoring.evaluation.detection.scoring import (
     subsets_of_episodes,
 )
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
+from siren_ros.scoring.evaluation.scores import Score
 from siren_ros.simulation.scenario.episode import SeenEpisodes
 from siren_ros.simulation.world.actors import ActorClass, Mode
 
@@ -57,32 +58,39 @@ def _scores(templates: list[str]) -> DetectorScores:
     return scored_set(*_episodes(templates))
 
 
+def value_of(scores: DetectorScores, group: str, metric: str = "mAP") -> Interval:
+    """The one row of a group by its name."""
+    (row,) = (row for row in scores.rows if (row.group, row.metric) == (group, metric))
+    return row.interval
+
+
 def test_the_mean_counts_each_template_once() -> None:
     scores = _scores(["S1", "S1", "S2"])
     by_template = [score.mean_average_precision for score in scores.templates.values()]
     assert list(scores.templates) == ["S1", "S2"]
-    assert scores.mean_ap.value == pytest.approx(np.mean(by_template))
-    assert scores.mean_nds == pytest.approx(np.mean([score.nds for score in scores.templates.values()]))
+    assert value_of(scores, "all", "mAP").value == pytest.approx(np.mean(by_template))
+    assert value_of(scores, "all", "NDS").value == pytest.approx(
+        np.mean([score.nds for score in scores.templates.values()])
+    )
 
 
 def test_intervals_need_several_episodes_of_each_template() -> None:
     scores = _scores(["S1"] * 5 + ["S2"])
-    one = scores.template_ap["S1"]
+    one = value_of(scores, "S1")
     assert one.bounded
     assert one.low <= one.value <= one.high
     assert one.high - one.low > 0.01
-    assert not scores.template_ap["S2"].bounded
-    assert not scores.mean_ap.bounded
+    assert not value_of(scores, "S2").bounded
+    assert not value_of(scores, "all").bounded
 
 
 def test_the_order_of_the_families_is_tested_where_all_are_there() -> None:
     every = [f"S{number}" for number in range(1, 8)]
-    assert _scores(every).order is None, "one episode of each cannot tell"
+    assert _scores(every).order == {}, "one episode of each cannot tell"
     order = _scores(every * 2).order
-    assert order is not None
-    assert list(order.steps) == ["clearance < stop sign", "stop sign < shoulder", "shoulder < red light"]
-    assert 0.0 <= order.whole <= min(order.steps.values()) <= 1.0
-    assert _scores(["S1", "S1"]).order is None
+    assert list(order) == ["clearance < stop sign", "stop sign < shoulder", "shoulder < red light", "all"]
+    assert 0.0 <= order["all"] <= min(order.values()) <= 1.0
+    assert _scores(["S1", "S1"]).order == {}
 
 
 def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
@@ -90,7 +98,7 @@ def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
     truth = frames.truth
     near = np.hypot(truth.centre_m[:, 0], truth.centre_m[:, 1])
     scores = _scores(["S1", "S2"])
-    labels = {(group.group, group.name): group.labels for group in scores.groups}
+    labels = {(row.kind, row.group): row.samples for row in scores.rows}
     assert labels["behaviour", "held"] == (truth.mode == Mode.YIELD_HOLD).sum()
     assert labels["behaviour", "nominal"] == (truth.mode == Mode.NOMINAL).sum()
     assert labels["emergency vehicles", "police"] == (truth.actor_class == ActorClass.POLICE).sum()
@@ -99,8 +107,9 @@ def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
     assert labels["distance", "0-15 m"] == (near < 15.0).sum()
     assert labels["LiDAR points", "20 to 99"] == len(truth)
     # All labels have as many points: that part is the whole, with the devkit's score over both templates.
-    whole = next(group for group in scores.groups if (group.group, group.name) == ("LiDAR points", "20 to 99"))
-    assert whole.mean_ap.value == pytest.approx(devkit_score(truth, found.boxes).mean_average_precision, abs=1e-9)
+    assert value_of(scores, "20 to 99").value == pytest.approx(
+        devkit_score(truth, found.boxes).mean_average_precision, abs=1e-9
+    )
 
 
 def exact_boxes(truth: TruthBoxes, detected: FoundSet) -> FoundBoxes:
@@ -115,13 +124,13 @@ def test_a_part_whose_labels_are_all_found_scores_fully_without_false_alarms() -
     truth = frames.truth.at(frames.truth.mode == Mode.YIELD_HOLD)
     exact = exact_boxes(truth, found)
     scores = scored_set(frames, replace(found, boxes=exact))
-    parts = {group.name: group.mean_ap.value for group in scores.groups if group.group == "behaviour" and group.labels}
+    parts = {row.group: row.interval.value for row in scores.rows if row.kind == "behaviour" and row.samples}
     assert parts == {"nominal": 0.0, "held": pytest.approx(1.0)}
 
 
 def test_kinds_have_rows_where_a_detector_names_them() -> None:
     frames, found = _episodes(["S1", "S1", "S2"])
-    assert not [group for group in _scores(["S1", "S1", "S2"]).groups if group.group == "found by name"]
+    assert not [row for row in _scores(["S1", "S1", "S2"]).rows if row.kind == "found by name"]
     truth = frames.truth
     police = truth.actor_class == ActorClass.POLICE
     named = np.where(police, "police", "car")
@@ -130,8 +139,8 @@ def test_kinds_have_rows_where_a_detector_names_them() -> None:
     def rows(label: np.ndarray) -> dict[str, tuple[int, float]]:
         boxes = replace(found, boxes=replace(exact, label=label))
         scores = scored_set(frames, boxes)
-        groups = [group for group in scores.groups if group.group == "found by name"]
-        return {one.name: (one.labels, one.mean_ap.value) for one in groups}
+        found_by_name = [row for row in scores.rows if row.kind == "found by name"]
+        return {row.group: (row.samples, row.interval.value) for row in found_by_name}
 
     right = rows(named)
     assert list(right) == ["car", "ambulance", "fire_truck", "police"]
@@ -153,7 +162,8 @@ def test_tables_have_the_papers_rows_where_asked() -> None:
     assert [row[0] for row in tables["errors"].cells()][1:] == [
         f"{name} (paper)" for name in ("PointPillars", "SECOND", "VoxelNeXt", "TransFusion-L")
     ]
-    named = tables_of(scores_as_json([replace(scores[0], name="transfusion_l")]), compare_paper=True)[1]
+    renamed = tuple(replace(row, model="transfusion_l") for row in scores[0].rows)
+    named = tables_of(scores_as_json([replace(scores[0], rows=renamed)]), compare_paper=True)[1]
     assert [row[0] for row in named.cells()] == ["transfusion_l", "TransFusion-L (paper)"]
     plain = tables_of(content)
     assert not any("paper" in row[0] for table in plain for row in table.cells())
@@ -162,7 +172,7 @@ def test_tables_have_the_papers_rows_where_asked() -> None:
         assert table.csv().count("\n") == len(table.rows) + 1
         assert table.latex().count(r"\\") == len(table.rows) + 1
         assert "%" not in table.latex().replace(r"\%", "").splitlines()[-3]
-    assert set(scores_as_json(scores)["made"]["templates"]) == {"S1", "S3"}
+    assert set(content["models"]["made"]["curves"]) == {"S1", "S3"}
 
 
 def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
@@ -177,9 +187,9 @@ def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
     boxes = found.boxes.at(found.boxes.frame >= 2 * FRAMES)
     last = replace(found, boxes=replace(boxes, frame=boxes.frame - 2 * FRAMES), scored=found.scored[2 * FRAMES :])
     alone, scores = scored_set(frames_of(looks[2:]), last), scored_set(changed, found)
-    (row,) = (group for group in scores.groups if group.name == "c")
-    assert row.mean_ap.value == pytest.approx(alone.mean_ap.value, abs=1e-6)
-    assert row.labels == len(alone.truth)
+    (row,) = (row for row in scores.rows if row.group == "c")
+    assert row.value == pytest.approx(value_of(alone, "all").value, abs=1e-6)
+    assert row.samples == len(alone.truth)
 
 
 def test_maps_that_a_detector_did_not_learn_have_a_row() -> None:
@@ -240,8 +250,8 @@ def scored(frames: Frames, boxes: FoundBoxes) -> DetectorScores:
     return scored_set(frames, found_set(boxes, frames))
 
 
-def part(scores: DetectorScores, name: str) -> GroupScore:
-    (found,) = (group for group in scores.groups if group.name == name)
+def part(scores: DetectorScores, name: str) -> Score:
+    (found,) = (row for row in scores.rows if row.group == name)
     return found
 
 
@@ -286,13 +296,13 @@ def test_people_have_rows_of_their_own() -> None:
     frames, boxes = with_people()
     scores = scored(frames, boxes)
     assert list(scores.people) == ["pedestrian", "bicycle"]
-    for person in scores.people.values():
-        assert person.score.mean_average_precision == person.mean_ap.value == pytest.approx(1.0)
-        assert person.score.errors["AAE"] == 0.0
+    for name, score in scores.people.items():
+        assert score.mean_average_precision == value_of(scores, name).value == pytest.approx(1.0)
+        assert score.errors["AAE"] == value_of(scores, name, "AAE").value == 0.0
     (table,) = (table for table in tables_of(scores_as_json([scores])) if table.key == "people")
     assert [row[1:3] for row in table.rows] == [("pedestrian", 1), ("bicycle", 1)]
     without = scores_as_json([scored(frames_with(labels((0, 10.0))), detections((0, 10.0)))])
-    assert all("people" not in of for of in without.values())
+    assert "people" not in {row["kind"] for row in without["rows"]}
     assert "people" not in {table.key for table in tables_of(without)}
 
 
@@ -318,11 +328,10 @@ def test_a_part_counts_no_detection_of_other_labels() -> None:
     truth = labels((0, 10.0), (0, 20.0))
     truth.mode[:] = (Mode.NOMINAL, Mode.YIELD_HOLD)
     scores = scored(frames_with(truth), detections((0, 10.0), (0, 20.0)))
-    assert (part(scores, "held").labels, part(scores, "nominal").labels) == (1, 1)
-    assert part(scores, "held").mean_ap.value == pytest.approx(1.0)
-    assert part(scores, "nominal").mean_ap.value == pytest.approx(1.0)
-    assert part(scores, "yielding") == GroupScore("behaviour", "yielding", 0, part(scores, "yielding").mean_ap)
-    assert not part(scores, "yielding").mean_ap.valid
+    assert (part(scores, "held").samples, part(scores, "nominal").samples) == (1, 1)
+    assert part(scores, "held").value == pytest.approx(1.0)
+    assert part(scores, "nominal").value == pytest.approx(1.0)
+    assert part(scores, "yielding") == Score("made", "behaviour", "yielding", "mAP", NOTHING, 0)
 
 
 def test_a_part_counts_all_false_alarms_and_one_by_distance_its_own() -> None:
@@ -333,8 +342,8 @@ def test_a_part_counts_all_false_alarms_and_one_by_distance_its_own() -> None:
     truth = labels((0, 10.0))
     scores = scored(frames_with(truth), detections((0, 40.0), (0, 10.0)))
     recall = np.arange(11, 101) / 100.0
-    assert part(scores, "nominal").mean_ap.value == pytest.approx(np.maximum(0.5 * recall - 0.1, 0.0).mean() / 0.9)
-    assert part(scores, "0-15 m").mean_ap.value == pytest.approx(1.0)
+    assert part(scores, "nominal").value == pytest.approx(np.maximum(0.5 * recall - 0.1, 0.0).mean() / 0.9)
+    assert part(scores, "0-15 m").value == pytest.approx(1.0)
 
 
 def test_frames_labels_and_detections_of_each_template() -> None:
@@ -349,19 +358,21 @@ def test_frames_labels_and_detections_of_each_template() -> None:
     assert first == pytest.approx(40 / 90)
     # Of S2 the one label, at 4 m alone; at recall 1 the false alarm has halved the precision.
     assert second == pytest.approx((89 + (0.5 - 0.1) / 0.9) / 90 / 4)
-    assert scores.mean_ap.value == pytest.approx((first + second) / 2)
-    assert scores.mean_nds == pytest.approx(np.mean([scores.templates[name].nds for name in ("S1", "S2")]))
+    assert value_of(scores, "all").value == pytest.approx((first + second) / 2)
+    nds = np.mean([scores.templates[name].nds for name in ("S1", "S2")])
+    assert value_of(scores, "all", "NDS").value == pytest.approx(nds)
 
 
 def test_a_family_has_a_row_where_all_of_its_templates_are_there() -> None:
     """S1 and S2 are one; S3 alone is not the other."""
     truth = labels((0, 10.0), (4, 10.0), (8, 10.0))
     boxes = detections((0, 10.0), (4, 30.0), (8, 10.0))
-    assert list(scored(frames_with(truth, ("S1", "S2")), boxes.at(boxes.frame < 8)).families) == ["clearance"]
+    both = scored(frames_with(truth, ("S1", "S2")), boxes.at(boxes.frame < 8))
+    assert [row.group for row in both.rows if row.kind == "family"] == ["clearance"]
     scores = scored(frames_with(truth, ("S1", "S2", "S3")), boxes)
-    assert scores.families["clearance"].value == pytest.approx(0.5)
-    assert list(scores.families) == ["clearance"]
-    assert scores.order is None
+    assert value_of(scores, "clearance").value == pytest.approx(0.5)
+    assert [row.group for row in scores.rows if row.kind == "family"] == ["clearance"]
+    assert scores.order == {}
 
 
 def test_an_interval_is_students_over_the_episodes() -> None:
@@ -371,20 +382,20 @@ def test_an_interval_is_students_over_the_episodes() -> None:
     """
     places = [(4 * number, 10.0) for number in range(6)]
     scores = scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]))
-    ap = scores.template_ap["S1"]
+    ap = value_of(scores, "S1")
     left_out = np.array([30 / 90, 50 / 90] * 3)
     half = 2.5706 * np.sqrt(5 / 6 * ((left_out - left_out.mean()) ** 2).sum())
     assert (ap.value, ap.low, ap.high) == pytest.approx((40 / 90, 40 / 90 - half, 40 / 90 + half), abs=1e-4)
     assert ap.blocks == 6
-    assert scores.mean_ap == ap
-    held = part(scores, "nominal").mean_ap
+    assert value_of(scores, "all") == ap
+    held = part(scores, "nominal").interval
     assert (held.low, held.high) == pytest.approx((ap.low, ap.high))
 
 
 def test_a_template_that_one_episode_holds_all_labels_of_has_no_interval() -> None:
     """Without it nothing is left to find."""
     frames = frames_with(labels((0, 10.0), (0, 20.0)), ["S1"] * 6)
-    ap = scored(frames, detections((0, 10.0), (4, 30.0))).template_ap["S1"]
+    ap = value_of(scored(frames, detections((0, 10.0), (4, 30.0))), "S1")
     assert (ap.blocks, ap.bounded) == (6, False)
 
 
@@ -409,5 +420,5 @@ def test_the_map_of_each_episode_is_that_of_the_episode_alone() -> None:
         own = detected.boxes.frame // FRAMES == number
         boxes = replace(detected.boxes.at(own), frame=detected.boxes.frame[own] - number * FRAMES)
         alone = frames_of([frames.episodes[number]])
-        assert values[number] == pytest.approx(scored_set(alone, found_set(boxes, alone)).mean_ap.value)
+        assert values[number] == pytest.approx(scored_set(alone, found_set(boxes, alone)).rows[0].value)
     assert np.isnan(values[2])

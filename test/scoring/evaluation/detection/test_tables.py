@@ -7,8 +7,9 @@ import pytest
 from made_detections import detector_scores
 
 from siren_ros.base.tables import BLOCKS_MIN, Interval, Table
-from siren_ros.scoring.evaluation.detection.scoring import DetectorScores, GroupScore
+from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
 from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER, paper_rows, scores_as_json, tables_of
+from siren_ros.scoring.evaluation.scores import Score, Scores
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
 BOTH = (
@@ -82,9 +83,11 @@ def test_parts_have_a_row_where_somebody_has_labels_of_them() -> None:
 def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) -> None:
     one = detector_scores("pillars", {"S1": 0.4})
     named = replace(
-        one, groups=(*one.groups, GroupScore("found by name", "bus", 3, Interval(0.5, 0.4, 0.6, BLOCKS_MIN)))
+        one,
+        rows=(*one.rows, Score("pillars", "found by name", "bus", "mAP", Interval(0.5, 0.4, 0.6, BLOCKS_MIN), 3)),
     )
-    other = replace(detector_scores("classical", {"S1": 0.4}), families={})
+    other = detector_scores("classical", {"S1": 0.4})
+    other = replace(other, rows=tuple(row for row in other.rows if row.kind != "family"))
     given = [named, other] if named_first else [other, named]
     *_, parts = tables(*given)
     column = {name: place for place, name in enumerate(parts.head)}
@@ -131,24 +134,29 @@ def test_the_papers_means_are_those_of_its_templates(name: str) -> None:
 def test_a_detector_with_intervals() -> None:
     found = scores_as_json([detector_scores("mine", {"S1": 0.4, "S3": 0.6})])
     json.dumps(found, allow_nan=False)
-    one = found["mine"]
-    assert (one["format"], one["velocity_known"]) == ("nuScenes", True)
-    expected = {"value": 0.5, "low": 0.45, "high": 0.55, "episodes": 6}
-    assert one["mean"] == {"mAP": pytest.approx(expected), "NDS": pytest.approx(0.25)}
-    assert one["families"] == {"clearance": pytest.approx(expected), "red light": None}
-    assert (one["order_of_families_share"], one["order_of_families_steps"]) == (0.25, {"clearance < stop sign": 0.75})
-    held = {"value": 0.25, "low": pytest.approx(0.2), "high": pytest.approx(0.3), "episodes": 6}
-    assert one["parts"][0] == {"of": "behaviour", "name": "held", "labels": 7, "mAP": held}
-    assert one["parts"][1]["mAP"] is None
+    assert (found["models"]["mine"]["format"], found["models"]["mine"]["velocity_known"]) == ("nuScenes", True)
+    scores = Scores.of_json(found)
+    ap = scores.interval("mine", "all", "all", "mAP")
+    assert (ap.value, ap.low, ap.high, ap.blocks) == pytest.approx((0.5, 0.45, 0.55, 6))
+    assert scores.interval("mine", "family", "clearance", "mAP") == ap
+    assert not scores.interval("mine", "family", "red light", "mAP").valid
+    assert scores.value("mine", "all", "all", "NDS") == pytest.approx(0.25)
+    assert scores.value("mine", "order", "all", "share") == 0.25
+    assert scores.value("mine", "order", "clearance < stop sign", "share") == 0.75
+    held = {"model": "mine", "kind": "behaviour", "group": "held", "metric": "mAP", "samples": 7}
+    interval = {"value": 0.25, "low": pytest.approx(0.2), "high": pytest.approx(0.3), "episodes": 6}
+    assert {**held, **interval} in found["rows"]
 
 
 def test_a_template() -> None:
-    one = scores_as_json([detector_scores("mine", {"S1": 0.4, "S3": 0.6})])["mine"]["templates"]["S3"]
-    assert (one["frames"], one["labels"], one["detections"]) == (40, 10, 20)
-    assert one["NDS"] == pytest.approx(0.3)
-    assert one["mAP"] == pytest.approx({"value": 0.6, "low": 0.55, "high": 0.65, "episodes": 6})
+    found = scores_as_json([detector_scores("mine", {"S1": 0.4, "S3": 0.6})])
+    scores, model = Scores.of_json(found), found["models"]["mine"]
+    one = model["curves"]["S3"]
+    assert (model["frames"], one["labels"], one["detections"]) == ({"S1": 40, "S3": 40}, 10, 20)
+    assert scores.value("mine", "template", "S3", "NDS") == pytest.approx(0.3)
     assert one["AP"] == pytest.approx({"0.5": 0.45, "1": 0.55, "2": 0.65, "4": 0.75})
-    assert one["errors"] == pytest.approx({"ATE": 0.6, "ASE": 1.6, "AOE": 2.6, "AVE": 3.6, "AAE": 4.6})
+    errors = [scores.value("mine", "template", "S3", error) for error in ("ATE", "ASE", "AOE", "AVE", "AAE")]
+    assert errors == pytest.approx([0.6, 1.6, 2.6, 3.6, 4.6])
     curves = one["precision_at_recall_0_to_1"]
     assert [len(curve) for curve in curves] == [101] * 4
     # From 1 down to 0.3 in a hundred steps, to six digits.
@@ -156,6 +164,7 @@ def test_a_template() -> None:
 
 
 def test_without_intervals_their_bounds_are_null() -> None:
-    one = scores_as_json([detector_scores("mine", {"S1": 0.4}, bounded=False)])["mine"]
-    assert one["mean"]["mAP"] == {"value": 0.4, "low": None, "high": None, "episodes": 1}
-    assert (one["order_of_families_share"], one["order_of_families_steps"]) == (None, None)
+    rows = scores_as_json([detector_scores("mine", {"S1": 0.4}, bounded=False)])["rows"]
+    (ap,) = (row for row in rows if (row["kind"], row["metric"]) == ("all", "mAP"))
+    assert [ap[name] for name in ("value", "low", "high", "episodes")] == [0.4, None, None, 1]
+    assert not [row for row in rows if row["kind"] == "order"]

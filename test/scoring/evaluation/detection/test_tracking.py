@@ -28,7 +28,8 @@ from siren_ros.scoring.evaluation.detection.metrics import (
 )
 from siren_ros.scoring.evaluation.detection.result_files import labels_as_detections, write_nuscenes
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES
-from siren_ros.scoring.evaluation.detection.tracking import Tracker, TrackingScore, score_tracking, tracks_of
+from siren_ros.scoring.evaluation.detection.tracking import Tracker, score_tracking, tracks_of
+from siren_ros.scoring.evaluation.scores import Score, Scores
 from siren_ros.simulation.world.actors import ActorClass
 
 pytestmark = [
@@ -62,9 +63,14 @@ def seen(frames: Frames, labels: tuple[str, ...] = ("car", "police", "car")) -> 
     return replace(boxes, label=np.tile(np.array(labels), FRAMES * EPISODES))
 
 
-def scores(frames: Frames, boxes: FoundBoxes) -> dict[str, TrackingScore]:
+def scores(frames: Frames, boxes: FoundBoxes) -> dict[str, dict[str, Score]]:
+    """Rows by class and metric."""
     found = FoundSet("made", "made", boxes, frames.scored, has_velocity=True)
-    return dict(score_tracking(frames, found, VEHICLE_NAMES, lambda tables: [devkit_tracking(*one) for one in tables]))
+    by_class: dict[str, dict[str, Score]] = {}
+    for row in score_tracking(frames, found, VEHICLE_NAMES, lambda tables: [devkit_tracking(*one) for one in tables]):
+        assert (row.model, row.kind) == ("made", "tracking")
+        by_class.setdefault(row.group, {})[row.metric] = row
+    return by_class
 
 
 def test_vehicles_have_one_track_in_each_episode() -> None:
@@ -89,24 +95,24 @@ def test_kinds_have_scores_of_their_own_where_they_are_named() -> None:
     frames = made()
     found = scores(frames, seen(frames))
     assert set(found) == {"vehicle", "car", "police"}, "there is no ambulance and no fire truck"
-    assert [score.devkit.labels for score in found.values()] == [6, 4, 2]
+    assert [score["AMOTA"].samples for score in found.values()] == [6, 4, 2]
     for score in found.values():
-        assert (score.amota.value, score.hota.value, score.amotp_m.value) == (1.0, 1.0, 0.0)
+        assert [score[metric].value for metric in ("AMOTA", "HOTA", "AMOTP", "MOTA")] == [1.0, 1.0, 0.0, 1.0]
 
 
 def test_a_police_car_by_another_name_is_a_vehicle_all_the_same() -> None:
     frames = made()
     found = scores(frames, seen(frames, ("car", "car", "police")))
-    assert found["vehicle"].amota.value == 1.0
-    assert found["police"].amota.value == 0.0
+    assert found["vehicle"]["AMOTA"].value == 1.0
+    assert found["police"]["AMOTA"].value == 0.0
     assert set(scores(frames, seen(frames, ("car", "car", "car")))) == {"vehicle"}
 
 
 def test_people_are_followed_apart() -> None:
     frames = made(classes=(ActorClass.SEDAN, ActorClass.PEDESTRIAN, ActorClass.SUV))
     found = scores(frames, seen(frames, ("car", "person", "car")))
-    assert {name: score.devkit.labels for name, score in found.items()} == {"vehicle": 4, "pedestrian": 2}
-    assert found["pedestrian"].hota.value == 1.0
+    assert {name: score["AMOTA"].samples for name, score in found.items()} == {"vehicle": 4, "pedestrian": 2}
+    assert found["pedestrian"]["HOTA"].value == 1.0
 
 
 @pytest.mark.parametrize("lost", [20, 30])
@@ -116,8 +122,8 @@ def test_what_is_lost_for_long_gets_another_number(lost: int) -> None:
     boxes = seen(frames)
     gone = (boxes.frame % FRAMES >= 5) & (boxes.frame % FRAMES < 5 + lost)
     found = scores(frames, boxes.at(~gone))
-    assert found["vehicle"].devkit.switches == 6
-    assert found["vehicle"].hota.value < np.sqrt(1.0 - lost / FRAMES)
+    assert found["vehicle"]["switches"].value == 6
+    assert found["vehicle"]["HOTA"].value < np.sqrt(1.0 - lost / FRAMES)
 
 
 STEP_S = 0.05
@@ -404,7 +410,8 @@ def test_the_devkits_evaluation_of_the_export_gives_the_same(frames: Frames, sen
     write_nuscenes(results, boxes, frames)
     assert main(["evaluate", "detection", str(sensed_bag), "--detections", f"noisy={results}", "--tracking",
                  "--out", str(out)]) == 0  # fmt: skip
-    ours = json.loads((out / "scores.json").read_text())["noisy"]["tracking"]["vehicle"]
+    scores = Scores.of_json(json.loads((out / "scores.json").read_text()))
+    ours = {metric: scores.value("noisy", "tracking", "vehicle", metric) for metric in ("AMOTA", "AMOTP", "MOTA")}
     options = ("--vehicle-category", "vehicle.car", "--split", "val")
     assert main(["export", "nuscenes", str(sensed_bag), "--out", str(dataset), *options]) == 0
     from nuscenes.eval.common.config import config_factory
@@ -415,9 +422,9 @@ def test_the_devkits_evaluation_of_the_export_gives_the_same(frames: Frames, sen
         str(tmp_path / "official"), "v1.0-siren", str(dataset), verbose=False,
     )  # fmt: skip
     metrics, _ = official.evaluate()
-    assert 0.0 < ours["AMOTA"]["value"] < 1.0
-    assert ours["AMOTA"]["value"] == pytest.approx(metrics.compute_metric("amota", "car"), abs=1e-6)
-    assert ours["AMOTP"]["value"] == pytest.approx(metrics.compute_metric("amotp", "car"), abs=1e-6)
+    assert 0.0 < ours["AMOTA"] < 1.0
+    assert ours["AMOTA"] == pytest.approx(metrics.compute_metric("amota", "car"), abs=1e-6)
+    assert ours["AMOTP"] == pytest.approx(metrics.compute_metric("amotp", "car"), abs=1e-6)
     assert ours["MOTA"] == pytest.approx(metrics.compute_metric("mota", "car"), abs=1e-6)
-    assert ours["switches"] == metrics.compute_metric("ids", "car")
+    assert scores.value("noisy", "tracking", "vehicle", "switches") == metrics.compute_metric("ids", "car")
     assert (out / "tracking.csv").read_text().startswith("detector,figure,vehicle")

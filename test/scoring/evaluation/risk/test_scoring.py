@@ -26,7 +26,6 @@ from siren_ros.scoring.evaluation.risk.labels import (
 from siren_ros.scoring.evaluation.risk.report import (
     PAPER_BALANCE,
     PAPER_SCORES,
-    csv_of_scores,
     save_confusions,
     scores_as_json,
     table_of_changes,
@@ -59,6 +58,7 @@ from siren_ros.scoring.evaluation.risk.scoring import (
 from siren_ros.scoring.evaluation.risk.sequence_model import CHANGES, Control, load_sequence_model, sequence_answers
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, changes_of_labels
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import questions_about
+from siren_ros.scoring.evaluation.scores import Scores, csv_of
 from siren_ros.sensing.specification import Mount
 
 NORMAL, NEAR_MISS, COLLISION = RiskClass
@@ -144,17 +144,16 @@ def test_tables_say_the_same(small_set: VideoSet, tmp_path: Path) -> None:
     assert "50.00 [" in scores.cells()[0][2]
     assert scores.cells()[1][1] == "6/6"
     assert any("49.52" in row and "(paper)" in row[0] for row in scores.cells())
-    rows = {
-        (row["model"], row["group"], row["score"]): row for row in csv.DictReader(csv_of_scores(models).splitlines())
-    }
+    written = csv.DictReader(csv_of(row for model in models for row in model.rows).splitlines())
+    rows = {(row["model"], row["group"], row["metric"]): row for row in written}
     assert float(rows["m_1", "all", "accuracy"]["value"]) == 0.5
     assert {group for _, group, _ in rows} == {"all", "S4", "S6"}
     assert rows["o", "S4", "recall_collision"]["value"] == ""
     assert r"m\_1 & 6/6 & 50.00 [" in scores.latex()
     assert classes.cells()[0][1:4] == ("50.00", "100.00", classes.cells()[0][3])
     assert classes.cells()[0][3].startswith("66.67 [")
-    assert content["models"]["o"]["scores"]["macro_f1"]["value"] == 1.0
-    assert content["models"]["m_1"]["scores"]["precision_near_miss"]["value"] is None
+    assert Scores.of_json(content).value("o", "all", "all", "macro_f1") == 1.0
+    assert Scores.of_json(content).value("m_1", "all", "all", "precision_near_miss") is None
     assert confusion_table.cells()[1] == ("m_1", "Near-Miss", "2", "0", "0", "0")
     save_confusions(first, tmp_path / "confusion.png")
     assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000
@@ -183,10 +182,10 @@ def test_tables_by_hand(small_set: VideoSet) -> None:
     values = [cell.split()[0] for cell in classes.cells()[0][1:]]
     assert values == ["100.00", "66.67", "80.00", "66.67", "100.00", "80.00", "–", "0.00", "0.00"]
     assert scores.latex().splitlines()[-3].startswith(r"m\&1 & 6/6 & 66.67 [")
-    rows = {(row["group"], row["score"]): row for row in csv.DictReader(csv_of_scores([found]).splitlines())}
+    rows = {(row["group"], row["metric"]): row for row in csv.DictReader(csv_of(found.rows).splitlines())}
     assert float(rows["S4", "accuracy"]["value"]) == pytest.approx(2 / 3, abs=1e-6)
-    assert (rows["S4", "accuracy"]["low"], rows["S4", "accuracy"]["videos"]) == ("", "3")
-    assert rows["all", "accuracy"]["videos"] == "6"
+    assert (rows["S4", "accuracy"]["low"], rows["S4", "accuracy"]["samples"]) == ("", "3")
+    assert rows["all", "accuracy"]["samples"] == "6"
     bounds = found.scores["accuracy"]
     assert [float(rows["all", "accuracy"][side]) for side in ("low", "high")] == pytest.approx(
         [bounds.low, bounds.high], abs=1e-6
@@ -195,9 +194,11 @@ def test_tables_by_hand(small_set: VideoSet) -> None:
     assert float(rows["all", "balanced_accuracy"]["value"]) == pytest.approx(5 / 9, abs=1e-6)
     shown = scores_as_json([found])["models"]["m&1"]
     assert shown["confusion"] == [[2, 1, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1]]
-    assert shown["scores"]["precision_collision"] == {"value": None, "low": None, "high": None, "episodes": 0}
-    assert shown["scores"]["accuracy"]["low"] == bounds.low
-    assert shown["scores"]["accuracy"]["high"] == bounds.high > bounds.low
+    overall = {row["metric"]: row for row in scores_as_json([found])["rows"] if row["kind"] == "all"}
+    nothing = {"value": None, "low": None, "high": None, "episodes": 0}
+    assert overall["precision_collision"].items() >= nothing.items()
+    assert overall["accuracy"]["low"] == bounds.low
+    assert overall["accuracy"]["high"] == bounds.high > bounds.low
 
 
 FIRST = np.array([[6, 2, 0, 0], [1, 3, 0, 1], [0, 0, 0, 0]])
@@ -242,24 +243,29 @@ def test_the_papers_rows_stand_below_ours() -> None:
     assert len(found["scores"].reference) == len(PAPER_SCORES)
 
 
-def test_csv() -> None:
-    lines = csv_of_scores([scores("m"), scores("n")]).splitlines()
-    assert lines[0] == "model,group,score,value,low,high,videos"
-    assert "m,all,accuracy,0.800000,0.583983,0.919342,20" in lines
-    assert "n,S1,accuracy,0.692308,,,13" in lines
-    assert "m,S1,recall_collision,,,,13" in lines, "there are none"
-    assert "m,S6,precision_collision,1.000000,,,7" in lines
-    assert len(lines) == 1 + 2 * 3 * len(SCORES)
+def test_rows_are_of_the_whole_set_and_of_its_templates() -> None:
+    rows = {(row.kind, row.group, row.metric): row for row in scores("m").rows}
+    assert list(rows) == [
+        (kind, group, score)
+        for kind, group in (("all", "all"), ("template", "S1"), ("template", "S6"))
+        for score in SCORES
+    ]
+    accuracy = rows["all", "all", "accuracy"]
+    assert (accuracy.model, accuracy.samples, accuracy.interval.blocks) == ("m", 20, 20)
+    assert (accuracy.value, accuracy.interval.low, accuracy.interval.high) == pytest.approx(
+        (0.8, 0.583983, 0.919342), abs=1e-6
+    )
+    assert (rows["template", "S1", "accuracy"].value, rows["template", "S1", "accuracy"].samples) == (9 / 13, 13)
+    assert rows["template", "S1", "recall_collision"].value is None, "there are none"
+    assert rows["template", "S6", "precision_collision"].value == 1.0
 
 
 def test_json() -> None:
     found = scores_as_json([scores("m")])
-    assert found["classes"] == ["Normal", "Near-Miss", "Collision"]
+    assert (found["task"], found["classes"]) == ("risk", ["Normal", "Near-Miss", "Collision"])
+    assert found["rows"] == [row.json() for row in scores("m").rows]
     model = found["models"]["m"]
     assert (model["videos"], model["answered"]) == (24, 20)
-    assert model["scores"]["accuracy"] == pytest.approx(
-        {"value": 0.8, "low": 0.583983, "high": 0.919342, "episodes": 20}
-    )
     assert model["confusion"] == [[8, 2, 0, 0], [1, 4, 0, 1], [0, 0, 4, 0]]
     assert model["confusion_by_template"] == {"S1": FIRST.tolist(), "S6": SECOND.tolist()}
 
@@ -423,14 +429,14 @@ def test_slow_closing_does_not_count(small_set):
 
 def test_the_truth_has_no_error_and_a_constant_has_no_rank(small_set):
     scores = score_severities(small_set, severities_of(small_set))
-    assert (scores["least_ttc_s"].error.value, scores["least_ttc_s"].rank_correlation) == (0.0, pytest.approx(1.0))
-    assert scores["contact_mps"].error.blocks == 1
+    assert (scores["least_ttc_s"][0].value, scores["least_ttc_s"][1]) == (0.0, pytest.approx(1.0))
+    assert scores["contact_mps"][0].blocks == 1
     constant = dict.fromkeys(small_set.videos, Severity(1.0, 0.0))
     scores = score_severities(small_set, constant)
     truth = [value.least_ttc_s for value in severities_of(small_set).values()]
-    assert scores["least_ttc_s"].error.value == pytest.approx(np.mean(np.abs(np.array(truth) - 1.0)))
-    assert scores["least_ttc_s"].rank_correlation is None
-    assert scores["contact_mps"].error.value == 3.5
+    assert scores["least_ttc_s"][0].value == pytest.approx(np.mean(np.abs(np.array(truth) - 1.0)))
+    assert scores["least_ttc_s"][1] is None
+    assert scores["contact_mps"][0].value == 3.5
 
 
 def test_the_template_tells_its_mean(small_set):

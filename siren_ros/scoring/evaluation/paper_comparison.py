@@ -11,8 +11,9 @@ import numpy as np
 from siren_ros.base.params import plain_files
 from siren_ros.base.tables import NOTHING, Bounds, Interval, Row, Table, share_interval
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.detection.scoring import FAMILIES
-from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER
+from siren_ros.scoring.evaluation.detection.metrics import ERRORS
+from siren_ros.scoring.evaluation.detection.scoring import FAMILIES, MEAN_AP
+from siren_ros.scoring.evaluation.detection.tables import PAPER
 from siren_ros.scoring.evaluation.prediction.metrics import METRIC_OF
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER as PREDICTION
 from siren_ros.scoring.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, paper_row
@@ -182,10 +183,13 @@ def _errors(table: ScoreTable) -> Iterator[Compared]:
         row = PREDICTION[model, metric]
         if row is paper_row(model, _SINGLE_PATH.get(metric, "")):
             continue
-        columns = [(template, template, row.by_template[template]) for template in TEMPLATES]
-        for column, group, paper in (*columns, (MEAN_COLUMN, ALL, row.mean)):
+        for group, paper in row.items():
             cell = table.cells.get((model, group, metric))
-            yield Compared(title, name, column, paper, NOTHING if cell is None else cell.interval)
+            yield Compared(title, name, _column(group), paper, NOTHING if cell is None else cell.interval)
+
+
+def _column(group: str) -> str:
+    return MEAN_COLUMN if group == ALL else group
 
 
 def _samples(table: ScoreTable) -> Iterator[Compared]:
@@ -214,7 +218,7 @@ def _ratios(table: ScoreTable) -> Iterator[Compared]:
     for model, name in PAPER_NAMES.items():
         if model == "cv":
             continue
-        paper, ratio = PREDICTION[model, "ade_m"].mean / PREDICTION["cv", "ade_m"].mean, NOTHING
+        paper, ratio = PREDICTION[model, "ade_m"][ALL] / PREDICTION["cv", "ade_m"][ALL], NOTHING
         if {model, "cv"} <= set(table.models):
             _, (ours, of_cv) = _sums(table, model, "cv")
             if len(ours):
@@ -226,12 +230,12 @@ def _ratios(table: ScoreTable) -> Iterator[Compared]:
 def _rankings(table: ScoreTable) -> Iterator[Compared]:
     """Spearman's ρ between our ranking of templates and the paper's; the paper's own is 1."""
     for model, name in PAPER_NAMES.items():
-        by_template, ranking = PREDICTION[model, "ade_m"].by_template, NOTHING
+        row, ranking = PREDICTION[model, "ade_m"], NOTHING
         if model in table.models:
             names, (sums,) = _sums(table, model)
             if len(names) >= RANKED_MIN:
                 estimates = [estimate_of_mean(sums.select(sums.stratum == number)) for number in range(len(names))]
-                ranking = ranking_interval(estimates, [by_template[template] for template in names])
+                ranking = ranking_interval(estimates, [row[template] for template in names])
         yield Compared(RANKING, name, "Spearman", 1.0, ranking, relative=False)
 
 
@@ -243,20 +247,17 @@ def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
     """All rows for detection, also unmeasured ones, from ``scores.json`` of ``siren evaluate detection``."""
     scores = _scores_in(content)
     named = {name.lower(): name for name in scores.models}
-    for key, paper in PAPER.items():
-        model = named.get(key, "")
-        for template in (*TEMPLATES, MEAN):
-            group = (ALL, ALL) if template == MEAN else (TEMPLATE, template)
-            for metric, value in zip(("mAP", "NDS"), paper.ap_and_nds[template], strict=True):
-                yield Compared(metric, paper.name, template, value, scores.interval(model, *group, metric), digits=3)
-        for name, value in paper.errors.items():
-            yield Compared(f"error {name}", paper.name, MEAN, value, scores.interval(model, ALL, ALL, name), digits=3)
+    for name, row in PAPER.items():
+        model = named.get(name.lower(), "")
+        for (metric, group), value in row.items():
+            ours = scores.interval(model, ALL if group == ALL else TEMPLATE, group, metric)
+            table = f"error {metric}" if metric in ERRORS else metric
+            yield Compared(table, name, _column(group), value, ours, digits=3)
     # A detector with another name is compared with the mean of the paper's four.
     for name in scores.models:
         for family, templates in FAMILIES.items():
-            values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
-            ours_of_family = scores.interval(name, "family", family, "mAP")
-            yield Compared(FAMILY, name, family, float(np.mean(values)), ours_of_family, digits=3)
+            paper = float(np.mean([row[MEAN_AP, template] for row in PAPER.values() for template in templates]))
+            yield Compared(FAMILY, name, family, paper, scores.interval(name, "family", family, MEAN_AP), digits=3)
         order = scores.interval(name, "order", ALL, "share")
         if order.valid:
             yield Compared(ORDER, name, "share of the draws", 1.0, order, relative=False)

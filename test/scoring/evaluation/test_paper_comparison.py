@@ -114,7 +114,7 @@ def test_rows_with_a_value_of_ours() -> None:
     assert measured(rows) == [rows[0], rows[2]]
 
 
-CV_ADE_M = PAPER["cv", "ade_m"].by_template
+CV_ADE_M = PAPER["cv", "ade_m"]
 
 
 def template_level(template: str) -> str:

@@ -1,7 +1,6 @@
 """Tables of the detectors' scores beside the paper's, and all scores as JSON."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -11,27 +10,7 @@ from siren_ros.scoring.evaluation.detection.scoring import MEAN_AP, DetectorScor
 from siren_ros.scoring.evaluation.scores import ALL, TEMPLATE, Scores
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
-MEAN: Final = "mean"
 _ERROR_TITLES: Final = ("ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
-
-
-@dataclass(frozen=True)
-class PaperDetector:
-    """One detector in the paper's two tables."""
-
-    name: str
-    ap_and_nds: Mapping[str, tuple[float, float]]
-    """mAP and NDS by template, with the means as printed."""
-    errors: Mapping[str, float]
-    """True-positive errors, as means over the templates."""
-
-
-def _paper_row(line: str) -> PaperDetector:
-    name, *cells = line.split()
-    pairs = [cell.split("/") for cell in cells[: -len(ERRORS)]]
-    both = {column: (float(ap), float(nds)) for column, (ap, nds) in zip((*TEMPLATES, MEAN), pairs, strict=True)}
-    errors = dict(zip(ERRORS, map(float, cells[-len(ERRORS) :]), strict=True))
-    return PaperDetector(name, MappingProxyType(both), MappingProxyType(errors))
 
 
 _PAPER_ROWS: Final = """
@@ -42,16 +21,26 @@ TransFusion-L .424/.411 .423/.456 .648/.566 .618/.565 .491/.481 .562/.555 .610/.
 """
 """The paper's numbers: mAP/NDS of S1 to S7 and of their mean, then the errors; tables "3D object detection" and
 "True-positive error metrics" (supplement)."""
-PAPER: Final[Mapping[str, PaperDetector]] = MappingProxyType(
-    {row.name.lower(): row for row in map(_paper_row, _PAPER_ROWS.strip().splitlines())}
-)
-"""The paper's detectors by lower-case name."""
+PaperRow = Mapping[tuple[str, str], float]
+"""Values by metric, and template or ``all``, which is the mean as printed; errors are means."""
 
 
-def paper_rows(name: str) -> tuple[PaperDetector, ...]:
-    """The paper's row for a detector of that name; all four rows if the paper has no such detector."""
+def _read() -> Iterator[tuple[str, PaperRow]]:
+    pairs = [(metric, group) for group in (*TEMPLATES, ALL) for metric in (MEAN_AP, "NDS")]
+    for line in _PAPER_ROWS.strip().splitlines():
+        name, *values = line.replace("/", " ").split()
+        columns = (*pairs, *((error, ALL) for error in ERRORS))
+        yield name, MappingProxyType(dict(zip(columns, map(float, values), strict=True)))
+
+
+PAPER: Final[Mapping[str, PaperRow]] = MappingProxyType(dict(_read()))
+"""The paper's detectors by name."""
+
+
+def papers_of(name: str) -> tuple[str, ...]:
+    """Name of the paper's detector of that name; all four if the paper has no such detector."""
     key = name.lower().replace("_", "-").replace("transfusion-l", "transfusion").replace("transfusion", "transfusion-l")
-    return (PAPER[key],) if key in PAPER else tuple(PAPER.values())
+    return tuple(paper for paper in PAPER if paper.lower() == key) or tuple(PAPER)
 
 
 def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
@@ -61,8 +50,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     tables of the terminal.
     """
     scores = Scores.of_json(content)
-    asked = scores.models if compare_paper else ()
-    paper = list({row.name: row for name in asked for row in paper_rows(name)}.values())
+    paper = list(dict.fromkeys(name for model in scores.models * compare_paper for name in papers_of(model)))
     tables = (
         *(_by_template(scores, paper), _errors(scores, paper)),
         *(_people(scores), _tracking(scores), _errors_by_template(scores), _parts(scores)),
@@ -70,7 +58,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
     return tuple(table for table in tables if table.rows)
 
 
-def _by_template(scores: Scores, paper: Sequence[PaperDetector]) -> Table:
+def _by_template(scores: Scores, paper: Sequence[str]) -> Table:
     groups = (*scores.groups(TEMPLATE), (ALL, ALL))
     values: list[Row] = []
     bounds: list[Row] = []
@@ -80,25 +68,31 @@ def _by_template(scores: Scores, paper: Sequence[PaperDetector]) -> Table:
         mean_ap = (scores.interval(model, *group, MEAN_AP) for group in groups)
         bounds.append((f"{model}, 95 % of mAP", *map(Bounds, mean_ap)))
     some_bounded = any(isinstance(cell, Bounds) and cell.interval.bounded for row in bounds for cell in row)
-    names = (*(name for _, name in groups[:-1]), MEAN)
+    names = (*(name for _, name in groups[:-1]), "mean")
     return Table(
         "by_template",
         "mAP/NDS of the class Car by template, and the mean over the templates",
         ("detector", *names),
         tuple(values + bounds * some_bounded),
         spec=".3f",
-        reference=tuple((f"{row.name} (paper)", *map(row.ap_and_nds.get, names)) for row in paper),
+        reference=tuple(
+            (f"{name} (paper)", *(_paper_pair(PAPER[name], group) for _, group in groups)) for name in paper
+        ),
     )
 
 
-def _errors(scores: Scores, paper: Sequence[PaperDetector]) -> Table:
+def _paper_pair(row: PaperRow, group: str) -> tuple[float, float] | None:
+    return (row[MEAN_AP, group], row["NDS", group]) if (MEAN_AP, group) in row else None
+
+
+def _errors(scores: Scores, paper: Sequence[str]) -> Table:
     return Table(
         "errors",
         "True-positive errors, mean over the templates; lower is better",
         ("detector", *_ERROR_TITLES),
         tuple((model, *_errors_of(scores, model, ALL, ALL)) for model in scores.models),
         spec=".3f",
-        reference=tuple((f"{row.name} (paper)", *(row.errors[error] for error in ERRORS)) for row in paper),
+        reference=tuple((f"{name} (paper)", *(PAPER[name][error, ALL] for error in ERRORS)) for name in paper),
     )
 
 
@@ -120,19 +114,9 @@ def _people(scores: Scores) -> Table:
     )
 
 
-_TRACKING: Final = MappingProxyType(
-    {
-        "AMOTA": "AMOTA",
-        "AMOTP": "AMOTP m",
-        "HOTA": "HOTA",
-        "DetA": "DetA",
-        "AssA": "AssA",
-        "MOTA": "MOTA",
-        "switches": "changes of numbers",
-        "labels": "labelled tracks",
-    }
-)
-"""Tracking scores: names of metrics (``labels`` are their samples) and in the table."""
+_TRACKING: Final = ("AMOTA", "AMOTP", "HOTA", "DetA", "AssA", "MOTA", "switches", "labels")
+"""Rows of the table of tracks: metrics, and ``labels``, which are their samples."""
+_TRACKING_TITLES: Final = {"AMOTP": "AMOTP m", "switches": "changes of numbers", "labels": "labelled tracks"}
 
 
 def _tracking(scores: Scores) -> Table:
@@ -152,10 +136,10 @@ def _tracking(scores: Scores) -> Table:
         "Tracks by class, over all episodes: AMOTA, AMOTP and MOTA by nuScenes' code, HOTA, with intervals of 95 %",
         ("detector", "figure", *(name for _, name in groups)),
         tuple(
-            (model, title, *(cell(model, group, figure) for group in groups))
+            (model, _TRACKING_TITLES.get(figure, figure), *(cell(model, group, figure) for group in groups))
             for model in scores.models
             if any((model, *group, "AMOTA") in scores.by_place for group in groups)
-            for figure, title in _TRACKING.items()
+            for figure in _TRACKING
         ),
         spec=".3f",
     )

@@ -8,7 +8,7 @@ from made_detections import detector_scores
 
 from siren_ros.base.tables import BLOCKS_MIN, Interval, Table
 from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
-from siren_ros.scoring.evaluation.detection.tables import MEAN, PAPER, paper_rows, scores_as_json, tables_of
+from siren_ros.scoring.evaluation.detection.tables import PAPER, papers_of, scores_as_json, tables_of
 from siren_ros.scoring.evaluation.scores import Score, Scores
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
@@ -52,7 +52,7 @@ def test_the_papers_rows_stand_below_ours() -> None:
     assert cells(errors)["SECOND (paper)"] == ("0.565", "0.214", "0.207", "3.196", "0.514")
     by_template, _, *_ = tables(*BOTH, compare_paper=True)
     papers = [name for name in cells(by_template) if "(paper)" in name]
-    assert papers == [f"{row.name} (paper)" for row in PAPER.values()]
+    assert papers == [f"{name} (paper)" for name in PAPER]
 
 
 def test_a_template_that_the_paper_does_not_have_is_a_dash() -> None:
@@ -120,15 +120,14 @@ def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) 
     ],
 )
 def test_the_papers_row_of_a_detector(name: str, rows: list[str]) -> None:
-    assert [row.name for row in paper_rows(name)] == rows
+    assert list(papers_of(name)) == rows
 
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_papers_means_are_those_of_its_templates(name: str) -> None:
-    pairs = PAPER[name].ap_and_nds
-    for place in (0, 1):
-        mean = sum(pairs[template][place] for template in TEMPLATES) / len(TEMPLATES)
-        assert pairs[MEAN][place] == pytest.approx(mean, abs=0.0011)
+    for metric in ("mAP", "NDS"):
+        mean = sum(PAPER[name][metric, template] for template in TEMPLATES) / len(TEMPLATES)
+        assert PAPER[name][metric, "all"] == pytest.approx(mean, abs=0.0011)
 
 
 def test_a_detector_with_intervals() -> None:

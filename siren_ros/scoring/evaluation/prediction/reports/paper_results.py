@@ -10,18 +10,12 @@ import numpy as np
 from siren_ros.scoring.evaluation.prediction.predictors import LABEL
 from siren_ros.scoring.evaluation.prediction.reports.score_table import GroupKind, ScoreTable
 from siren_ros.scoring.evaluation.prediction.scoring import EpisodeScores
+from siren_ros.scoring.evaluation.scores import ALL
 from siren_ros.scoring.evaluation.statistics import RankCorrelation, rank_correlation
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
-
-@dataclass(frozen=True)
-class PaperRow:
-    """One row of a table in the paper."""
-
-    by_template: Mapping[str, float]
-    mean: float
-    """Mean as printed; the paper computed it before rounding."""
-
+PaperRow = Mapping[str, float]
+"""One row of a table in the paper: values by template, and the mean as printed, ``all``, computed before rounding."""
 
 PAPER_MAP: Final = "Town10HD_Opt"
 """Map of all episodes of the paper ("Benchmark Construction")."""
@@ -81,8 +75,8 @@ def _read() -> dict[tuple[str, str], PaperRow]:
         for line in text.strip().splitlines():
             model, *cells = line.split()
             for position, metric in enumerate(metrics):
-                *values, mean = (float(cell.split("/")[position]) for cell in cells)
-                rows[model, metric] = PaperRow(dict(zip(TEMPLATES, values, strict=True)), mean)
+                values = (float(cell.split("/")[position]) for cell in cells)
+                rows[model, metric] = dict(zip((*TEMPLATES, ALL), values, strict=True))
     # The remaining models have one hypothesis: their minima equal ADE and FDE, as the paper says.
     for model in PAPER_NAMES:
         rows.setdefault((model, "min_ade_6_m"), rows[model, "ade_m"])
@@ -94,15 +88,9 @@ PAPER: Final[Mapping[tuple[str, str], PaperRow]] = _read()
 """The paper's rows by model and metric."""
 
 
-def paper_row(model: str, metric: str) -> PaperRow | None:
-    """The paper's row of a model, with or without a label (``csp:mine``); None if it has none."""
-    return PAPER.get((model.partition(LABEL)[0], metric))
-
-
-def paper_value(model: str, metric: str, template: str) -> float | None:
-    """The paper's value; None if it has none."""
-    row = paper_row(model, metric)
-    return None if row is None else row.by_template.get(template)
+def paper_row(model: str, metric: str) -> PaperRow:
+    """The paper's row of a model, with or without a label (``csp:mine``); empty if it has none."""
+    return PAPER.get((model.partition(LABEL)[0], metric), {})
 
 
 def maps_next_to_the_papers(episodes: Iterable[EpisodeScores]) -> str:
@@ -135,18 +123,18 @@ class PaperComparison:
 def compare_with_paper(table: ScoreTable, model: str, metric: str) -> PaperComparison | None:
     """Compare one metric of one model with the paper; None if the paper has no such row."""
     row = paper_row(model, metric)
-    if row is None:
+    if not row:
         return None
     ours = {group.name: table.value(model, group.name, metric) for group in table.of_kind(GroupKind.TEMPLATE)}
-    common = {name: value for name, value in ours.items() if value is not None and name in row.by_template}
-    papers = [row.by_template[name] for name in common]
+    common = {name: value for name, value in ours.items() if value is not None and name in row}
+    papers = [row[name] for name in common]
     mean = table.value(model, GroupKind.ALL, metric)
-    same = row.mean if len(papers) == len(row.by_template) else float(np.mean(papers)) if papers else None
+    same = row[ALL] if len(papers) == len(TEMPLATES) else float(np.mean(papers)) if papers else None
     return PaperComparison(
         mean=mean,
-        paper_mean=row.mean,
+        paper_mean=row[ALL],
         paper_mean_same_templates=same,
-        deviation=None if mean is None else mean / row.mean - 1.0,
+        deviation=None if mean is None else mean / row[ALL] - 1.0,
         deviation_same_templates=None if same is None else float(np.mean(list(common.values()))) / same - 1.0,
         ranking=rank_correlation(list(common.values()), papers),
     )

@@ -15,7 +15,6 @@ from siren_ros.scoring.evaluation.prediction.reports.paper_results import (
     compare_with_paper,
     maps_next_to_the_papers,
     paper_row,
-    paper_value,
 )
 from siren_ros.scoring.evaluation.prediction.reports.score_table import (
     GroupKind,
@@ -145,10 +144,10 @@ def _by_template(scores: ScoreTable, key: str, compare_paper: bool) -> Table:
         rows.append((model, *cells, _mean(scores, model, _ALL, metrics), len(samples), coverage))
     paper: list[Row] = []
     for model, name in PAPER_NAMES.items() if compare_paper else ():
-        known = [row for metric in metrics if (row := paper_row(model, metric)) is not None]
+        known = [row for metric in metrics if (row := paper_row(model, metric))]
         if known:
-            values = (tuple(row.by_template.get(template) for row in known) for template in templates)
-            paper.append((f"{name} (paper)", *values, tuple(row.mean for row in known), "", ""))
+            values = (tuple(row.get(template) for row in known) for template in templates)
+            paper.append((f"{name} (paper)", *values, tuple(row[_ALL] for row in known), "", ""))
     head = ("model", *templates, "mean", "samples", "coverage")
     return Table(key, caption, head, tuple(rows), reference=tuple(paper), folded=metrics is not SHOWN)
 
@@ -287,7 +286,7 @@ def json_report(table: ScoreTable, pairs: Sequence[Score]) -> dict[str, Any]:
 def _episode(episode: EpisodeScores) -> dict[str, Any]:
     models = {}
     for model, scores in episode.models.items():
-        paper = {metric.name: paper_value(model, metric.name, episode.template) for metric in METRICS}
+        paper = {metric.name: paper_row(model, metric.name).get(episode.template) for metric in METRICS}
         models[model] = {
             "samples": len(scores),
             "wanted": scores.population_size,

@@ -129,8 +129,8 @@ def test_the_papers_own_values_are_ranked_as_its_own() -> None:
     """A model without a row in the paper comes first, and is passed over; of the others all templates are there."""
     scores = []
     for place, template in enumerate(TEMPLATES):
-        other = PAPER["idm", "ade_m"].by_template[template]
-        values = (9.0 + place, PAPER["cv", "ade_m"].by_template[template], 2.0 * other)
+        other = PAPER["idm", "ade_m"][template]
+        values = (9.0 + place, PAPER["cv", "ade_m"][template], 2.0 * other)
         models = {
             name: model_scores(np.array([value])) for name, value in zip(("net", "cv", "idm"), values, strict=True)
         }

@@ -166,7 +166,7 @@ def test_coverage_is_the_share_of_the_population() -> None:
 
 
 def test_the_papers_own_values_agree_with_the_paper() -> None:
-    values = PAPER["cv", "ade_m"].by_template
+    values = PAPER["cv", "ade_m"]
     comparison = compare_with_paper(score_table([with_ade(name, values[name]) for name in TEMPLATES]), "cv", "ade_m")
     assert comparison.mean == pytest.approx(1.44, abs=0.005)
     assert comparison.deviation == pytest.approx(0.0, abs=0.003)

@@ -107,10 +107,14 @@ def single(value: float | None, blocks: int = 1) -> Interval:
     return NOTHING if value is None or math.isnan(value) else Interval(value, value, value, blocks, scatter_known=False)
 
 
-def csv_of(rows: Iterable[Score]) -> str:
-    """Rows as CSV, all values or all differences; a missing value or bound is an empty cell."""
-    content = [row.json() for row in rows]
-    return csv_text(tuple(content[0]), [tuple(row.values()) for row in content]) if content else ""
+_OF_VALUES: Final = ("model", "kind", "group", "metric", "value", "low", "high", "episodes", "samples")
+_OF_DIFFERENCES: Final = (*_OF_VALUES, "against", "p", "p_holm", "cut_off")
+
+
+def csv_of(rows: Iterable[Score], *, differences: bool = False) -> str:
+    """Values, or differences, as CSV with a head; a missing value or bound is an empty cell."""
+    head = _OF_DIFFERENCES if differences else _OF_VALUES
+    return csv_text(head, [tuple(row.json().values()) for row in rows])
 
 
 def frame_of(rows: Iterable[Score]) -> Any:

@@ -248,8 +248,8 @@ def csv_files(table: ScoreTable, pairs: Sequence[Score]) -> dict[str, str]:
     about_bin = ("model", "from", "to", "hypotheses", "mean_probability", "share_best")
     return {
         "scores.csv": csv_of(table.cells.values()),
-        "differences.csv": csv_of(pairs),
-        "claims.csv": csv_of(table.claims),
+        "differences.csv": csv_of(pairs, differences=True),
+        "claims.csv": csv_of(table.claims, differences=True),
         "episodes.csv": csv_text(about_episode, episodes),
         "horizon.csv": csv_text(("model", "time_s", "distance_m"), horizon),
         "calibration.csv": csv_text(about_bin, calibration),

@@ -127,7 +127,8 @@ def _road_m(network: RoadNetwork, end: str, beside: Mapping[str, set[str]], at_e
         ends = {before, node}
         edges = (edge.index for edge in at_end[before] if {edge.from_junction, edge.to_junction} == ends)
         length_m += min(EdgeGraph.of(network).length_m[edge] for edge in edges)
-        if len(beside[node]) > 2 or network.junctions[node].kind in _CONTROLLED:
+        junction = network.junctions.get(node)  # a damaged net may lack it
+        if len(beside[node]) > 2 or (junction is not None and junction.kind in _CONTROLLED):
             return length_m
         if len(beside[node]) == 1:
             break

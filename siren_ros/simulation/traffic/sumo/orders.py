@@ -49,7 +49,7 @@ _STATIC, _NEMA = 0, 4
 _NEMA_KEYS: Final = ("ring1", "ring2", "barrierPhases", "barrier2Phases", "coordinatePhases")
 """Parameters of a NEMA programme: the rings and the phases at whose ends they wait for each other."""
 _NEMA_TIMES_S: Final = (3.0, 2.0)
-"""Yellow and red of a phase that does not state them (SUMO, ``NLHandler::addPhase``)."""
+"""Yellow and red of a phase that does not state them: an assumption."""
 _LETTERS: Final = "ruyoOsgG"
 """SUMO's letters of a link, from closed to open."""
 

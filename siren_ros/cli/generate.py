@@ -161,7 +161,8 @@ def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Ta
             rows.append((file.name, *("" for _ in names), error.allowed))
             continue
         for template in templates:
-            sites, (places, alone) = shortcomings(network, template), count_lacks(network, template)
+            sites = shortcomings(network, template)
+            places, alone = count_lacks(network, template, sites)
             number = sum(not lacking for lacking in sites.values())
             cells.append(f"{number}/{len(sites)}")
             good[template.template_id] |= {file} if number else set()

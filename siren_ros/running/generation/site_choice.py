@@ -94,13 +94,16 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
     return found
 
 
-def count_lacks(network: RoadNetwork, template: Template) -> tuple[Counter[str], Counter[str]]:
+def count_lacks(
+    network: RoadNetwork, template: Template, found: Mapping[Site, tuple[str, ...]]
+) -> tuple[Counter[str], Counter[str]]:
     """How many places of a map lack what for a template, and how many sites lack this alone.
 
     The places are the sites that are not good, and the roads or junctions that are no site. Of the latter the first
-    missing thing counts, and nobody knows whether they lack more. Lengths of missing road are left out.
+    missing thing counts, and nobody knows whether they lack more. Lengths of missing road are left out. ``found`` is
+    what the sites lack (``shortcomings``).
     """
-    sites = [{_MORE_ROAD.sub("more", text) for text in lacking} for lacking in shortcomings(network, template).values()]
+    sites = [{_MORE_ROAD.sub("more", text) for text in lacking} for lacking in found.values()]
     places = Counter(place.lacking for place in places_without_site(network, template.site_kind))
     places.update(text for lacking in sites for text in lacking)
     return places, Counter(text for lacking in sites if len(lacking) == 1 for text in lacking)

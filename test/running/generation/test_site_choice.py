@@ -304,7 +304,7 @@ def test_the_bridge_of_carlas_motorway_is_found() -> None:
 
 def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
     template = load_template("S5")
-    places, alone = count_lacks(town, template)
+    places, alone = count_lacks(town, template, shortcomings(town, template))
     lacking = [lacks for lacks in shortcomings(town, template).values() if lacks]
     assert lacking
     for text in {text for lacks in lacking for text in lacks}:

@@ -282,7 +282,8 @@ class SensorRig:
         exposed = tuple(self._expose(step, base, placement, rolled_m, signals))
         swept = tuple(self._sweeps(step, base, placement, velocity))
         # These sensors measure at every step, since some of them differentiate the motion.
-        view = CarrierView(states, base, _row_of(states, carrier_id), partial(self._cast, states, placement))
+        row = states.row_of(carrier_id)
+        view = CarrierView(states, base, -1 if row is None else row, partial(self._cast, states, placement))
         measured = [(spec, measure(view)) for spec, measure in self._others]
         others = tuple(item for item in measured if step % item[0].period_steps == 0)
 
@@ -332,8 +333,8 @@ class SensorRig:
         """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""
         if self.station is not None:
             return self.station.base_from_sensor, CarrierMotion()
-        row = _row_of(states, carrier_id)
-        if row < 0:
+        row = states.row_of(carrier_id)
+        if row is None:
             return None
         x_m, y_m, z_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.z_m, states.yaw_rad))
         vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
@@ -390,8 +391,3 @@ class SensorRig:
             if step % camera.spec.period_steps == 0:
                 pose = base @ camera.spec.mount.base_from_sensor
                 yield camera.expose(step, pose, placement, rolled_m, states, self._label_kinds(camera.spec))
-
-
-def _row_of(states: ActorStates, actor_id: int) -> int:
-    """Row of an actor in the states; −1 where it is not among them."""
-    return int(rows_of_ids(states.actor_id, np.array([actor_id], np.uint32))[0])

@@ -37,6 +37,7 @@ OBSERVED: Final = 50
 FOCAL, SCORED, UNSCORED, FRAGMENT = 3, 2, 1, 0
 """Track categories of Argoverse 2: to be predicted, complete, present at the current frame, other."""
 AV: Final = "AV"
+"""Track id of the vehicle with the sensors."""
 _TYPE_OF_CLASS: Final = by_class(
     {
         ActorClass.BUS: "bus",
@@ -46,7 +47,6 @@ _TYPE_OF_CLASS: Final = by_class(
     }
 )
 """Object types of av2; all others are ``vehicle``."""
-"""Track id of the vehicle with the sensors."""
 _MAP_FILE: Final = "log_map_archive_{}.json"
 _NS_PER_S: Final = 1_000_000_000
 

@@ -10,7 +10,7 @@ from made_detections import STEPS, columns_ahead, found_boxes, made_frames, rand
 from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, FoundSet, TruthBoxes, joined
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
-from siren_ros.scoring.evaluation.detection.metrics import devkit_score
+from siren_ros.scoring.evaluation.detection.metrics import ERRORS, devkit_score
 from siren_ros.scoring.evaluation.detection.result_files import labels_as_detections
 from siren_ros.scoring.evaluation.detection.scoring import (
     VEHICLE_NAMES,
@@ -72,6 +72,9 @@ def test_the_mean_counts_each_template_once() -> None:
     assert value_of(scores, "all", "NDS").value == pytest.approx(
         np.mean([score.nds for score in scores.templates.values()])
     )
+    for error in ERRORS:
+        of_templates = [score.errors[error] for score in scores.templates.values()]
+        assert value_of(scores, "all", error).value == pytest.approx(np.mean(of_templates)), error
 
 
 def test_intervals_need_several_episodes_of_each_template() -> None:

@@ -52,7 +52,7 @@ from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, compile_
 from siren_ros.simulation.roads.maps.map_source import maps_in
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import RoadNetwork, right_hand_image
-from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.roads.sites import Lack, Site
 from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.scenario import Template
@@ -199,7 +199,7 @@ _SEVERAL: Final = 3
 
 
 def _site_rows(
-    network: RoadNetwork, template: Template, found: Mapping[Site, Sequence[str]], *, lacking: bool
+    network: RoadNetwork, template: Template, found: Mapping[Site, Sequence[Lack]], *, lacking: bool
 ) -> Iterator[Row]:
     # Where no site is good, episodes take the best of these sites.
     for site, missing in found.items():
@@ -207,12 +207,12 @@ def _site_rows(
             yield _site_row(network, template, site, missing)
 
 
-def _site_row(network: RoadNetwork, template: Template, site: Site, missing: Sequence[str]) -> Row:
+def _site_row(network: RoadNetwork, template: Template, site: Site, missing: Sequence[Lack]) -> Row:
     street = network.edges[site.site_edge].name
     lanes = str(len(site.connections)) if site.connections else ""
     shoulder = "yes" if has_shoulder(network, site) else "no"
     junction = site.junction or ""
-    good, lacks = "no" if missing else "yes", "; ".join(missing)
+    good, lacks = "no" if missing else "yes", "; ".join(map(str, missing))
     return template.template_id, site.name, good, street, junction, site.length_m, lanes, shoulder, lacks
 
 

@@ -1,6 +1,5 @@
 """Chooses where an episode happens: among sites with all that a template needs, by the seed."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from siren_ros.errors import InputError, MapError
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
-from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Site, SiteKind, bridges, overlaps
+from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Lack, Site, SiteKind, bridges, overlaps
 from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
@@ -23,8 +22,6 @@ from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPl
 from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass
 
-_UNREACHABLE: Final = 3
-"""Rank of sites whose approach is too short."""
 _LONG_ENOUGH_M: Final = 150.0
 """Least length of good roads: 12 s at 45 km/h, to reach and pass five vehicles. The same holds for queues: eight
 vehicles with 8 m between them, 30 m to the EMV, and some distance to roll to the line."""
@@ -34,7 +31,6 @@ _NO_BRIDGE_M: Final = 300.0
 """No bridge may be this near to a motorway stretch; traffic starts within this distance (``DISTRICT_M``)."""
 _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
-_MORE_ROAD: Final = re.compile(r"\d+ m more")
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
 
@@ -56,7 +52,7 @@ def ranked_sites(network: RoadNetwork, template: Template) -> tuple[tuple[Site, 
 
 @lru_cache(maxsize=MAPS_KEPT)
 def _approached(network: RoadNetwork, kind: SiteKind, emv: EmvDemand) -> tuple[tuple[Site, Approach], ...]:
-    sites = [(site, _approach(network, site, emv)) for site in find_sites(network, kind)]
+    sites = [(site, approach_to(network, site, emv)) for site in find_sites(network, kind)]
     return tuple(sorted(sites, key=lambda site_and_approach: site_and_approach[1].rank))
 
 
@@ -65,7 +61,7 @@ def good_sites(network: RoadNetwork, template: Template) -> tuple[Site, ...]:
     return tuple(site for site, lacking in shortcomings(network, template).items() if not lacking)
 
 
-def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[str, ...]]:
+def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[Lack, ...]]:
     """What each site of a template's kind lacks, best first; empty for good ones.
 
     * The EMV drives up without a junction on the way and without sharp bends, and has road behind the site.
@@ -82,7 +78,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
     """
     found = {}
     for site, approach in _approached(network, template.site_kind, template.emv):
-        lacking = (text for text, has in _CONDITIONS.items() if not has(network, site, template))
+        lacking = (Lack(text) for text, has in _CONDITIONS.items() if not has(network, site, template))
         found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacking))))
     if _has_group(template, Placement.SAME_DIRECTION):
         _prefer(found, _ONE_LANE, lambda site: len(site.connections) > 1)
@@ -95,25 +91,24 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[s
 
 
 def count_lacks(
-    network: RoadNetwork, template: Template, found: Mapping[Site, tuple[str, ...]]
+    network: RoadNetwork, template: Template, found: Mapping[Site, tuple[Lack, ...]]
 ) -> tuple[Counter[str], Counter[str]]:
     """How many places of a map lack what for a template, and how many sites lack this alone.
 
     The places are the sites that are not good, and the roads or junctions that are no site. Of the latter the first
-    missing thing counts, and nobody knows whether they lack more. Lengths of missing road are left out. ``found`` is
-    what the sites lack (``shortcomings``).
+    missing thing counts, and nobody knows whether they lack more. ``found`` is what the sites lack (``shortcomings``).
     """
-    sites = [{_MORE_ROAD.sub("more", text) for text in lacking} for lacking in found.values()]
+    sites = [{lack.text for lack in lacking} for lacking in found.values()]
     places = Counter(place.lacking for place in places_without_site(network, template.site_kind))
     places.update(text for lacking in sites for text in lacking)
     return places, Counter(text for lacking in sites if len(lacking) == 1 for text in lacking)
 
 
-def _prefer(found: dict[Site, tuple[str, ...]], text: str, preferred: Callable[[Site], bool]) -> None:
+def _prefer(found: dict[Site, tuple[Lack, ...]], text: str, preferred: Callable[[Site], bool]) -> None:
     """Add a shortcoming to good sites that are not preferred, if a preferred site is good."""
     good = [(site, preferred(site)) for site, lacking in found.items() if not lacking]
     if any(is_preferred for _, is_preferred in good):
-        found.update({site: (text,) for site, is_preferred in good if not is_preferred})
+        found.update({site: (Lack(text),) for site, is_preferred in good if not is_preferred})
 
 
 def has_shoulder(network: RoadNetwork, site: Site) -> bool:
@@ -206,13 +201,6 @@ def _usable_m(network: RoadNetwork, site: Site) -> float:
         steps = [] if before is None else [connection_from(network, lane, before) for lane in queues]
         queues = {step.from_lane for step in steps if step is not None}
     return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
-
-
-def _approach(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
-    try:
-        return approach_to(network, site, emv)
-    except MapError as error:
-        return Approach(_UNREACHABLE, error.allowed)
 
 
 def sites_to_try(network: RoadNetwork, template: Template, seed: int, pinned: str, shown_map: str) -> SitesToTry:

@@ -48,7 +48,7 @@ from siren_ros.scoring.pictures.plot_parts import (
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import places_without_site
-from siren_ros.simulation.roads.sites import REQUIREMENTS, Site
+from siren_ros.simulation.roads.sites import REQUIREMENTS, Lack, Site
 from siren_ros.simulation.scenario.scenario import Template
 from siren_ros.simulation.world.actors import EventKind, Mode
 
@@ -283,7 +283,7 @@ _DPI: Final = 120
 _MARGIN: Final = 0.03
 
 
-Survey = tuple[Template, Mapping[Site, Sequence[str]]]
+Survey = tuple[Template, Mapping[Site, Sequence[Lack]]]
 """A template with all sites of its kind, best first, and what each lacks (empty for suitable ones)."""
 
 
@@ -323,7 +323,7 @@ def _draw_panel(axes: Axes, network: RoadNetwork, survey: Survey, colours: Mappi
     template, found = survey
     good = [site for site, lacking in found.items() if not lacking]
     for site, lacking in reversed([*found.items()]):
-        colour, width = (colours[lacking[0]], 2.0) if lacking else (_GOOD, 4.0)
+        colour, width = (colours[lacking[0].text], 2.0) if lacking else (_GOOD, 4.0)
         axes.plot(*_way_of(network, site).T, color=colour, linewidth=width, solid_capstyle="butt", zorder=4)
     for place in places_without_site(network, template.site_kind):
         x, y = driving_lanes(network, place.edge)[-1].centre.points[-1]
@@ -350,7 +350,7 @@ def _legend(network: RoadNetwork, survey: Survey, colours: Mapping[str, str]) ->
     template, found = survey
     good = sum(not lacking for lacking in found.values())
     handles = [Line2D([], [], color=_GOOD, linewidth=4.0, label=f"good: {good}")] if good else []
-    sites = Counter(lacking[0] for lacking in found.values() if lacking)
+    sites = Counter(lacking[0].text for lacking in found.values() if lacking)
     for text, count in sites.items():
         handles.append(Line2D([], [], color=colours[text], linewidth=2.0, label=f"site with {text}: {count}"))
     others = Counter(place.lacking for place in places_without_site(network, template.site_kind))
@@ -363,7 +363,7 @@ def _legend(network: RoadNetwork, survey: Survey, colours: Mapping[str, str]) ->
 def _colours(network: RoadNetwork, survey: Survey) -> dict[str, str]:
     """Colour by what a place lacks."""
     template, found = survey
-    texts = [lacking[0] for lacking in found.values() if lacking]
+    texts = [lacking[0].text for lacking in found.values() if lacking]
     texts += [place.lacking for place in places_without_site(network, template.site_kind)]
     return {text: _LACKING[place % len(_LACKING)] for place, text in enumerate(dict.fromkeys(texts))}
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +83,18 @@ class Site:
     def beyond(self) -> tuple[int, ...]:
         """Edges of the route after ``site_edge``."""
         return self.route[self.site_position + 1 :]
+
+
+class Lack(NamedTuple):
+    """What a site lacks for a template."""
+
+    text: str
+    """The same for all sites that lack it."""
+    missing_m: float | None = None
+    """Length of road that is missing; None where a length would not help."""
+
+    def __str__(self) -> str:
+        return self.text if self.missing_m is None else f"{self.text} ({self.missing_m:.0f} m)"
 
 
 @dataclass(frozen=True)

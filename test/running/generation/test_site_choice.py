@@ -29,7 +29,7 @@ from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Edge, RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
-from siren_ros.simulation.roads.sites import REQUIREMENTS, Site
+from siren_ros.simulation.roads.sites import REQUIREMENTS, Lack, Site
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.scenario import Placement, Template
@@ -76,9 +76,9 @@ def test_every_site_that_no_seed_draws_says_what_it_lacks(town: RoadNetwork, nam
     assert {site for site, texts in lacking.items() if not texts} == set(good_sites(town, template))
     for site, texts in lacking.items():
         assert len(set(texts)) == len(texts)
-        assert ("a shoulder, and others have none" in texts) <= has_shoulder(town, site)
+        assert (Lack("a shoulder, and others have none") in texts) <= has_shoulder(town, site)
         turns = any(town.connections[index].direction != "s" for index in site.connections)
-        assert ("a turn, where the EMV has to go straight on" in texts) == (turns and name in {"S3", "S4"})
+        assert (Lack("a turn, where the EMV has to go straight on") in texts) == (turns and name in {"S3", "S4"})
 
 
 @pytest.mark.parametrize(("name", "least_m"), [("S1", 120.0), ("S2", 150.0)])
@@ -146,7 +146,7 @@ def test_a_site_says_that_another_road_lies_over_it(tmp_path: Path, apart_m: flo
         f'<edge id="a" from="A" to="B" numLanes="2"/><edge id="b" from="C" to="D" shape="{near}"/>',
     )
     (lacking,) = shortcomings(network_of_map(net), load_template("S2")).values()
-    assert ("a road that lies over it, without a junction" not in lacking) is alone
+    assert (Lack("a road that lies over it, without a junction") not in lacking) is alone
 
 
 @pytest.mark.parametrize(("origin", "good"), [(1, True), (0, False)])
@@ -164,7 +164,7 @@ def test_two_queues_do_not_grow_out_of_one_lane(tmp_path: Path, origin: int, goo
         "".join('<connection from="{}" to="{}" fromLane="{}" toLane="{}"/>'.format(*way.split()) for way in ways),
     )
     (lacking,) = shortcomings(network_of_map(net), load_template("S1")).values()
-    assert ("less than 150 m of road without a junction or a turning lane" not in lacking) is good
+    assert (Lack("less than 150 m of road without a junction or a turning lane") not in lacking) is good
 
 
 def test_the_seed_draws_each_good_site(town: RoadNetwork) -> None:
@@ -261,7 +261,7 @@ def test_the_motorway_has_good_sites_of_two_three_and_four_lanes() -> None:
         rows = {motorway.lanes[vehicle.spot.lane].position for vehicle in plan.groups if vehicle.length_m > 8.0}
         assert len(rows) <= 1, "long vehicles are in one lane"
     lacking = shortcomings(motorway, template)
-    assert {texts[0] for site, texts in lacking.items() if site not in good} == {"hardly any road behind it"}
+    assert {lacks[0] for site, lacks in lacking.items() if site not in good} == {Lack("hardly any road behind it")}
 
 
 def test_a_template_happens_on_its_own_map_unless_another_one_is_named() -> None:
@@ -292,14 +292,14 @@ def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
     lacking = {site.name: texts for site, texts in shortcomings(bridged, template).items()}
     crossed = {name for name in good if lacking[name]}
     assert crossed == {"e_d", "w_d"}
-    assert all("bridge" in lacking[name][0] for name in crossed)
+    assert all("bridge" in lacking[name][0].text for name in crossed)
 
 
 def test_the_bridge_of_carlas_motorway_is_found() -> None:
     carla = network_of_map(shared_file("maps", "Town04.xodr"))
     lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
     assert {name for name, texts in lacking.items() if texts} == {"46..41"}
-    assert "bridge" in lacking["46..41"][0]
+    assert "bridge" in lacking["46..41"][0].text
 
 
 def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
@@ -307,9 +307,9 @@ def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
     places, alone = count_lacks(town, template, shortcomings(town, template))
     lacking = [lacks for lacks in shortcomings(town, template).values() if lacks]
     assert lacking
-    for text in {text for lacks in lacking for text in lacks}:
-        assert places[text] == sum(text in lacks for lacks in lacking)
-        assert alone[text] == lacking.count((text,))
+    for text in {lack.text for lacks in lacking for lack in lacks}:
+        assert places[text] == sum(text in [lack.text for lack in lacks] for lacks in lacking)
+        assert alone[text] == sum([lack.text for lack in lacks] == [text] for lacks in lacking)
     assert places["no stop sign"] == sum(
         place.lacking == "no stop sign" for place in places_without_site(town, template.site_kind)
     )
@@ -351,7 +351,7 @@ def test_one_lane_is_enough_for_traffic_of_the_same_direction_unless_others_have
     file.write_bytes(made_net(tmp_path, CROSSING, ARMS, narrow=narrow))
     found = shortcomings(parse_road_network(compile_map(file, tmp_path / "cache").read_bytes()), load_template("S3"))
     assert sum(not lacking for lacking in found.values()) == good
-    only = ("one lane leads on, and others have a second one",)
+    only = (Lack("one lane leads on, and others have a second one"),)
     assert [site.name for site, lacking in found.items() if lacking == only] == (
         [] if good == 4 else ["n_c..c_s", "s_c..c_n"]
     )

@@ -26,7 +26,7 @@ from siren_ros.simulation.roads.routing import (
     quiet_reach_m,
 )
 from siren_ros.simulation.roads.site_finder import junction_site
-from siren_ros.simulation.roads.sites import Site, SiteKind, way_back
+from siren_ros.simulation.roads.sites import Lack, Site, SiteKind, way_back
 from siren_ros.simulation.scenario.scenario import EmvDemand, StartReference
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, chain_along
 from siren_ros.simulation.traffic.demand.road_users import VehicleFactory
@@ -127,6 +127,19 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
     Raises:
         MapError: the site's approach or the site itself is too short.
     """
+    start = _placed(network, site, start_m)
+    if missing_m := _missing_m(network, start):
+        raise MapError(site.name, f"a place with {missing_m:.0f} m more of road for the EMV's start")
+    return start
+
+
+def _missing_m(network: RoadNetwork, start: EmvStart) -> float:
+    """Length by which a start lies before the first lane of the way to the site or behind the last one."""
+    return max(-start.front_m, start.front_m - network.lanes[start.lane].length_m, 0.0)
+
+
+def _placed(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
+    """The start, beyond the end of the lane where the road is too short."""
     position = site.site_position
     lane = travel_lane(network, site)
     to_site: tuple[int, ...] = (lane.index,)
@@ -141,8 +154,6 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         position, start_m = position + 1, start_m - (chain.start_m[-1] if len(chain.lanes) > 1 else lane.length_m)
         lane = network.lanes[chain.lanes[-1]]
         to_site = (lane.index,)
-    if not 0.0 <= start_m <= lane.length_m:
-        raise MapError(site.name, f"a place with {abs(start_m):.0f} m more of road for the EMV's start")
     return EmvStart(lane.index, start_m, site.route[position:], to_site)
 
 
@@ -224,9 +235,13 @@ class Approach(NamedTuple):
 
     rank: int = 0
     """0 is best. 1: a way with junctions, or before a turn on a shoulder without space for a queue and the way onto
-    the shoulder. 2: sharp bends, no space for a queue, or hardly any road behind the site."""
-    flaw: str = ""
-    """What the approach lacks; empty for rank 0."""
+    the shoulder. 2: sharp bends, no space for a queue, or hardly any road behind the site. 3: no road for the start."""
+    flaw: Lack | None = None
+    """What the approach lacks; None for rank 0."""
+
+
+def _flawed(rank: int, text: str, missing_m: float | None = None) -> Approach:
+    return Approach(rank, Lack(text, missing_m))
 
 
 def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
@@ -236,28 +251,27 @@ def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
     misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait. A queue that
     does not fit before the line waits at the junction before, and the EMV behind it. To a shoulder next to a queue the
     EMV changes behind the queue and after the junction before.
-
-    Raises:
-        MapError: the site's approach or the site itself is too short.
     """
     if site.kind is SiteKind.SHOULDER_RIGHT_TURN:
         needed_m = ONTO_SHOULDER_M + SHORT_QUEUE_M
         quiet_m = quiet_reach_m(network, travel_lane(network, site).index, needed_m)
-        return Approach() if quiet_m >= needed_m else Approach(1, f"a junction less than {needed_m:.0f} m before it")
+        return Approach() if quiet_m >= needed_m else _flawed(1, f"a junction less than {needed_m:.0f} m before it")
     if site.kind not in _CONFLICT_POINTS:
         return Approach()
-    start = emv_start(network, site, start_m_of(network, site, emv))
+    start = _placed(network, site, start_m_of(network, site, emv))
+    if missing_m := _missing_m(network, start):
+        return _flawed(3, "more road for the EMV's start", missing_m)
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv), SAMPLE_M)
     queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
     at_entry = start.front_m < min(ENTRY_M, network.lanes[start.lane].length_m)
     flaws = (
-        (queue_m < _LEAST_QUEUE_M, Approach(2, f"a junction less than {_LEAST_QUEUE_M:.0f} m before it")),
-        (exit_m < _LEAST_EXIT_M, Approach(2, LITTLE_BEHIND)),
-        (pace_mps < _LEAST_PACE * emv.speed_mps, Approach(2, "sharp bends on the way to it")),
-        (at_entry, Approach(2, "an approach without space for the EMV at its start")),
-        (_quiet_start(network, site, emv) is None, Approach(1, "a junction on the way to it")),
+        (queue_m < _LEAST_QUEUE_M, _flawed(2, f"a junction less than {_LEAST_QUEUE_M:.0f} m before it")),
+        (exit_m < _LEAST_EXIT_M, _flawed(2, LITTLE_BEHIND)),
+        (pace_mps < _LEAST_PACE * emv.speed_mps, _flawed(2, "sharp bends on the way to it")),
+        (at_entry, _flawed(2, "an approach without space for the EMV at its start")),
+        (_quiet_start(network, site, emv) is None, _flawed(1, "a junction on the way to it")),
     )
     return next((approach for is_so, approach in flaws if is_so), Approach())
 

@@ -522,6 +522,18 @@ def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_beh
         assert approach_to(NETWORK, site, late).rank == rank
 
 
+def test_an_approach_that_is_too_short_says_by_how_much() -> None:
+    """All reasons of this kind are one text; the length is beside it."""
+    far = [replace(emv_demand(-metres), start_from=StartReference.SITE_START) for metres in (5000.0, 5100.0)]
+    first, second = (approach_to(NETWORK, signal_site(), emv) for emv in far)
+    assert first.rank == second.rank == 3
+    assert first.flaw is not None
+    assert second.flaw == first.flaw._replace(missing_m=first.flaw.missing_m + 100.0)
+    assert str(second.flaw).endswith(f"start ({second.flaw.missing_m:.0f} m)")
+    with pytest.raises(MapError, match=f"with {second.flaw.missing_m:.0f} m more of road"):
+        emv_start(NETWORK, signal_site(), far[1].start_m)
+
+
 @pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
 def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length_m: float, rank: int) -> None:
     """The road up to the line is cut off."""

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from sensor_message_readers import from_audio
+
 from siren_ros.data.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.data.interfaces.conversions import (
     from_actor_description,
@@ -20,7 +22,6 @@ from siren_ros.data.interfaces.conversions import (
     from_traffic_state,
     from_vehicle_commands,
 )
-from siren_ros.data.interfaces.measurements import from_audio
 
 READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/Event": from_event,

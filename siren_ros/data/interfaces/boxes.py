@@ -17,11 +17,8 @@ from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import NS_PER_S
 from siren_ros.data.interfaces.measurements import (
     Vector,
-    from_quaternion,
-    from_vector,
     quaternion_of_yaw,
     to_pose,
-    yaw_of_quaternion,
 )
 from siren_ros.data.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, step_of
 from siren_ros.data.interfaces.wire import COUNT, STAMPED, CdrWriter, Layout, stamped, text, text_once
@@ -109,25 +106,6 @@ def to_boxes(boxes: SpaceBoxes) -> bytes:
         pose = (*centre, *quaternion_of_yaw(yaw_rad))
         writer.put(_BOX, *head, 1, text(name), score, *pose, *_CERTAIN, *pose, *size, text(box_id))
     return writer.cdr()
-
-
-def from_boxes(message: Any) -> SpaceBoxes:
-    """Reads the message that ``to_boxes`` makes."""
-    detections = message.detections
-    centres = [detection.bbox.center for detection in detections]
-    sizes = [detection.bbox.size for detection in detections]
-    best = [detection.results[0].hypothesis for detection in detections]
-    ids = tuple(str(detection.id) for detection in detections)
-    return SpaceBoxes(
-        step=step_of(message),
-        frame_id=str(message.header.frame_id),
-        class_names=tuple(str(hypothesis.class_id) for hypothesis in best),
-        score=np.array([float(hypothesis.score) for hypothesis in best]),
-        centre_m=np.array([from_vector(centre.position) for centre in centres]).reshape(-1, 3),
-        size_m=np.array([from_vector(size) for size in sizes]).reshape(-1, 3),
-        yaw_rad=np.array([yaw_of_quaternion(from_quaternion(centre.orientation)) for centre in centres]),
-        ids=ids if any(ids) else None,
-    )
 
 
 def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:
@@ -286,20 +264,3 @@ def to_markers(step: int, markers: Sequence[Marker]) -> bytes:
             *meshless,
         )
     return writer.cdr()
-
-
-def from_markers(message: Any) -> tuple[Marker, ...]:
-    """Reads the message that ``to_markers`` makes."""
-    return tuple(
-        Marker(
-            namespace=str(marker.ns),
-            marker_id=int(marker.id),
-            shape=MarkerShape(int(marker.type)),
-            centre_m=from_vector(marker.pose.position),
-            yaw_rad=yaw_of_quaternion(from_quaternion(marker.pose.orientation)),
-            size_m=from_vector(marker.scale),
-            colour=(float(marker.color.r), float(marker.color.g), float(marker.color.b), float(marker.color.a)),
-            text=str(marker.text),
-        )
-        for marker in message.markers
-    )

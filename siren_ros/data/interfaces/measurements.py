@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Floats, Matrix
-from siren_ros.data.interfaces.messages import header, make_message, sequence, step_of, time_ns_of
+from siren_ros.data.interfaces.messages import header, make_message, sequence
 from siren_ros.data.interfaces.wire import COUNT, STAMPED, CdrWriter, Layout, stamped, text
 from siren_ros.errors import InputError
 from siren_ros.simulation.world.carrier import (
@@ -182,22 +182,6 @@ def _to_covariance(planar: Floats) -> list[float]:
     return full
 
 
-def from_odometry(message: Any) -> tuple[int, Odometry]:
-    """Reads the message that ``to_odometry`` makes: simulated time in nanoseconds, and the odometry."""
-    x, y, _ = from_vector(message.pose.pose.position)
-    odometry = Odometry(
-        x_m=x,
-        y_m=y,
-        yaw_rad=yaw_of_quaternion(from_quaternion(message.pose.pose.orientation)),
-        forward_mps=float(message.twist.twist.linear.x),
-        left_mps=float(message.twist.twist.linear.y),
-        yaw_rate_radps=float(message.twist.twist.angular.z),
-        pose_covariance=np.array(message.pose.covariance, np.float64).reshape(6, 6)[_PLANAR],
-        twist_covariance=np.array(message.twist.covariance, np.float64).reshape(6, 6)[_PLANAR],
-    )
-    return time_ns_of(message.header.stamp), odometry
-
-
 _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
     "rgb8": (np.dtype("u1"), 3),
     "mono8": (np.dtype("u1"), 1),
@@ -242,24 +226,6 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
         step=pixels.shape[1] * channels * pixels.dtype.itemsize,
         data=sequence(np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)),
     )
-
-
-def from_image(message: Any) -> npt.NDArray[np.generic]:
-    """Reads the message that ``to_image`` makes: the array, which shares the message's memory.
-
-    Raises InputError for an encoding that the project does not write, or sizes that do not fit the data.
-    """
-    if message.encoding not in _ENCODINGS or message.is_bigendian:
-        raise InputError("image encoding", message.encoding, f"little-endian {', '.join(_ENCODINGS)}")
-    dtype, channels = _ENCODINGS[message.encoding]
-    height, width = int(message.height), int(message.width)
-    data = np.frombuffer(message.data, dtype=np.uint8)
-    row = width * channels * dtype.itemsize
-    if int(message.step) != row or len(data) != height * row:
-        sizes = f"{width}x{height} {message.encoding}, rows of {message.step} bytes, {len(data)} bytes"
-        raise InputError("image", sizes, "data of height x step bytes")
-    shape = (height, width, channels) if channels > 1 else (height, width)
-    return data.view(dtype).reshape(shape)
 
 
 def to_camera_info(step: int, frame_id: str, camera: CameraIntrinsics) -> Any:
@@ -366,16 +332,6 @@ def to_audio(chunk: AudioChunk) -> Any:
     )
 
 
-def from_audio(message: Any) -> AudioChunk:
-    """Reads the message that ``to_audio`` makes."""
-    return AudioChunk(
-        step=step_of(message),
-        frame_id=str(message.header.frame_id),
-        sample_rate_hz=int(message.sample_rate_hz),
-        samples=np.array(message.samples, dtype=np.int16),
-    )
-
-
 _UNKNOWN: Final = -1.0
 """Value of a covariance's first element that marks a quantity as not measured (``sensor_msgs/Imu``)."""
 _STATUS_FIX: Final = 0
@@ -397,19 +353,6 @@ def to_imu(sample: ImuSample) -> Any:
     )
 
 
-def from_imu(message: Any) -> ImuSample:
-    """Reads the message that ``to_imu`` makes."""
-    force, rate = message.linear_acceleration, message.angular_velocity
-    return ImuSample(
-        step=step_of(message),
-        frame_id=str(message.header.frame_id),
-        specific_force_mps2=np.array([force.x, force.y, force.z]),
-        angular_rate_radps=np.array([rate.x, rate.y, rate.z]),
-        force_variance=float(message.linear_acceleration_covariance[0]),
-        rate_variance=float(message.angular_velocity_covariance[0]),
-    )
-
-
 def to_nav_sat_fix(fix: GnssFix) -> Any:
     """Makes the message ``sensor_msgs/NavSatFix`` with the covariance in east, north, up."""
     return make_message(
@@ -421,18 +364,6 @@ def to_nav_sat_fix(fix: GnssFix) -> Any:
         altitude=fix.altitude_m,
         position_covariance=np.diag(fix.variance_m2).reshape(-1),
         position_covariance_type=_COVARIANCE_DIAGONAL_KNOWN,
-    )
-
-
-def from_nav_sat_fix(message: Any) -> GnssFix:
-    """Reads the message that ``to_nav_sat_fix`` makes."""
-    return GnssFix(
-        step=step_of(message),
-        frame_id=str(message.header.frame_id),
-        latitude_deg=float(message.latitude),
-        longitude_deg=float(message.longitude),
-        altitude_m=float(message.altitude),
-        variance_m2=np.asarray(message.position_covariance, dtype=np.float64).reshape(3, 3).diagonal().copy(),
     )
 
 

@@ -6,7 +6,6 @@ or more in one direction, as soon as traffic goes at walking pace or stands: bet
 its right.
 """
 
-import heapq
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -244,35 +243,6 @@ def connections_between(network: RoadNetwork, edge: int, next_edge: int) -> tupl
 def civilian_movements(network: RoadNetwork, edge: int, next_edge: int) -> tuple[Connection, ...]:
     """Movements from one edge to the next that civilians may make, from the right."""
     return tuple(filter(network.is_civilian, connections_between(network, edge, next_edge)))
-
-
-def shortest_path(
-    graph: EdgeGraph, from_edge: int, to_edge: int, avoid: Collection[int] = ()
-) -> tuple[int, ...] | None:
-    """The shortest route from one edge to another, both included; None where there is none.
-
-    Dijkstra over edges by length; among routes of equal length the one with the smaller edge indices wins.
-    """
-    refused = frozenset(avoid)
-    cost, before = {from_edge: graph.length_m[from_edge]}, dict[int, int]()
-    heap, done = [(cost[from_edge], from_edge)], set[int]()
-    while heap:
-        _, edge = heapq.heappop(heap)
-        if edge == to_edge:
-            route = [edge]
-            while route[-1] in before:
-                route.append(before[route[-1]])
-            return tuple(reversed(route))
-        if edge in done:
-            continue
-        done.add(edge)
-        for ahead in graph.successors[edge]:
-            reach = cost[edge] + graph.length_m[ahead]
-            if ahead not in refused and ahead not in done and reach < cost.get(ahead, float("inf")):
-                cost[ahead] = reach
-                before[ahead] = edge
-                heapq.heappush(heap, (reach, ahead))
-    return None
 
 
 def route_path(network: RoadNetwork, edges: Sequence[int], start_lane: int) -> tuple[int, ...]:

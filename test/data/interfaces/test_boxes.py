@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sensor_message_readers import from_boxes, from_markers
 
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import (
@@ -11,8 +12,6 @@ from siren_ros.data.interfaces.boxes import (
     MarkerShape,
     SpaceBoxes,
     boxes_of,
-    from_boxes,
-    from_markers,
     to_boxes,
     to_markers,
     vehicle_markers,

@@ -166,26 +166,6 @@ def names(town, indices):
     return " ".join(town.lanes[index].lane_id for index in indices)
 
 
-def test_shortest_path_takes_the_short_way(town, graph):
-    start, goal = edges(town, "west_n_0 oak_e_1")
-    path = routing.shortest_path(graph, start, goal)
-    assert [town.edges[edge].edge_id for edge in path] == ["west_n_0", "west_n_1", "oak_e_0", "oak_e_1"]
-
-
-def test_shortest_path_avoids_what_it_must(town, graph):
-    start, goal, refused = edges(town, "west_n_0 oak_e_1 west_n_1")
-    path = routing.shortest_path(graph, start, goal, avoid=[refused])
-    assert path is not None
-    assert refused not in path
-    assert graph.route_length_m(path) > graph.route_length_m(routing.shortest_path(graph, start, goal))
-
-
-def test_no_way_back_from_where_traffic_leaves(town, graph):
-    start, goal = edges(town, "main_e_3 main_e_0")
-    assert routing.shortest_path(graph, start, goal) is None
-    assert routing.shortest_path(graph, start, start) == (start,)
-
-
 def test_driving_lanes_leave_out_shoulder_and_sidewalk(town):
     assert [lane.position for lane in routing.driving_lanes(town, *edges(town, "main_e_1"))] == [2, 3]
 
@@ -267,29 +247,6 @@ def graph_of(lengths_m, *ways):
     ahead = [tuple(sorted(b for a, b in ways if a == edge)) for edge in range(len(lengths_m))]
     behind = [tuple(sorted(a for a, b in ways if b == edge)) for edge in range(len(lengths_m))]
     return routing.EdgeGraph(streets(), tuple(ahead), tuple(behind), tuple(lengths_m))
-
-
-DIAMOND = ((0, 1), (0, 2), (1, 3), (2, 3))
-
-
-@pytest.mark.parametrize(
-    ("lengths", "avoid", "route"),
-    [
-        *[((10.0, 5.0, 4.0, 1.0), (), (0, 2, 3)), ((10.0, 4.0, 5.0, 1.0), (), (0, 1, 3))],
-        *[((10.0, 5.0, 5.0, 1.0), (), (0, 1, 3)), ((10.0, 5.0, 4.0, 1.0), (2,), (0, 1, 3))],
-        *[((10.0, 5.0, 4.0, 1.0), (1, 2), None), ((10.0, 5.0, 4.0, 1.0), (3,), None)],
-        ((10.0, 5.0, 4.0, 1.0), (0,), (0, 2, 3)),
-    ],
-)
-def test_the_shortest_of_two_ways_and_of_equals_the_one_with_the_smaller_index(lengths, avoid, route):
-    assert routing.shortest_path(graph_of(lengths, *DIAMOND), 0, 3, avoid) == route
-
-
-def test_a_longer_first_edge_may_begin_the_shorter_way():
-    """By the short first edge 0-1-2-3-5 takes 8, by the long one 0-4-5 takes 7."""
-    graph = graph_of((1.0, 1.0, 3.0, 2.0, 5.0, 1.0), (0, 1), (1, 2), (2, 3), (3, 5), (0, 4), (4, 5))
-    assert (routing.shortest_path(graph, 0, 5), routing.shortest_path(graph, 2, 2)) == ((0, 4, 5), (2,))
-    assert routing.shortest_path(graph, 5, 0) is None
 
 
 def test_endless_are_the_edges_from_which_a_loop_can_be_reached():

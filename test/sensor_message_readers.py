@@ -6,15 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.data.interfaces.boxes import Marker, MarkerShape, SpaceBoxes
-from siren_ros.data.interfaces.measurements import (
-    _ENCODINGS,
-    _PLANAR,
-    from_quaternion,
-    from_vector,
-    yaw_of_quaternion,
-)
+from siren_ros.data.interfaces.measurements import from_quaternion, from_vector, yaw_of_quaternion
 from siren_ros.data.interfaces.messages import step_of, time_ns_of
 from siren_ros.simulation.world.carrier import AudioChunk, GnssFix, ImuSample, Odometry
+
+
+ENCODINGS = {"rgb8": ("u1", 3), "mono8": ("u1", 1), "mono16": ("<u2", 1), "32FC1": ("<f4", 1)}
+PLANAR = np.ix_([0, 1, 5], [0, 1, 5])
+"""Indices of x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""
 
 
 def from_boxes(message: Any) -> SpaceBoxes:
@@ -63,15 +62,16 @@ def from_odometry(message: Any) -> tuple[int, Odometry]:
         forward_mps=float(message.twist.twist.linear.x),
         left_mps=float(message.twist.twist.linear.y),
         yaw_rate_radps=float(message.twist.twist.angular.z),
-        pose_covariance=np.array(message.pose.covariance, np.float64).reshape(6, 6)[_PLANAR],
-        twist_covariance=np.array(message.twist.covariance, np.float64).reshape(6, 6)[_PLANAR],
+        pose_covariance=np.array(message.pose.covariance, np.float64).reshape(6, 6)[PLANAR],
+        twist_covariance=np.array(message.twist.covariance, np.float64).reshape(6, 6)[PLANAR],
     )
     return time_ns_of(message.header.stamp), odometry
 
 
 def from_image(message: Any) -> npt.NDArray[np.generic]:
     """Reads the message that ``to_image`` makes: the array, which shares the message's memory."""
-    dtype, channels = _ENCODINGS[message.encoding]
+    kind, channels = ENCODINGS[message.encoding]
+    dtype = np.dtype(kind)
     height, width = int(message.height), int(message.width)
     assert int(message.step) == width * channels * dtype.itemsize
     shape = (height, width, channels) if channels > 1 else (height, width)

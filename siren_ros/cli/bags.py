@@ -12,6 +12,7 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.data.recording.recover import recover_bag
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError, shown_text
+from siren_ros.scoring.judging.outcome import demand_measures
 from siren_ros.scoring.judging.verify import Verification, verify_episode
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -116,12 +117,15 @@ def verify(arguments: argparse.Namespace) -> int:
     worst = EXIT_OK
     for bag in arguments.bags:
         try:
-            verification = verify_episode(read_episode(bag))
+            record = read_episode(bag)
+            verification = verify_episode(record)
         except SirenError as error:
             complain(f"siren verify: {error}")
             worst = max(worst, error.exit_code)
             continue
         print("\n".join(_report(bag, verification, quiet=arguments.quiet)))
+        for name, value in sorted(demand_measures(record).items()):
+            print(f"  {name}: {value}")
         worst = max(worst, EXIT_OK if verification.holds else EXIT_FAILED)
     return min(worst, EXIT_BAD_INPUT)
 

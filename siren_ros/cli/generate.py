@@ -70,6 +70,7 @@ MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "sensors": str,
     "look": str,
     "duration_s": float,
+    "demand": str,
     "values": str,
 }
 """Options of the matrix, by the study's fields that they stand for, and how their words are read."""
@@ -90,6 +91,7 @@ def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, s
     matrix.add_argument(
         "--duration-s", type=float, metavar="S", help="simulated time of each episode (default: its own)"
     )
+    matrix.add_argument("--demand", metavar="FILE", help="own background traffic: a SUMO route file or .sumocfg")
     matrix.add_argument(
         "--values",
         metavar="PATH=N,…",

@@ -1,5 +1,6 @@
 """Prepares an episode: everything that is decided before the first step, and what the controllers need of it."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -29,6 +30,7 @@ from siren_ros.simulation.roads.sites import Site
 from siren_ros.simulation.scenario.driver_parameters import driver_parameters
 from siren_ros.simulation.scenario.episode import (
     CROSSING_PARAMETER,
+    DEMAND_PARAMETER,
     FILES_PARAMETER,
     MAP_SOURCE_PARAMETER,
     EpisodeDescription,
@@ -39,6 +41,7 @@ from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import DriverPreset, load_preset
 from siren_ros.simulation.scenario.scenario import Template
 from siren_ros.simulation.scenario.templates import load_template, realised
+from siren_ros.simulation.traffic.demand.own_demand import OwnDemand, read_demand
 from siren_ros.simulation.traffic.demand.plan import (
     TrafficPlan,
     choose_av,
@@ -123,7 +126,10 @@ def default_bag_path(request: EpisodeRequest) -> Path:
 
 
 def set_up_episode(
-    request: EpisodeRequest, files: InputFiles = FILES_ON_DISK, compiled_map: CompiledMap | None = None
+    request: EpisodeRequest,
+    files: InputFiles = FILES_ON_DISK,
+    compiled_map: CompiledMap | None = None,
+    own: OwnDemand | None = None,
 ) -> EpisodeSetup:
     """Look up, draw and compile what an episode needs. Equal requests and files give equal setups.
 
@@ -131,6 +137,7 @@ def set_up_episode(
         request: What the user asks for.
         files: Source of the parameter files; every file that is read becomes part of the description.
         compiled_map: The map, compiled before; None to compile the request's map.
+        own: The own traffic of the request, read before; None to read its file.
 
     Raises:
         InputError: Any part of the request cannot be used; the error names it.
@@ -154,16 +161,31 @@ def set_up_episode(
     population = load_drivers(files=noted).by(drivers.traffic)
     sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
     lasting = replace(template, duration_s=max(template.lasting_s, request.duration_s))
+    if request.demand:
+        until_s = template.warm_up_s + (request.duration_s or template.lasting_s)
+        own = own or read_demand(Path(request.demand), driven, until_s, request.demand_begin_s)
+        lasting = without_background(lasting)
+        for line in own.left_out:
+            logging.getLogger("siren_ros").warning("%s does not drive as it is: %s", own.source, line)
     spread = template.demand.variety.size_spread
     planned_for = largest(dimensions, spread) if spread else dimensions
     site, plan = plan_at_site(driven, sites, lasting, request.seed, population, planned_for)
     if spread:
         plan = with_sizes(plan, dimensions, spread, request.seed)
+    if own:
+        plan = replace(plan, own=own, background=(), reserve=(), civilians=0, riders=(), riders_kept={})
     plan = with_emv_drivers(with_responses(plan, preset, request.seed), drivers.sumo)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
     description = _description(request, template, compiled, network, site, plan, noted)
     return EpisodeSetup(description, template, description.level, compiled, network, site, plan, preset)
+
+
+def without_background(template: Template) -> Template:
+    """The template with no other traffic than its groups and pedestrians; its own values stay in the description."""
+    people = replace(template.demand.people, cyclists=0, motorcycles=0)
+    demand = replace(template.demand, background_vehicles=0, district_per_lane_km=0.0, people=people)
+    return replace(template, demand=demand)
 
 
 def _map_for(template: Template, path: Path | None, compiled_map: CompiledMap | None) -> CompiledMap:
@@ -206,6 +228,7 @@ def _description(
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **({"av": av} if plan.av else {}),
             **({CROSSING_PARAMETER: crossing} if plan.crossed else {}),
+            **({DEMAND_PARAMETER: vars(plan.own)} if plan.own else {}),
             FILES_PARAMETER: files_to_json(noted.seen),
             MAP_SOURCE_PARAMETER: compiled.source_sha256,
         },

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -35,12 +36,14 @@ from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, compile_map, name_of_map, source_sha256_of
 from siren_ros.simulation.roads.maps.map_source import SourceKind
 from siren_ros.simulation.scenario.episode import (
+    DEMAND_PARAMETER,
     FILES_PARAMETER,
     MAP_SOURCE_PARAMETER,
     EpisodeDescription,
     EpisodeRequest,
 )
 from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.demand.own_demand import OwnDemand, sha256_of_demand
 from siren_ros.simulation.world.actors import Event, Mode, Owner
 from siren_ros.simulation.world.commands import AV_SOURCE, Controls, VehicleCommands, controls_in
 
@@ -168,7 +171,8 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
     request = request_of(record)
     with TemporaryDirectory(prefix="siren-replay-") as scratch:
         compiled = _recorded_map(record, request, Path(scratch))
-        setup = set_up_episode(request, record.description.files, compiled)
+        own = OwnDemand.of_json(record.description.parameters.get(DEMAND_PARAMETER))
+        setup = set_up_episode(request, record.description.files, compiled, own)
         difference = _description_difference(record.description, setup.description)
         if difference is not None:
             return difference
@@ -310,6 +314,11 @@ def notes_on(record: EpisodeRecord) -> Iterator[str]:
         if not same:
             yield f"{file.name} ({file.folder}) has changed; its recorded text was used"
     stored, request = described.parameters.get(MAP_SOURCE_PARAMETER), request_of(record)
+    if own := OwnDemand.of_json(described.parameters.get(DEMAND_PARAMETER)):
+        found = ""
+        with suppress(SirenError):
+            found = sha256_of_demand(Path(request.demand))
+        yield from () if found == own.sha256 else (f"{request.demand} is not as it was; the recorded traffic was used",)
     if not record.map_xml or stored is None:
         return
     try:

@@ -24,6 +24,7 @@ from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeRequest, text
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 from siren_ros.simulation.scenario.scenario import DRAWN_BY_NAME, Template, ValueRange
 from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.demand.own_demand import sha256_of_demand
 
 
 class Method(StrEnum):
@@ -142,6 +143,8 @@ class Study(Brief):
     look: str = "clear"
     duration_s: float = 0.0
     """Duration of every episode; 0 for the template's own."""
+    demand: str = ""
+    """Own background traffic of every episode, as ``EpisodeRequest.demand``."""
     values: str = ""
     """Values of template parameters instead of those drawn by seeds, as ``EpisodeRequest.values``."""
     draws: DrawPlan | None = None
@@ -198,6 +201,7 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
         look=study.look,
         duration_s=study.duration_s,
         values=study.values,
+        demand=study.demand,
         av="civilian" if study.seat else "",
     )
     check_fields(base)
@@ -258,7 +262,8 @@ class _Inputs:
         source = map_of(request, load_template(request.template))
         if source not in self._maps:
             self._maps[source] = source_sha256_of(source)
-        seated = [asdict(seat)] if seat else []
+        seated: list[object] = [asdict(seat)] if seat else []
+        seated += [sha256_of_demand(Path(request.demand))] if request.demand else []
         return _sha256([request.to_json(), self._files[key], self._maps[source], self._versions, *seated])
 
 
@@ -278,7 +283,7 @@ def read_study(file: Path) -> Study:
         "seeds": lambda: seeds_of(top.words("seeds")),
         "maps": lambda: top.words("maps"),
         "sites": lambda: top.words("sites"),
-        **{name: partial(top.text, name) for name in ("preset", "sensors", "look", "values")},
+        **{name: partial(top.text, name) for name in ("preset", "sensors", "look", "demand", "values")},
         "duration_s": lambda: top.number("duration_s", 0.0, 3600.0),
         "risk_videos": lambda: top.integer("risk_videos", 0, MOST_SAMPLES),
     }

@@ -35,8 +35,9 @@ from siren_ros.scoring.judging.surrogate_safety import encounters_of, post_encro
 from siren_ros.scoring.judging.verdict import Moment, Verdict, at_least, verdict_of, with_sides_exchanged
 from siren_ros.simulation.roads.sites import middle_of_site
 from siren_ros.simulation.scenario import scenario as declared
-from siren_ros.simulation.scenario.episode import EpisodeOutcome
+from siren_ros.simulation.scenario.episode import DEMAND_PARAMETER, EpisodeOutcome
 from siren_ros.simulation.scenario.templates import load_template
+from siren_ros.simulation.traffic.demand.own_demand import NAME_START, OwnDemand
 from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, EventKind, Mode, Owner, rows_of_ids
 
 Predicate = Callable[[EpisodeRecord, Mapping[str, float]], Verdict]
@@ -361,6 +362,22 @@ def realisation_of(record: EpisodeRecord) -> Realisation:
     )
 
 
+def demand_measures(record: EpisodeRecord) -> dict[str, int | str]:
+    """The user's own traffic as an episode's outcome names it; empty for an episode with the template's."""
+    own = OwnDemand.of_json(record.description.parameters.get(DEMAND_PARAMETER))
+    if own is None:
+        return {}
+    ids = [key for key, actor in record.actors.items() if actor.name.startswith(NAME_START)]
+    pairs = [encounters_of(record, emv_id, ids) for emv_id in record.emv_ids]
+    near = {key for one in pairs for key in one.actor_id[one.distance_m <= PEOPLE_NEAR_M].tolist()}
+    return {
+        "demand.source": f"{own.source} (SHA-256 {own.sha256})",
+        "demand.left_out": "; ".join(own.left_out) or "nothing",
+        "demand.vehicles": len(ids),
+        "demand.near_emv": len(near),
+    }
+
+
 def _drive_of(record: EpisodeRecord, emv_id: int) -> dict[str, float]:
     """Distance and mean speed of an EMV; empty if it was never present."""
     emv = record.track(emv_id)
@@ -400,5 +417,5 @@ def outcome_of(record: EpisodeRecord, closing: EpisodeClosing) -> EpisodeOutcome
         measures |= {f"emv{emv_id}.{name}": value for name, value in told.items()}
     if (response := av_response(record)) is not None:
         measures.update(response.measures())
-    measures |= people_measures(record)
+    measures |= people_measures(record) | demand_measures(record)
     return EpisodeOutcome(closing.end, closing.reason, closing.steps, verdict.holds, measures)

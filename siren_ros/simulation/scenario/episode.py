@@ -27,7 +27,7 @@ _AV_KINDS: Final = ("", "civilian")
 MAX_SEED: Final = 2**31 - 1
 SHIPPED_DETECTOR: Final = "pillars"
 """Name of the shipped detector, in a request and in the parameters of the node ``detector``."""
-_LEFT_OUT: Final = frozenset({"site", "values", "predictor", "detector"})
+_LEFT_OUT: Final = frozenset({"site", "values", "demand", "demand_begin_s", "predictor", "detector"})
 """Fields that a record leaves out where they are empty, so that records without such a choice keep their bytes."""
 
 
@@ -47,6 +47,15 @@ class EpisodeRequest:
     )
     site: str = parameter(
         "", "Where on the map it happens: a name that siren sites prints; empty: the seed draws one of the good sites."
+    )
+    demand: str = parameter(
+        "", "Own background traffic: path of a SUMO route file or .sumocfg; empty: the template's own."
+    )
+    demand_begin_s: float = parameter(
+        0.0,
+        "SUMO's time at which the warm-up with it begins; 0: that of the .sumocfg, else the first departure.",
+        minimum=0.0,
+        maximum=1e7,
     )
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
@@ -113,6 +122,8 @@ FILES_PARAMETER: Final = "files"
 """Key of ``EpisodeDescription.parameters`` with the text and the hash of every parameter file."""
 CROSSING_PARAMETER: Final = "crossing"
 """Key of the EMVs from a side street and of the junction where they cross. It is missing where there are none."""
+DEMAND_PARAMETER: Final = "demand"
+"""Key of the user's own traffic (``OwnDemand``). It is missing where the template's is used."""
 MAP_SOURCE_PARAMETER: Final = "map_source_sha256"
 """Key of the hash of the map file before it was compiled, unpacked where it was packed."""
 
@@ -237,7 +248,8 @@ class EpisodeOutcome(Brief):
     @property
     def shortcomings(self) -> tuple[str, ...]:
         """What a finished episode lacks, in words; empty where its interaction happened without a collision."""
-        return shortcomings(self.predicate_holds, int(self.measures.get("collisions", 0)))
+        far = ("no vehicle of the own demand came near an EMV",) * (self.measures.get("demand.near_emv") == 0)
+        return (*shortcomings(self.predicate_holds, int(self.measures.get("collisions", 0))), *far)
 
 
 def shortcomings(predicate_holds: bool | None, collisions: int) -> tuple[str, ...]:

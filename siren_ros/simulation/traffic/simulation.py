@@ -17,9 +17,8 @@ import libsumo
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Codes, Floats, Ids
-from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.units import STEP_S
-from siren_ros.errors import EpisodeError, MapError
+from siren_ros.errors import EpisodeError, InputError, MapError
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, mirrored_map
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork, mirror_image, right_hand_image
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, EmergencyLevel
@@ -35,7 +34,14 @@ from siren_ros.simulation.traffic.sumo.population import (
     route_id,
     vehicle_types_xml,
 )
-from siren_ros.simulation.traffic.sumo.readings import Readings, SumoColumns, emv_advice, joined_rows, read_vehicles
+from siren_ros.simulation.traffic.sumo.readings import (
+    Readings,
+    SumoColumns,
+    emv_advice,
+    joined_rows,
+    read_vehicles,
+    simulated,
+)
 from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Rule, Setting, acts_of
 from siren_ros.simulation.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
 from siren_ros.simulation.world.actors import (
@@ -229,11 +235,12 @@ class SumoSimulation:
 
     def _types(self, vehicles: Sequence[PlannedVehicle]) -> bytes:
         """The vehicle types that SUMO loads."""
-        return vehicle_types_xml(vehicles, self._level, walker_types_xml(self._plan.walkers))
+        own = self._plan.own.xml if self._plan.own else ""
+        return vehicle_types_xml(vehicles, self._level, walker_types_xml(self._plan.walkers) + own)
 
     def _more_options(self) -> Mapping[str, str]:
         """Further options of SUMO."""
-        return {}
+        return self._plan.own.options if self._plan.own else {}
 
     def _start(self, compiled_map: CompiledMap, seed: int) -> None:
         plan = self._plan
@@ -258,6 +265,8 @@ class SumoSimulation:
             try:
                 libsumo.start(["sumo", *(part for pair in options.items() for part in pair)])
             except (libsumo.TraCIException, RuntimeError) as error:
+                if plan.own:
+                    raise InputError("demand", plan.own.source, f"traffic that SUMO can load ({error})") from error
                 raise MapError(str(compiled_map.net_path), f"a net that SUMO can load ({error})") from error
         SumoSimulation._running = True
 
@@ -278,6 +287,7 @@ class SumoSimulation:
         self._apply(Moment.MOTION)
         libsumo.simulationStep()
         departed = self._population.drop_departed()
+        self._population.take_in_own()
         if self._walkers is not None:
             self._walkers.drop_arrived()
         columns.take(libsumo.vehicle.getAllSubscriptionResults())
@@ -339,7 +349,7 @@ class SumoSimulation:
         self._place_mirrored(readings)
         poses = readings.x_m, readings.y_m, readings.yaw_rad, readings.speed_mps
         motion = mirrored.x_m, mirrored.y_m, mirrored.yaw_rad, mirrored.vx_mps, mirrored.vy_mps
-        (x, y, yaw, speed), owner = _simulated(ids, poses, mirrored.actor_id, mirrored.owner, motion)
+        (x, y, yaw, speed), owner = simulated(ids, poses, mirrored.actor_id, mirrored.owner, motion)
         offsets, edges = self._routes_of(names, readings.route_index.tolist())
         rescued = self._reactions.rescued(names, readings, offsets, edges)
         signals = self._signal_states()
@@ -453,32 +463,6 @@ class SumoSimulation:
         return tuple(events)
 
 
-_SPEED: Final = 3
-"""Row of poses after ``X``, ``Y`` and ``YAW``."""
-
-
-@compiled
-def _simulated(
-    ids: Ids, poses: tuple[Floats, Floats, Floats, Floats], known: Ids, known_owner: Codes, motion: tuple[Floats, ...]
-) -> tuple[Floats, Codes]:
-    """x, y, yaw and speed of the simulated vehicles, SUMO's ``poses`` of others, shape ``(4, N)``; and owners.
-
-    ``known`` are the ids of simulated vehicles; both kinds of ids are sorted.
-    """
-    x_m, y_m, yaw_rad, vx_mps, vy_mps = motion
-    values, owner, k = np.empty((4, len(ids))), np.zeros(len(ids), np.uint8), 0
-    for row in range(len(ids)):
-        while k < len(known) and known[k] < ids[row]:
-            k += 1
-        if k < len(known) and known[k] == ids[row]:
-            values[X, row], values[Y, row], values[YAW, row] = x_m[k], y_m[k], yaw_rad[k]
-            values[_SPEED, row], owner[row] = np.hypot(vx_mps[k], vy_mps[k]), known_owner[k]
-        else:
-            for column in range(4):
-                values[column, row] = poses[column][row]
-    return values, owner
-
-
 _OURS: Final = re.compile(rb' lcMaxSpeedLat(Standing|Factor)="[^"]*"')
 """Finds the parameters of lateral motion, because SUMO's own values let vehicles move sideways while they stand."""
 _EMV_TYPE: Final = re.compile(rb'(vClass="emergency"[^>]*latAlignment=)"center"')
@@ -495,4 +479,7 @@ class BluelightSimulation(SumoSimulation):
         return _EMV_TYPE.sub(rb'\1"arbitrary"', _OURS.sub(b"", super()._types(bare)))
 
     def _more_options(self) -> Mapping[str, str]:
-        return {"--device.bluelight.explicit": ",".join(vehicle.name for vehicle in self._plan.emvs)}
+        return {
+            **super()._more_options(),
+            "--device.bluelight.explicit": ",".join(vehicle.name for vehicle in self._plan.emvs),
+        }

@@ -62,25 +62,31 @@ class MapSource:
     """The file's content, decompressed."""
 
 
+def unpacked(path: Path, allowed: str = ALLOWED) -> bytes:
+    """The content of a file, decompressed; MapError with ``allowed`` where it is missing, unreadable or too large."""
+    try:
+        with _open(path) as file:
+            content = file.read(MAX_MAP_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise MapError(str(path), f"{allowed}; {getattr(error, 'strerror', None) or error}") from error
+    for packing, unpacking in [way for magic, way in _PACKED.items() if content.startswith(magic)]:
+        try:
+            with unpacking(io.BytesIO(content)) as packed:
+                content = packed.read(MAX_MAP_BYTES + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise MapError(str(path), f"{allowed}; this {packing} file is damaged") from error
+    if len(content) > MAX_MAP_BYTES or content.count(b"<") > MAX_TAGS:
+        raise MapError(str(path), f"a file of at most {MAX_MAP_BYTES // 1_000_000} MB and {MAX_TAGS} XML tags")
+    return content
+
+
 def read_map_source(path: Path) -> MapSource:
     """Reads a map file and tells by its root element, not by its name, what it is.
 
     Raises:
         MapError: The file is missing, unreadable, or no map of a known kind.
     """
-    try:
-        with _open(path) as file:
-            content = file.read(MAX_MAP_BYTES + 1)
-    except (OSError, ValueError) as error:
-        raise MapError(str(path), f"{ALLOWED}; {getattr(error, 'strerror', None) or error}") from error
-    for packing, unpacking in [way for magic, way in _PACKED.items() if content.startswith(magic)]:
-        try:
-            with unpacking(io.BytesIO(content)) as packed:
-                content = packed.read(MAX_MAP_BYTES + 1)
-        except (OSError, EOFError, zlib.error) as error:
-            raise MapError(str(path), f"{ALLOWED}; this {packing} file is damaged") from error
-    if len(content) > MAX_MAP_BYTES or content.count(b"<") > MAX_TAGS:
-        raise MapError(str(path), f"a map of at most {MAX_MAP_BYTES // 1_000_000} MB and {MAX_TAGS} XML tags")
+    content = unpacked(path)
     try:
         elements = iterparse(io.BytesIO(content), events=("start",), forbid_dtd=True)
         root = next((element.tag for _, element in elements), "")

@@ -19,7 +19,8 @@ from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS
 from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver, TrafficDrivers
-from siren_ros.simulation.scenario.presets import DriverPreset, TruncatedNormal, read_distribution
+from siren_ros.simulation.scenario.presets import DriverPreset, OncomingResponse, TruncatedNormal, read_distribution
+from siren_ros.simulation.traffic.demand.own_demand import OwnDemand
 from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass, by_class
 
 
@@ -284,6 +285,10 @@ class TrafficPlan:
     walkers_kept: int = 0
     traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
     """Parameters of all drivers."""
+    own: OwnDemand | None = None
+    """The user's traffic, which is then the only background."""
+    attention: tuple[int, float, OncomingResponse] = (0, 1.0, OncomingResponse())
+    """Seed and shares by which its drivers respond, as ``with_responses`` draws them for all others."""
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
 
@@ -320,7 +325,7 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
         for index, walker in enumerate(plan.walkers)
     )
     background, reserve = drawn("background"), drawn("reserve")
-    plan = replace(plan, walkers=walkers, riders=riders)
+    plan = replace(plan, walkers=walkers, riders=riders, attention=(seed, attentive, oncoming))
     return replace(plan, groups=drawn("groups"), background=background, reserve=reserve)
 
 

@@ -14,11 +14,23 @@ from xml.sax.saxutils import quoteattr
 import libsumo
 import numpy as np
 
+from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.geometry import Polyline, overlapping_pairs
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, RoadNetwork
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan, least_gap_m
+from siren_ros.simulation.scenario.presets import OncomingResponse
+from siren_ros.simulation.traffic.demand.own_demand import NAME_START, body_of
+from siren_ros.simulation.traffic.demand.plan import (
+    ClassDriving,
+    DriverModel,
+    LaneInterval,
+    PlannedVehicle,
+    Spot,
+    TrafficPlan,
+    least_gap_m,
+)
+from siren_ros.simulation.traffic.demand.road_users import draw_paint
 from siren_ros.simulation.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass, by_class
 
@@ -206,6 +218,31 @@ def length_scales(network: RoadNetwork) -> Mapping[str, float]:
     return {lane.lane_id: libsumo.lane.getLength(lane.lane_id) / lane.length_m for lane in network.lanes}
 
 
+_NO_PAINT: Final = (255, 255, 0)
+"""SUMO's colour of vehicles for which none is stated."""
+
+
+def own_vehicle(name: str, seed: int, attentive: float, oncoming: OncomingResponse) -> PlannedVehicle:
+    """A vehicle of the user's traffic, as SUMO has it; its driver's responses, and a missing paint, are drawn."""
+    of, draws = libsumo.vehicle, random_stream(seed, f"own/{name}")
+    sees, reacts = draws.random(2) < (attentive, oncoming.share)
+    colours, shape = (of.getColor(name), libsumo.vehicletype.getColor(of.getTypeID(name))), of.getShapeClass(name)
+    paints = [colour[:3] for colour in colours if colour[:3] != _NO_PAINT] or [draw_paint(draws)]
+    shaped = (kind for kind, own in _SHAPES.items() if own == shape and own.startswith("passenger/"))
+    driving = ClassDriving(of.getAccel(name), of.getDecel(name), of.getMinGap(name), of.getMaxSpeed(name))
+    return PlannedVehicle(
+        name,
+        next(shaped, body_of(of.getVehicleClass(name))),
+        *(of.getLength(name), of.getWidth(name), of.getHeight(name)),
+        paints[0],
+        DriverModel("", of.getSpeedFactor(name), of.getTau(name), of.getMaxSpeedLat(name), 0.0, 0.0, driving),
+        tuple(of.getRoute(name)),
+        Spot(NO_LANE, 0.0, of.getSpeed(name)),
+        attentive=bool(sees),
+        oncoming_share=oncoming.speed_share if reacts else 1.0,
+    )
+
+
 def route_id(name: str) -> str:
     """Name of a vehicle's planned route in SUMO."""
     return f"route.{name}"
@@ -349,12 +386,24 @@ class SumoPopulation:
                 departPos=repr(vehicle.spot.front_m * self.length_scale[lane.lane_id]),
                 departSpeed=repr(min(vehicle.spot.speed_mps, allowed_mps)),
             )
-            if not vehicle.attentive:  # SUMO's drivers always wait for vehicles that are already on the junction
-                emvs = " ".join(sorted({type_id(emv) for emv in self._plan.emvs}))
-                libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
-            libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
-            self.vehicles[vehicle.name] = vehicle
-            self._count(vehicle, 1)
+            self._keep(vehicle)
+
+    def take_in_own(self) -> None:
+        """Makes those actors of the episode that SUMO inserted of the user's traffic in the last step."""
+        departed = libsumo.simulation.getDepartedIDList() if self._plan.own else ()
+        for name in sorted(name for name in departed if name.startswith(NAME_START)):
+            vehicle = own_vehicle(name, *self._plan.attention)
+            libsumo.route.add(route_id(name), vehicle.route)
+            libsumo.vehicle.setRouteID(name, route_id(name))
+            self._keep(vehicle)
+
+    def _keep(self, vehicle: PlannedVehicle) -> None:
+        if not vehicle.attentive:  # SUMO's drivers always wait for vehicles that are already on the junction
+            emvs = " ".join(sorted({type_id(emv) for emv in self._plan.emvs}))
+            libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
+        libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
+        self.vehicles[vehicle.name] = vehicle
+        self._count(vehicle, 1)
 
     def _remove(self, name: str) -> None:
         libsumo.vehicle.unsubscribe(name)

@@ -12,7 +12,7 @@ import libsumo
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.base.numerics.compiled import YAW, compiled, wrapped_rad
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.world.actors import NO_ACTOR, EmvAdvice, Lights, TrafficFlags
@@ -188,6 +188,28 @@ def _readings(
         lights[k] = codes[int(numbers[SIGNALS, row]) & (_SIGNALS - 1)]
         indices[k] = int(numbers[ROUTE_INDEX, row])
     return out, lanes, lights, indices
+
+
+@compiled
+def simulated(
+    ids: Ids, poses: tuple[Floats, Floats, Floats, Floats], known: Ids, known_owner: Codes, motion: tuple[Floats, ...]
+) -> tuple[Floats, Codes]:
+    """x, y, yaw and speed of the simulated vehicles, SUMO's ``poses`` of others, shape ``(4, N)``; and owners.
+
+    ``known`` are the ids of simulated vehicles; both kinds of ids are sorted.
+    """
+    x_m, y_m, yaw_rad, vx_mps, vy_mps = motion
+    values, owner, k = np.empty((4, len(ids))), np.zeros(len(ids), np.uint8), 0
+    for row in range(len(ids)):
+        while k < len(known) and known[k] < ids[row]:
+            k += 1
+        if k < len(known) and known[k] == ids[row]:
+            values[X, row], values[Y, row], values[YAW, row] = x_m[k], y_m[k], yaw_rad[k]
+            values[_SPEED, row], owner[row] = np.hypot(vx_mps[k], vy_mps[k]), known_owner[k]
+        else:
+            for column in range(4):
+                values[column, row] = poses[column][row]
+    return values, owner
 
 
 def joined_rows(routes: Sequence[Sequence[int]]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:

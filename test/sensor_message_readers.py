@@ -10,7 +10,6 @@ from siren_ros.data.interfaces.measurements import from_quaternion, from_vector,
 from siren_ros.data.interfaces.messages import step_of, time_ns_of
 from siren_ros.simulation.world.carrier import AudioChunk, GnssFix, ImuSample, Odometry
 
-
 ENCODINGS = {"rgb8": ("u1", 3), "mono8": ("u1", 1), "mono16": ("<u2", 1), "32FC1": ("<f4", 1)}
 PLANAR = np.ix_([0, 1, 5], [0, 1, 5])
 """Indices of x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""

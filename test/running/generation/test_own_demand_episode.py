@@ -82,7 +82,7 @@ def test_a_bus_goes_on_to_its_stop_and_a_driver_keeps_the_headway_of_its_type(ep
 
 
 def test_the_record_holds_all_to_make_it_again(episode, tmp_path):
-    setup, _, record = episode
+    _, _, record = episode
     stored = record.description.parameters["demand"]
     assert stored["source"] == "own.sumocfg"
     assert fromstring(f"<a>{stored['xml']}</a>").find("flow") is not None
@@ -117,5 +117,5 @@ def test_sumos_refusal_names_the_demand(request_, tmp_path):
     file = tmp_path / "own.rou.xml"
     file.write_text('<routes><trip id="a" depart="0" from="e_c" to="c_w" departSpeed="quick"/></routes>')
     setup = set_up_episode(replace(request_, demand=str(file)))
-    with pytest.raises(InputError, match="own.rou.xml"):
+    with pytest.raises(InputError, match=r"own\.rou\.xml"):
         next(closed_loop(setup, 1))

@@ -438,6 +438,7 @@ class Stage:
             enter_background=lambda: None,
             enter_stage=lambda: None,
             drop_departed=lambda: self.departed,
+            take_in_own=lambda: None,
             refill=lambda points, civilians: self.refills.append((points, civilians)),
         )
         self.mirror = SimpleNamespace(
@@ -464,7 +465,15 @@ class Stage:
             monkeypatch.setattr(simulation_module, name, lambda *_, part=part: part)
         nobody = dict.fromkeys(("groups", "background", "reserve", "riders", "walkers"), ())
         plan: Any = SimpleNamespace(
-            emvs=(planned(EMV),), av=AV, civilians=2, jam=None, signal=None, warm_up_steps=0, traffic=None, **nobody
+            emvs=(planned(EMV),),
+            av=AV,
+            own=None,
+            civilians=2,
+            jam=None,
+            signal=None,
+            warm_up_steps=0,
+            traffic=None,
+            **nobody,
         )
         compiled_map: Any = SimpleNamespace(net_path="streets.net.xml")
         self.simulation = Corrected(compiled_map, NETWORK, plan, EmergencyLevel.L2)

@@ -110,7 +110,7 @@ def test_a_map_may_be_as_large_as_the_limit(tmp_path, monkeypatch, packed):
     monkeypatch.setattr(map_source, "MAX_MAP_BYTES", 100)
     assert read_map_source(path).content == content
     monkeypatch.setattr(map_source, "MAX_MAP_BYTES", 99)
-    with pytest.raises(MapError, match="a map of at most"):
+    with pytest.raises(MapError, match="a file of at most"):
         read_map_source(path)
 
 

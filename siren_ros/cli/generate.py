@@ -4,6 +4,7 @@ A study has one table of what became of its episodes. Other commands that make s
 """
 
 import argparse
+import shlex
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,9 +20,9 @@ from siren_ros.base.params.folders import named_params_file
 from siren_ros.base.tables import Row, Table
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.options import add_processes, check_numbers
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, MapError
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, MapError, whole_file, writing
 from siren_ros.running.generation.episode_setup import plan_length
-from siren_ros.running.generation.site_choice import count_lacks, has_shoulder, shortcomings
+from siren_ros.running.generation.site_choice import count_lacks, has_shoulder, proposed, shortcomings
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import (
     MOST_SAMPLES,
@@ -48,6 +49,7 @@ from siren_ros.running.studies.run_study import (
     run_study,
 )
 from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
+from siren_ros.simulation.roads.maps.amended_map import ADDITIONS, additions_of, amended_map
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, compile_map
 from siren_ros.simulation.roads.maps.map_source import maps_in
 from siren_ros.simulation.roads.net_parser import parse_road_network
@@ -113,7 +115,8 @@ def add_sites(verb: Command) -> None:
     verb.description = (
         "Lists the sites of a map for each template, the best first. A seed draws one of the good ones; a name "
         "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack. For "
-        "several maps, it counts their sites, and the places that lack something."
+        "several maps, it counts their sites, and the places that lack something. Where a map has no good site for a "
+        "template, a command is proposed that adds what it lacks."
     )
     verb.add_argument(
         "maps", nargs="*", metavar="MAP", help=f"map file, folder with map files, or {BUILT_IN} (default: town)"
@@ -123,20 +126,29 @@ def add_sites(verb: Command) -> None:
     verb.add_argument(
         "--out", type=Path, metavar="FILE.png", help="also draw the map with its sites, and what places lack"
     )
+    where = "; ".join(f"{kind}: {name}" for kind, name in ADDITIONS.items())
+    verb.add_argument("--mend", type=Path, metavar="OUT.net.xml", help="write a SUMO net with what --add says; list it")
+    verb.add_argument("--add", nargs="+", default=[], metavar="KIND:NAME", help=f"what --mend adds, and where: {where}")
     verb.set_defaults(run=list_sites)
 
 
 def list_sites(arguments: argparse.Namespace) -> int:
-    """Prints the table; a template without a line has no site on the map."""
+    """Prints the tables; a template without a line has no site on the map."""
     templates = [load_template(name) for name in arguments.templates or available_templates()]
     named = [Path(name) for name in arguments.maps]
     files = [file for path in named for file in (maps_in(path) if path.is_dir() else (path,))]
     if len(files) > 1 or any(path.is_dir() for path in named):
-        if arguments.out is not None:
-            raise InputError("out", str(arguments.out), "one map; several have a table alone")
+        if option := next((name for name in ("out", "mend") if getattr(arguments, name) is not None), ""):
+            raise InputError(option, str(getattr(arguments, option)), "one map; several have a table alone")
         print("\n".join("\n".join((*table.text(), "")) for table in _survey(files, templates)))
         return EXIT_OK
-    network = parse_road_network(compile_map(files[0] if files else None).read_bytes())
+    file = files[0] if files else None
+    if arguments.mend is not None or arguments.add:
+        file = _mended(file, arguments.mend, arguments.add)
+    net = compile_map(file).read_bytes()
+    network = parse_road_network(net)
+    if added := additions_of(net):
+        print("added to the map:", *added)
     found = [(template, shortcomings(right_hand_image(network), template)) for template in templates]
     rows = tuple(row for survey in found for row in _site_rows(network, *survey, lacking=arguments.all))
     print(*Table("sites", "", _SITES_HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
@@ -144,7 +156,30 @@ def list_sites(arguments: argparse.Namespace) -> int:
         from siren_ros.scoring.pictures.birdseye import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
 
         print(save_site_map(network, found, arguments.out))
+    rows = tuple(_proposal_row(net, file, template) for template, sites in found if all(sites.values()))
+    if rows := tuple(filter(None, rows)):
+        print("", *Table("proposals", "", _PROPOSALS_HEAD, rows).text(), sep="\n")
     return EXIT_OK
+
+
+_PROPOSALS_HEAD: Final = ("template", "site", "lacks", "what adds it")
+
+
+def _proposal_row(net: bytes, file: Path | None, template: Template) -> Row:
+    shown = str(file or TOWN)
+    name, lacks, additions = proposed(net, template, shown)
+    words = ("siren", "sites", shown, "--templates", template.template_id, "--mend", "OUT.net.xml", "--add", *additions)
+    return (template.template_id, name, lacks, shlex.join(words)) if additions else ()
+
+
+def _mended(file: Path | None, out: Path | None, additions: Sequence[str]) -> Path:
+    """Writes a map with additions, and returns its file."""
+    if out is None or not additions:
+        raise InputError("mend", str(out), "a file to write together with --add, what to add")
+    net = amended_map(compile_map(file).read_bytes(), additions, str(file or TOWN))
+    with writing(out, parameter="mend"), whole_file(out) as new:
+        new.write_bytes(net)
+    return out
 
 
 def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Table]:

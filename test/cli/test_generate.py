@@ -1,5 +1,6 @@
 """``siren generate`` and ``siren sites``."""
 
+import shlex
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from made_crossing import made_net
 from map_networks import network_of_map
 from repository import REPOSITORY
 
@@ -269,7 +271,9 @@ def test_where_no_site_is_good_all_are_listed(siren) -> None:
 
 def test_a_template_without_a_site_has_no_line(siren) -> None:
     file = str(REPOSITORY / "test" / "maps" / "signs.osm")
-    assert rows(siren(["sites", file, "--templates", "S7"]).out) == []
+    table, _, proposal = siren(["sites", file, "--templates", "S7"]).out.partition("\n\n")
+    assert rows(table) == []
+    assert proposal.splitlines()[1].startswith("S7")
 
 
 def test_several_maps_have_a_line_each_and_a_table_of_what_places_lack(siren, tmp_path: Path) -> None:
@@ -307,6 +311,26 @@ def test_what_alone_is_lacking_comes_first(siren) -> None:
 def test_a_picture_is_of_one_map(siren, tmp_path: Path) -> None:
     asked = ["sites", "town", "city", "--out", str(tmp_path / "sites.png")]
     assert siren(asked, 2).err.startswith("siren sites: out: ")
+
+
+def test_the_proposed_command_writes_a_map_with_a_good_site(siren, tmp_path: Path) -> None:
+    file, out = tmp_path / "crossing.net.xml", tmp_path / "mended.net.xml"
+    nodes = {"a": (0, 0), "n": (0, 300), "s": (0, -300), "w": (-300, 0), "e": (300, 0)}
+    file.write_bytes(made_net(tmp_path, nodes, ("a n", "a e", "a s", "a w")))
+    (command,) = [
+        line for line in siren(["sites", str(file), "--templates", "S5"]).out.splitlines() if "--mend" in line
+    ]
+    words = shlex.split(command[command.index("siren sites") :])
+    assert words[-4:] == ["--mend", "OUT.net.xml", "--add", "all_way_stop:a"]
+    first, *lines = siren([str(out) if word == "OUT.net.xml" else word for word in words[1:]]).out.splitlines()
+    assert first == "added to the map: all_way_stop:a"
+    assert "yes" in lines[1].split()
+    assert siren(["sites", str(out), "--templates", "S5"]).out.splitlines() == [first, *lines]
+
+
+@pytest.mark.parametrize("words", [["--add", "signal:a"], ["--mend", "x.net.xml"]])
+def test_a_mended_map_has_a_file_and_something_that_is_added(siren, words: list[str]) -> None:
+    assert siren(["sites", "town", *words], 2).err.startswith("siren sites: mend: ")
 
 
 def test_an_unknown_template_is_one_line(siren) -> None:

@@ -54,8 +54,6 @@ NUSCENES_FROM_LIDAR: Final = np.array([[0.0, -1.0, 0, 0], [1.0, 0, 0, 0], [0, 0,
 _SECTORS: Final = ((30.0, "CAM_FRONT"), (85.0, "CAM_FRONT_{side}"), (150.0, "CAM_BACK_{side}"), (181.0, "CAM_BACK"))
 """Largest angle from straight ahead in degrees, and the channel's name; nuScenes' cameras look at 0, 55, 110 and
 180."""
-LARGE_TABLES: Final = ("sample", "sample_data", "ego_pose", "sample_annotation")
-"""Tables that grow with the episode; their rows are written at once as JSON lines."""
 
 
 def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes") -> str:

@@ -1,7 +1,7 @@
 """Chooses where an episode happens: among sites with all that a template needs, by the seed."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -10,7 +10,9 @@ import shapely
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.errors import InputError, MapError
-from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.maps.amended_map import amended_map, places_for
+from siren_ros.simulation.roads.net_parser import parse_road_network
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Lack, Site, SiteKind, bridges, overlaps
@@ -109,6 +111,61 @@ def _prefer(found: dict[Site, tuple[Lack, ...]], text: str, preferred: Callable[
     good = [(site, preferred(site)) for site, lacking in found.items() if not lacking]
     if any(is_preferred for _, is_preferred in good):
         found.update({site: (Lack(text),) for site, is_preferred in good if not is_preferred})
+
+
+_MADE_BY: Final[Mapping[SiteKind, str]] = {
+    SiteKind.QUEUED_APPROACH: "signal",
+    SiteKind.SIGNAL_JUNCTION: "signal",
+    SiteKind.STOP_JUNCTION: "all_way_stop",
+    SiteKind.SHOULDER_RIGHT_TURN: "shoulder",
+}
+"""Additions to a map (``ADDITIONS``) that make sites of a kind."""
+_TRIED: Final = 3
+"""Sites that are tried for a proposal."""
+
+
+def proposed(net: bytes, template: Template, shown: str) -> tuple[str, str, tuple[str, ...]]:
+    """What could be added to a compiled map that has no good site for a template.
+
+    All places get the same addition, which shows where good sites could be; then the best ones alone are tried.
+
+    Args:
+        net: The map.
+        template: The template.
+        shown: The map's name in errors.
+
+    Returns:
+        The name of the site that becomes good, what it lacks, and texts for ``amended_map``; empty without one.
+    """
+    network = right_hand_image(parse_road_network(net))
+    lacks = {site.name: "; ".join(map(str, lacking)) for site, lacking in shortcomings(network, template).items()}
+    others = {place.edge: place.lacking for place in places_without_site(network, template.site_kind)}
+    for kind in (_MADE_BY.get(template.site_kind, ""), "longer" if lacks else ""):
+        places = places_for(network).get(kind, ())
+        for name, names in _good_after(net, [f"{kind}:{place}" for place in places], template, shown)[:_TRIED]:
+            additions = tuple(f"{kind}:{place}" for place in names if place in places)
+            if name in dict(_good_after(net, additions, template, shown)):
+                edge = network.edge_by_id[name.partition("..")[0]].index
+                return name, lacks.get(name) or others.get(edge, ""), additions
+    return "", "", ()
+
+
+def _good_after(
+    net: bytes, additions: Sequence[str], template: Template, shown: str
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """The names of the good sites of an amended map, each with those of its junction and of the edges on its way."""
+    try:
+        network = right_hand_image(parse_road_network(amended_map(net, additions, shown) if additions else b""))
+    except MapError:  # nothing is added, or netconvert refuses it
+        return ()
+    found = []
+    for site in good_sites(network, template):
+        turn = (site.site_edge, *site.beyond[:1])
+        edges = turn if site.kind is SiteKind.SHOULDER_RIGHT_TURN else site.route
+        found.append(
+            (site.name, (site.junction or "", *(network.edges[edge].edge_id for edge in dict.fromkeys(edges))))
+        )
+    return tuple(found)
 
 
 def has_shoulder(network: RoadNetwork, site: Site) -> bool:

@@ -319,13 +319,14 @@ def _lanes_and_edges(root: Element, offset_m: tuple[float, float]) -> tuple[tupl
                 to_junction=element.get("to", junction),
                 internal=function in _PATH_FUNCTIONS,
                 name=element.get("name", ""),
-                prolonged_m=_prolonged_m(element),
+                prolonged_m=prolonged_m(element),
             )
         )
     return tuple(lanes), tuple(edges)
 
 
-def _prolonged_m(edge: Element) -> float:
+def prolonged_m(edge: Element) -> float:
+    """Length by which an edge of a net was prolonged (``Edge.prolonged_m``)."""
     found = edge.find(f"param[@key='{PROLONGED}']")
     return 0.0 if found is None else float(found.get("value", "0"))
 

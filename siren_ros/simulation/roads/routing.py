@@ -1,4 +1,4 @@
-"""Ways over the network: movements across junctions, sequences of edges, the lanes along them, and the shortest ones.
+"""Ways over the network: movements across junctions, sequences of edges, and the lanes along them.
 
 Movements and roads relate: which cross, which have the same direction, which roads are opposite. Between lanes is the
 rescue lane (Rettungsgasse): German law (StVO § 11 (2)) asks for it on motorways and on roads out of town with two lanes

@@ -18,11 +18,13 @@ from siren_ros.running.generation.site_choice import (
     good_sites,
     has_shoulder,
     plan_at_site,
+    proposed,
     ranked_sites,
     shortcomings,
     sites_to_try,
 )
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.roads.maps.amended_map import amended_map
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.maps.netconvert import sumo_home
 from siren_ros.simulation.roads.net_parser import parse_road_network
@@ -355,3 +357,30 @@ def test_one_lane_is_enough_for_traffic_of_the_same_direction_unless_others_have
     assert [site.name for site, lacking in found.items() if lacking == only] == (
         [] if good == 4 else ["n_c..c_s", "s_c..c_n"]
     )
+
+
+CORNER = {"a": (0, 0), "n": (0, 300), "s": (0, -300), "w": (-300, 0), "e": (300, 0)}
+
+
+@pytest.mark.parametrize(
+    ("name", "addition"), [("S1", "signal:a"), ("S3", "signal:a"), ("S5", "all_way_stop:a"), ("S7", "shoulder:")]
+)
+def test_what_is_proposed_gives_a_map_a_good_site(tmp_path: Path, name: str, addition: str) -> None:
+    """A crossing of wide roads without control; their ends are prolonged."""
+    file = tmp_path / "corner.net.xml"
+    file.write_bytes(made_net(tmp_path, CORNER, ("a n", "a e", "a s", "a w")))
+    net, template = compile_map(file, tmp_path / "cache").read_bytes(), load_template(name)
+    assert good_sites(parse_road_network(net), template) == ()
+    site, lacks, additions = proposed(net, template, "it")
+    assert all(text.startswith(addition) for text in additions)
+    assert lacks in {place.lacking for place in places_without_site(parse_road_network(net), template.site_kind)}
+    amended = parse_road_network(amended_map(net, additions, "it"))
+    assert site in {good.name for good in good_sites(amended, template)}
+    plan_at_site(amended, sites_to_try(amended, template, 0, site, "it"), template, 0, load_drivers(), DIMENSIONS)
+
+
+def test_nothing_is_proposed_where_additions_do_not_help(tmp_path: Path) -> None:
+    """Nothing turns a town's streets into a motorway."""
+    file = tmp_path / "corner.net.xml"
+    file.write_bytes(made_net(tmp_path, CORNER, ("a n", "a e", "a s", "a w")))
+    assert proposed(compile_map(file, tmp_path / "cache").read_bytes(), load_template("S8"), "it") == ("", "", ())

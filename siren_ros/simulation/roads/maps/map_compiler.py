@@ -12,7 +12,7 @@ import logging
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element, ParseError
@@ -135,6 +135,8 @@ _OPENSTREETMAP: Final = (
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
+AMENDED: Final = (*_OPENSTREETMAP_SECOND, "--tls.default-type", "static", "--tls.yellow.time", "3")
+"""Options for a net to which signs and signals are added (``amended_map``)."""
 _JOINED_SIDEWALKS: Final = (*_COMMON, "--offset.disable-normalization", "--crossings.guess", "--walkingareas")
 _ONE_RUN: Final = {
     SourceKind.BUILT_IN: (_BUILT_IN, tuple(_PARTS.values())),
@@ -196,7 +198,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_peopl
     except OSError:
         refuse_unusable_map(loaded, shown)
         net = _compile(loaded, shown, for_people=for_people)
-        network = _parsed(net, shown)
+        network = parsed_map(net, shown)
         try:
             if loaded.kind is not SourceKind.BUILT_IN:
                 net = with_prolonged_ends(net, network)
@@ -208,7 +210,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None, *, for_peopl
     return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
 
 
-def _parsed(net: bytes, shown: str) -> RoadNetwork:
+def parsed_map(net: bytes, shown: str) -> RoadNetwork:
     """The road network of a net; the error names the map."""
     try:
         return parse_road_network(net)
@@ -247,25 +249,25 @@ def _cache_key(source: MapSource, recipe: str) -> str:
     return hashlib.sha256(b"".join(part.encode() + b"\0" for part in parts) + source.content).hexdigest()
 
 
+def converted(shown: str, options: Sequence[str], files: Files) -> bytes:
+    """What netconvert makes of files, each given by the option that names it; raises MapError as ``run_netconvert``."""
+    with tempfile.TemporaryDirectory(prefix="siren-map-") as folder:
+        for option, content in files.items():
+            path = Path(folder, f"file{option}.xml")
+            path.write_bytes(content)
+            options = (*options, option, str(path))
+        return run_netconvert(options, Path(folder, "out.net.xml"), shown)
+
+
 def _compile(source: MapSource, shown: str, *, for_people: bool) -> bytes:
     logging.getLogger("siren_ros").info("compiling the map %s; later calls have it from the cache", shown)
-    with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
-        folder = Path(scratch)
-
-        def run(options: Sequence[str], files: Mapping[str, bytes]) -> bytes:
-            """Runs netconvert on files, each given by the option that names it."""
-            for option, content in files.items():
-                path = folder / f"file{option}.xml"
-                path.write_bytes(content)
-                options = (*options, option, str(path))
-            return run_netconvert(options, folder / "out.net.xml", shown)
-
-        net = _streets(source, shown, run, for_people=for_people)
-        if not for_people or has_corners(net):
-            return without_outlines(net) if for_people else net
-        places = crossing_places(source, fromstring(net))
-        files = {"--sumo-net-file": net, "--connection-files": document("connections", places)}
-        return without_outlines(run(_JOINED_SIDEWALKS, files))
+    run = partial(converted, shown)
+    net = _streets(source, shown, run, for_people=for_people)
+    if not for_people or has_corners(net):
+        return without_outlines(net) if for_people else net
+    places = crossing_places(source, fromstring(net))
+    files = {"--sumo-net-file": net, "--connection-files": document("connections", places)}
+    return without_outlines(run(_JOINED_SIDEWALKS, files))
 
 
 def _streets(source: MapSource, shown: str, run: Callable[[Sequence[str], Files], bytes], *, for_people: bool) -> bytes:
@@ -309,14 +311,14 @@ def _openstreetmap_net(osm: bytes, first_net: bytes, shown: str, run: Callable[[
 
     Joints that would reach into other junctions or roads are left as they are.
     """
-    net, first = fromstring(first_net), _parsed(first_net, shown)
+    net, first = fromstring(first_net), parsed_map(first_net, shown)
     signs, priorities = control_patches(net, *signed_edges(osm, net), drives_on)
     edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]
     tapers = taper_patches(first)
     while signs or tapers or edges:
         nodes = document("nodes", [*signs, *tapers])
         patched = run({"--sumo-net-file": first_net, "--node-files": nodes, "--edge-files": document("edges", edges)})
-        crowded = crowded_joints(first, _parsed(patched, shown)) if tapers else ()
+        crowded = crowded_joints(first, parsed_map(patched, shown)) if tapers else ()
         if not crowded:
             return patched
         kept = [taper for taper in tapers if taper.attrib["id"] not in crowded]

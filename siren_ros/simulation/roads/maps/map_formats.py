@@ -19,7 +19,7 @@ there they are the lanes on the left).
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import chain, pairwise
 from typing import Final
 from xml.etree.ElementTree import Element, ParseError, SubElement
@@ -80,10 +80,12 @@ def opendrive_patches(
     except (KeyError, ValueError) as error:
         raise MapError(shown_source, f"an OpenDRIVE map whose signs are complete ({error!r})") from error
     nodes, priorities = control_patches(net, stopping, yielding, lambda edge: bool(_motor_lanes(edge)))
+    shoulders = {(edge.attrib["id"], index) for edge in normal_edges(net) for index in _open_shoulders(edge)}
+    along = (Element("connection", ends) for _, ends in shoulder_movements(net, shoulders))
     return {
         "--node-files": document("nodes", nodes),
         "--edge-files": document("edges", _edge_patches(net, priorities, for_people=for_people)),
-        "--connection-files": document("connections", _shoulder_connections(net)),
+        "--connection-files": document("connections", along),
     }
 
 
@@ -159,19 +161,29 @@ def _edge_patches(net: Element, priorities: Mapping[str, int], *, for_people: bo
         yield patch
 
 
-def _shoulder_connections(net: Element) -> Iterator[Element]:
-    """Movements from shoulder to shoulder, parallel to each straight or right movement of the lane on their left."""
-    shoulders = {(edge.attrib["id"], index) for edge in normal_edges(net) for index in _open_shoulders(edge)}
-    directions = {
-        ((c.attrib["from"], int(c.attrib["fromLane"])), (c.attrib["to"], int(c.attrib["toLane"]))): c.get("dir", "")
+def shoulder_movements(
+    net: Element, shoulders: Collection[tuple[str, int]]
+) -> Iterator[tuple[Element, dict[str, str]]]:
+    """Movements from shoulder to shoulder that a net lacks, given as edges and lane numbers.
+
+    Each is parallel to a straight or right movement of the lane on its left.
+
+    Yields:
+        That movement, and the attributes of the missing one.
+    """
+    movements = {
+        ((c.attrib["from"], int(c.attrib["fromLane"])), (c.attrib["to"], int(c.attrib["toLane"]))): c
         for c in net.iterfind("connection")
         if not c.attrib["from"].startswith(":")
     }
-    for ((source, from_lane), (target, to_lane)), direction in directions.items():
+    for ((source, from_lane), (target, to_lane)), movement in movements.items():
         beside = (source, from_lane - 1), (target, to_lane - 1)
-        if direction in {"s", "r", "R"} and beside not in directions and shoulders.issuperset(beside):
-            ends = {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)}
-            yield Element("connection", ends)
+        if (
+            movement.get("dir") in {"s", "r", "R"}
+            and beside not in movements
+            and all(lane in shoulders for lane in beside)
+        ):
+            yield movement, {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)}
 
 
 def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:

@@ -462,31 +462,35 @@ def with_cycle_lanes(files: Mapping[str, bytes]) -> Mapping[str, bytes]:
     widened = {edge.attrib["id"] for edge in edges.iterfind("edge") if edge.get("type") in _STREETS}
     for edge in edges.iterfind("edge"):
         if edge.attrib["id"] in widened:
-            _add_lane(edge)
+            edge.set("numLanes", str(insert_lane(edge, 1, Element("lane", CYCLE_LANE))))
     for part in (movements, signals):
         _lead_across(part, widened)
     return {option: document(root) for option, root in roots.items()}
 
 
-def _add_lane(edge: Element) -> None:
+def insert_lane(edge: Element, place: int, lane: Element) -> int:
+    """Puts a lane into an edge, and numbers all lanes anew; returns their number."""
+    edge.insert([*edge].index(edge.findall("lane")[place]), lane)
     lanes = edge.findall("lane")
-    for lane in lanes[1:]:
-        lane.set("index", str(int(lane.attrib["index"]) + 1))
-    edge.insert(1, Element("lane", CYCLE_LANE))
-    edge.set("numLanes", str(len(lanes) + 1))
+    for index, numbered in enumerate(lanes):
+        numbered.set("index", str(index))
+    return len(lanes)
+
+
+def renumber_lanes(part: Element, first: Mapping[str, int]) -> None:
+    """Moves the lane numbers of the movements of a document by one where a lane was inserted, by the edges' names."""
+    for movement in part.iterfind("connection"):
+        for end, number in (("from", "fromLane"), ("to", "toLane")):
+            if (place := int(movement.attrib[number])) >= first.get(movement.attrib[end], place + 1):
+                movement.set(number, str(place + 1))
 
 
 def _lead_across(part: Element, widened: set[str]) -> None:
-    """Moves the lane numbers of the movements by one, and adds the movements of cyclists.
-
-    Each has the signal of its direction's last lane.
-    """
+    """Renumbers lanes, and adds the movements of cyclists, each with the signal of its direction's last lane."""
+    renumber_lanes(part, dict.fromkeys(widened, 1))
     ways: dict[tuple[str, str], Element] = {}
     for movement in part.findall("connection"):
         pair = movement.attrib["from"], movement.attrib["to"]
-        for edge, lane in zip(pair, ("fromLane", "toLane"), strict=True):
-            if edge in widened and movement.attrib[lane] != "0":
-                movement.set(lane, str(int(movement.attrib[lane]) + 1))
         if movement.attrib["fromLane"] != "0" and not widened.isdisjoint(pair):
             ways[pair] = movement
     for movement in ways.values():

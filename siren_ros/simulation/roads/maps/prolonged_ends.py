@@ -7,7 +7,7 @@ road is continued in a straight line, with the lanes and limits that it has at i
 A road ends at the border where nothing of the map lies ahead. A cul-de-sac between other roads stays as it is.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement
 
@@ -17,7 +17,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.base.numerics.arrays import Points
 from siren_ros.simulation.roads.maps.netconvert import document, points_of, text_of
-from siren_ros.simulation.roads.net_parser import PROLONGED
+from siren_ros.simulation.roads.net_parser import PROLONGED, prolonged_m
 from siren_ros.simulation.roads.road_network import Edge, JunctionKind, Lane, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.simulation.roads.sites import LEAST_ROUTE_M
@@ -35,17 +35,18 @@ _ALIKE: Final = 0.98
 _CONTROLLED: Final = frozenset({JunctionKind.SIGNAL, JunctionKind.ALL_WAY_STOP, JunctionKind.PRIORITY_STOP})
 
 
-def with_prolonged_ends(net: bytes, network: RoadNetwork) -> bytes:
+def with_prolonged_ends(net: bytes, network: RoadNetwork, further: Collection[str] = ()) -> bytes:
     """A net whose roads between a junction and the border are at least ``NEEDED_M`` long, where there is space.
 
     Args:
         net: A SUMO net.
         network: The road network of this net.
+        further: Edges at open ends that become longer by up to ``NEEDED_M`` in any case, also towards other roads.
 
     Returns:
         The same bytes where no road is too short.
     """
-    shifts = dict(_shifts(network))
+    shifts = dict(_shifts(network, further))
     if not shifts:
         return net
     root = fromstring(net, forbid_dtd=True)
@@ -81,12 +82,22 @@ def _prolong(edge: Element, by: Mapping[str, Points]) -> None:
             point = points[-1 if end == "to" else 0].copy()
             point[:2] += shift
             part.set("shape", text_of(np.insert(points, len(points) if end == "to" else 0, point, axis=0)))
-    longer_m = sum(float(np.hypot(*shift)) for shift in by.values())
+    longer_m = prolonged_m(edge) + sum(float(np.hypot(*shift)) for shift in by.values())
+    for said in edge.findall(f"param[@key='{PROLONGED}']"):
+        edge.remove(said)
     SubElement(edge, "param", key=PROLONGED, value=f"{longer_m:.1f}")
 
 
-def _shifts(network: RoadNetwork) -> Iterator[tuple[str, Points]]:
-    """The dead ends that are moved, and by how much, shape ``(2,)``."""
+def open_edges(network: RoadNetwork) -> list[str]:
+    """Edges with an open end where they can become longer, in space between other roads, too."""
+    beside, at_end = roads_at(network)
+    named = {edge.edge_id: end for end in beside if len(beside[end]) == 1 for edge in at_end[end]}
+    ends = dict(_shifts(network, named))
+    return [name for name, end in named.items() if end in ends]
+
+
+def roads_at(network: RoadNetwork) -> tuple[dict[str, set[str]], dict[str, list[Edge]]]:
+    """By node, the nodes from and to which roads lead, and the edges with driving lanes that begin or end there."""
     beside: dict[str, set[str]] = {}
     at_end: dict[str, list[Edge]] = {}
     for edge in network.edges:
@@ -94,7 +105,15 @@ def _shifts(network: RoadNetwork) -> Iterator[tuple[str, Points]]:
             for end, other in ((edge.from_junction, edge.to_junction), (edge.to_junction, edge.from_junction)):
                 beside.setdefault(end, set()).add(other)
                 at_end.setdefault(end, []).append(edge)
+    return beside, at_end
+
+
+def _shifts(network: RoadNetwork, further: Collection[str]) -> Iterator[tuple[str, Points]]:
+    """The dead ends that are moved, and by how much, shape ``(2,)``."""
+    beside, at_end = roads_at(network)
     short = {end: NEEDED_M - _road_m(network, end, beside, at_end) for end in beside if len(beside[end]) == 1}
+    wanted = {end for end in short if any(edge.edge_id in further for edge in at_end[end])}
+    short |= dict.fromkeys(wanted, NEEDED_M)
     ends = sorted(end for end, lacking_m in short.items() if lacking_m >= _LEAST_M)
     areas = [_area(lane) for lane in network.lanes] if ends else []
     own = _lanes_at(network, ends)
@@ -102,14 +121,21 @@ def _shifts(network: RoadNetwork) -> Iterator[tuple[str, Points]]:
     for end in ends:
         along, corridor = _ahead(network, end, at_end[end])
         size_m = float(np.hypot(*np.subtract(*np.split(shapely.total_bounds(areas), 2))))
-        if not along.any() or not own[end].issuperset(tree.query(corridor(size_m), "intersects").tolist()):
+        if not along.any() or (end not in wanted and not _is_free(corridor(size_m), tree, own[end])):
             continue
         by_m = short[end]
-        while by_m >= _LEAST_M and any(corridor(by_m + _CLEAR_M).intersects(other) for other in taken):
+        while by_m >= _LEAST_M and not _is_free(corridor(by_m + _CLEAR_M), tree, own[end], taken):
             by_m -= _CLEAR_M
         if by_m >= _LEAST_M:
             taken.append(corridor(by_m))
             yield end, by_m * along
+
+
+def _is_free(
+    area: shapely.Polygon, lanes: shapely.STRtree, own: set[int], taken: Collection[shapely.Polygon] = ()
+) -> bool:
+    """Whether no lane but some lies in an area, and none of the areas that are taken already."""
+    return own.issuperset(lanes.query(area, "intersects").tolist()) and not any(map(area.intersects, taken))
 
 
 def _lanes_at(network: RoadNetwork, ends: Sequence[str]) -> dict[str, set[int]]:

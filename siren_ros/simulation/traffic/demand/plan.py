@@ -84,6 +84,8 @@ class DriverPopulation:
     speed_gain_eagerness: float
     cooperation: float
     classes: Mapping[ActorClass, ClassDriving]
+    gap_share: TruncatedNormal = TruncatedNormal(1.0, 0.0, 1.0, 1.0)
+    """Standing distance of a civilian driver over that of the vehicle's class."""
     traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
     """Parameters that are the same for all."""
 
@@ -106,7 +108,10 @@ class DriverPopulation:
         """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
         speed_factor, tau_s = self.speed_factor.draw(rng) * speed_scale, self.tau_s.draw(rng)
         sideways = self.max_lateral_speed_mps, self.speed_gain_eagerness, self.cooperation
-        return DriverModel(self.car_following, speed_factor, tau_s, *sideways, self.classes[actor_class])
+        driving = self.classes[actor_class]
+        if not actor_class.is_emergency:
+            driving = replace(driving, min_gap_m=driving.min_gap_m * self.gap_share.draw(rng))
+        return DriverModel(self.car_following, speed_factor, tau_s, *sideways, driving)
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,10 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
                 if (member.body is member and member not in TWO_WHEELED) or classes.has(member.name.lower())
             }
         ),
+        # Older records have no spread.
+        gap_share=read_distribution(top.mapping("gap_share"), 0.2, 5.0)
+        if top.has("gap_share")
+        else DriverPopulation.gap_share,
     )
     classes.finish()
     top.finish()

@@ -84,6 +84,24 @@ def test_speed_and_headway_are_drawn_one_after_the_other(tmp_path: Path) -> None
     assert (driver.speed_factor, driver.tau_s) == pytest.approx((rng.normal(1.0, 0.1), rng.normal(1.0, 0.2)))
 
 
+def test_civilians_differ_in_the_distance_at_which_they_stand_and_emergency_drivers_do_not(tmp_path: Path) -> None:
+    drivers = load(tmp_path, "classes:", "gap_share: {mean: 1.0, std: 0.4, min: 0.5, max: 2.0}\nclasses:")
+    assert drivers.gap_share == TruncatedNormal(1.0, 0.4, 0.5, 2.0)
+
+    def shares(kind: ActorClass) -> list[float]:
+        rng, usual_m = np.random.default_rng(1), drivers.classes[kind].min_gap_m
+        return [drivers.draw(kind, rng).driving.min_gap_m / usual_m for _ in range(500)]
+
+    drawn = shares(ActorClass.SEDAN)
+    assert min(drawn) >= 0.5
+    assert max(drawn) <= 2.0
+    assert 0.3 < np.std(drawn) < 0.45
+    assert shares(ActorClass.AMBULANCE) == [1.0] * 500
+    assert drivers.draw(ActorClass.SEDAN, np.random.default_rng(1)).driving.decel_mps2 == pytest.approx(
+        drivers.classes[ActorClass.SEDAN].decel_mps2
+    )
+
+
 @pytest.mark.parametrize(
     ("was", "becomes"),
     [

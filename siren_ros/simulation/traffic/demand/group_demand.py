@@ -27,6 +27,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     way_to_stop_line_m,
 )
 from siren_ros.simulation.traffic.demand.plan import (
+    LEAST_HEADWAY_S,
     LaneChain,
     LaneInterval,
     PlannedVehicle,
@@ -395,6 +396,9 @@ class _GroupPlanner:
             self.foremost_m = max(self.foremost_m, front_m)
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
         driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
+        # A driver who keeps a longer distance than the one at which it starts would brake at once.
+        headway_s = max((spacing - driver.driving.min_gap_m) / speed, LEAST_HEADWAY_S)
+        driver = replace(driver, tau_s=min(driver.tau_s, headway_s))
         limit = self.network.lanes[lane].speed_limit_mps
         if group.anchor is GroupAnchor.ARRIVAL:  # slow drivers would delay a stream, which would then come too late
             driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))

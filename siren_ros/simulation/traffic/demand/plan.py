@@ -48,6 +48,8 @@ class JamHead:
         return self.roll_mps if into_s < self.roll_s else 0.0
 
 
+LEAST_HEADWAY_S: Final = 0.3
+"""Least time headway that a driver may have."""
 CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
 
 
@@ -73,6 +75,9 @@ class ClassDriving:
     max_speed_mps: float
 
 
+_SAME: Final = TruncatedNormal(1.0, 0.0, 1.0, 1.0)
+
+
 @dataclass(frozen=True)
 class DriverPopulation:
     """Distributions and constants from which drivers are drawn."""
@@ -84,7 +89,7 @@ class DriverPopulation:
     speed_gain_eagerness: float
     cooperation: float
     classes: Mapping[ActorClass, ClassDriving]
-    gap_share: TruncatedNormal = TruncatedNormal(1.0, 0.0, 1.0, 1.0)
+    gap_share: TruncatedNormal = _SAME
     """Standing distance of a civilian driver over that of the vehicle's class."""
     traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
     """Parameters that are the same for all."""
@@ -140,7 +145,7 @@ def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK)
     population = DriverPopulation(
         car_following=top.text("car_following", CAR_FOLLOWING_MODELS),
         speed_factor=read_distribution(top.mapping("speed_factor"), 0.1, 2.0),
-        tau_s=read_distribution(top.mapping("tau_s"), 0.3, 5.0),
+        tau_s=read_distribution(top.mapping("tau_s"), LEAST_HEADWAY_S, 5.0),
         max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
         speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
         cooperation=top.number("cooperation", 0.0, 1.0),

@@ -217,8 +217,8 @@ def test_a_nema_programme_is_fixed_ring_by_ring_and_waits_at_its_barriers() -> N
     assert [phase.state for phase in rotated] == [phase.state for phase in cycle]
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None:
+def green_after_stream_s(seed: int) -> float | None:
+    """Time from the last vehicle of the stream to red; None where some of them do not cross before the EMV comes."""
     compiled, network = load_map(None)
     plan, _, site = plan_of("S3", network, seed)
     timing = plan.signal
@@ -237,8 +237,15 @@ def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None
                 red_s = step * STEP_S
                 break
     assert red_s is not None
-    assert red_s - crossed["neighbours0"] == pytest.approx(1.2, abs=0.7)
-    assert crossed["neighbours0"] == max(crossed[name] for name in timing.platoon if name in crossed)
+    if not crossed.keys() >= set(timing.platoon):
+        return None
+    return red_s - max(crossed[name] for name in timing.platoon)
+
+
+def test_the_green_ends_behind_the_last_vehicle_of_the_stream() -> None:
+    after_s = [late_s for seed in range(4) if (late_s := green_after_stream_s(seed)) is not None]
+    assert len(after_s) >= 2
+    assert after_s == pytest.approx([1.2] * len(after_s), abs=0.7)
 
 
 PROGRAMME = [SignalPhase(10.0, "rG"), SignalPhase(3.0, "ry"), SignalPhase(20.0, "Gr"), SignalPhase(3.0, "yr")]

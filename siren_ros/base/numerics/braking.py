@@ -60,11 +60,9 @@ def safe_following_mps(lead_mps: float, free_m: float, brake_mps2: float, reacti
 
 
 def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Unsigned curvature of a path at arc lengths, shape of ``s_m``; near the path's ends it uses a shorter window."""
-    before = np.clip(s_m - _HALF_WINDOW_M, 0.0, path.length_m)
-    after = np.clip(s_m + _HALF_WINDOW_M, 0.0, path.length_m)
-    turned = np.abs(wrap_angle(path.heading_rad(after) - path.heading_rad(before)))
-    return np.asarray(turned / np.maximum(after - before, SAMPLE_M))
+    """Unsigned curvature of a path at arc lengths, shape of ``s_m``; before and behind the path it goes straight on."""
+    turned = wrap_angle(path.heading_rad(s_m + _HALF_WINDOW_M) - path.heading_rad(s_m - _HALF_WINDOW_M))
+    return np.abs(turned) / (2.0 * _HALF_WINDOW_M)
 
 
 def bend_speeds_mps(path: Polyline, lateral_accel_mps2: float) -> Speeds:

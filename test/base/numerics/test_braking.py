@@ -23,11 +23,13 @@ def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m):
     assert speeds[len(speeds) // 2] == pytest.approx(np.sqrt(3.0 * radius_m), rel=0.05)
 
 
-@pytest.mark.parametrize("radius_m", [6.0, 15.0])
-def test_at_its_ends_a_circle_is_as_curved_as_in_its_middle(radius_m):
-    path = circle(radius_m, 1.5)
-    places = np.array([0.0, 0.5, path.length_m - 0.5, path.length_m])
-    assert braking.curvature_1pm(path, places) == pytest.approx(np.full(4, 1.0 / radius_m), rel=0.1)
+@pytest.mark.parametrize("corner_m", [0.5, 10.0, 19.5])
+def test_a_corner_near_an_end_of_a_path_bends_it_no_more_than_elsewhere(corner_m):
+    turned = 0.3
+    end = corner_m + (20.0 - corner_m) * np.cos(turned), (20.0 - corner_m) * np.sin(turned)
+    path = Polyline.through([[0.0, 0.0], [corner_m, 0.0], end])
+    curvature = braking.curvature_1pm(path, np.arange(0.0, 20.0, 0.25))
+    assert curvature.max() == pytest.approx(turned / 4.0)
 
 
 def test_a_straight_road_has_no_limit():

@@ -435,13 +435,17 @@ def chain_of(network: RoadNetwork, lanes: Sequence[int]) -> LaneChain:
 
 
 def connection_onward(network: RoadNetwork, lane: Lane, following: int) -> Connection | None:
-    """The movement from a lane to an edge; where there is none, from the nearest driving lane of the same edge."""
+    """The movement from a lane to an edge, the first of ``connections_onward``; None where there is none."""
+    return next(iter(connections_onward(network, lane, following)), None)
+
+
+def connections_onward(network: RoadNetwork, lane: Lane, following: int) -> tuple[Connection, ...]:
+    """The movements from a lane to an edge; where there are none, from the nearest driving lane of the same edge."""
     siblings = [network.lanes[index] for index in network.edges[lane.edge].lanes]
     for source in sorted(siblings, key=lambda other: (abs(other.position - lane.position), other.position)):
-        if source.kind is not LaneKind.DRIVING:
-            continue
-        for connection in network.connections_from.get(source.index, ()):
-            target = network.lanes[connection.to_lane]
-            if target.edge == following and target.kind is LaneKind.DRIVING:
-                return connection
-    return None
+        movements = network.connections_from.get(source.index, ()) if source.kind is LaneKind.DRIVING else ()
+        targets = ((network.lanes[movement.to_lane], movement) for movement in movements)
+        found = tuple(movement for to, movement in targets if to.edge == following and to.kind is LaneKind.DRIVING)
+        if found:
+            return found
+    return ()

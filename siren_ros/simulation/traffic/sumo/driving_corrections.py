@@ -8,19 +8,25 @@
 
 from collections.abc import Container, Mapping, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise, takewhile
 from typing import Final
 
 import libsumo
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, braking_distance_m, with_braking
-from siren_ros.base.numerics.compiled import compiled
+from siren_ros.base.numerics.braking import (
+    SAMPLE_M,
+    bend_speeds_mps,
+    braking_distance_m,
+    speed_before_mps,
+    with_braking,
+)
+from siren_ros.base.numerics.compiled import compiled, within
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, connection_onward
+from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, connections_onward
 from siren_ros.simulation.traffic.sumo.readings import ALONG, ASIDE, SPEED, SumoColumns, X, Y
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
 
@@ -39,11 +45,12 @@ _FIRST, _SAMPLES = range(2)
 """Columns of its profiles."""
 _IN_BEND, _BEFORE_BEND = range(2)
 """Rows of the speeds of profiles."""
+_LEAST_REST_M: Final = 1e-3
+"""Least distance from a lane's last sample to its end, because the slope of the speed divides by it."""
 _PLACE, _BEND_SPEED = range(2)
 """Columns of the table of places that a vehicle has passed."""
 _AHEAD_M: Final = 90.0
 """Distance within which a bend ahead counts: 16 m/s come down to walking speed within it."""
-_EDGES_AHEAD: Final = 4
 _STEP_MPS: Final = 0.05
 """Smallest change of a speed limit that is sent to SUMO."""
 
@@ -75,10 +82,11 @@ class _Profiles:
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
         lanes_of = ((*connection.via, connection.to_lane) for connection in network.connections)
-        self._onward = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
+        self._after = dict(pair for lanes in lanes_of for pair in pairwise(lanes))
         """The lane that follows each internal lane."""
         self._of_route: dict[tuple[int, tuple[int, ...]], range] = {}
-        self._of_lanes: dict[tuple[int, ...], range] = {}
+        self._entries_mps: dict[tuple[int, tuple[int, ...]], float] = {}
+        """Speed at which one may come to a lane, given the edges of the route."""
         self._used = 0
         self.speeds_mps = np.empty((2, 0))
         """Of all profiles: that of the bend at a place, and that from which one still slows down for what follows."""
@@ -91,41 +99,50 @@ class _Profiles:
 
     def of(self, lane: Lane, edges: tuple[int, ...]) -> range:
         """Which of ``speeds_mps`` are those of a lane, metre by metre, with regard to what follows it on the route."""
-        key = (lane.index, edges)
+        lengths_m = (self._network.lanes[self._network.edges[edge].lanes[0]].length_m for edge in edges[1:])
+        starts_m = accumulate(lengths_m, initial=0.0)
+        near = edges[: 1 + sum(1 for _ in takewhile(look_ahead_m(lane).__gt__, starts_m))]
+        key = (lane.index, near)
         if key not in self._of_route:
-            lanes = tuple(self._lanes_ahead(lane, edges))
-            if lanes not in self._of_lanes:
-                self._of_lanes[lanes] = self._profile(lane, lanes)
-            self._of_route[key] = self._of_lanes[lanes]
+            speeds = self._speeds_mps(lane, near)
+            first, self._used = self._used, self._used + speeds.shape[1]
+            if self._used > self.speeds_mps.shape[1]:
+                self.speeds_mps = np.concatenate((self.speeds_mps, np.empty((2, self._used))), axis=1)
+            self.speeds_mps[:, first : self._used] = speeds
+            self._of_route[key] = range(first, self._used)
         return self._of_route[key]
 
-    def _profile(self, lane: Lane, lanes: Sequence[int]) -> range:
-        path = Polyline.joined([self._network.lanes[index].centre for index in lanes])
-        reach = path.cut(0.0, min(path.length_m, lane.length_m + look_ahead_m(lane)))
-        bend, count = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
-        speeds = np.stack((bend[:count], with_braking(bend, BRAKING_MPS2)[:count]))
-        first, self._used = self._used, self._used + speeds.shape[1]
-        if self._used > self.speeds_mps.shape[1]:
-            self.speeds_mps = np.concatenate((self.speeds_mps, np.empty((2, self._used))), axis=1)
-        self.speeds_mps[:, first : self._used] = speeds
-        return range(first, self._used)
+    def _speeds_mps(self, lane: Lane, edges: tuple[int, ...]) -> Floats:
+        """The profile of a lane, as in ``speeds_mps``; the lowest where several lanes of the route may follow."""
+        samples, ways = int(lane.length_m / SAMPLE_M) + 1, []
+        onward: list[tuple[Lane | None, tuple[int, ...]]] = [*self._onward(lane, edges)]
+        for following, left in onward or [(None, ())]:
+            parts = [lane.centre] if following is None else [lane.centre, following.centre]
+            bend = bend_speeds_mps(Polyline.joined(parts), LATERAL_ACCEL_MPS2)[:samples]
+            rest_m = max(lane.length_m - (len(bend) - 1) * SAMPLE_M, _LEAST_REST_M)
+            entry_mps = np.inf if following is None else self._entry_mps(following, left)
+            last_mps = min(bend[-1], speed_before_mps(entry_mps**2, BRAKING_MPS2, rest_m))
+            before = with_braking(np.append(bend[:-1], last_mps), BRAKING_MPS2)
+            # Between the last sample and one beyond the lane the speed comes down to that at the lane's end.
+            beyond_mps = last_mps + min(entry_mps - last_mps, 0.0) / rest_m * SAMPLE_M
+            ways.append((np.append(bend, bend[-1]), np.append(before, beyond_mps)))
+        return np.min(ways, axis=0)
 
-    def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
-        """The lane and those that follow it on the route, at least as far as a bend counts."""
-        lanes, ahead_m, current = [lane.index], 0.0, lane
-        while current.kind is LaneKind.INTERNAL and current.index in self._onward:
-            current = self._network.lanes[self._onward[current.index]]
-            lanes.append(current.index)
-            ahead_m += current.length_m
-        left = list(edges[edges.index(current.edge) + 1 :]) if current.edge in edges else []
-        while left and ahead_m < look_ahead_m(lane):
-            step = connection_onward(self._network, current, left.pop(0))
-            if step is None:
-                break
-            current = self._network.lanes[step.to_lane]
-            lanes += [*step.via, current.index]
-            ahead_m += self._network.length_m((*step.via, current.index))
-        return lanes
+    def _entry_mps(self, lane: Lane, edges: tuple[int, ...]) -> float:
+        key = (lane.index, edges)
+        if key not in self._entries_mps:
+            self._entries_mps[key] = float(self._speeds_mps(lane, edges)[_BEFORE_BEND, 0])
+        return self._entries_mps[key]
+
+    def _onward(self, lane: Lane, edges: tuple[int, ...]) -> list[tuple[Lane, tuple[int, ...]]]:
+        """The lanes that may follow a lane on the route, each with the edges from there on."""
+        if lane.index in self._after:
+            following = self._network.lanes[self._after[lane.index]]
+            return [(following, edges if following.kind is LaneKind.INTERNAL else edges[1:])]
+        edges = edges[edges.index(lane.edge) :] if lane.edge in edges else ()
+        found = connections_onward(self._network, lane, edges[1]) if len(edges) > 1 else ()
+        nexts = (self._network.lanes[(*connection.via, connection.to_lane)[0]] for connection in found)
+        return [(other, edges if other.kind is LaneKind.INTERNAL else edges[1:]) for other in nexts]
 
 
 def look_ahead_m(lane: Lane) -> float:
@@ -203,10 +220,10 @@ class BendLimits:
         self._limits_mps[new] = self._bodies[new, _WISHED]
 
     def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
-        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
+        """The edge that a vehicle is on, or comes from inside a junction, and all that follow on its route."""
         if name not in self._routes:
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
-        return self._routes[name][max(index, 0) :][:_EDGES_AHEAD]
+        return self._routes[name][max(index, 0) :]
 
 
 @compiled
@@ -232,10 +249,13 @@ def _bend_limits(
         scale, first, samples = scales[row], profiles[row, _FIRST], profiles[row, _SAMPLES]
         limit = wished
         if samples > 0 and not outside[row]:
-            at = first + min(max(int(numbers[ALONG, row] / scale / SAMPLE_M), 0), samples - 1)
+            place = within(numbers[ALONG, row] / scale / SAMPLE_M, 0.0, samples - 1.0)
+            at = first + min(int(place), samples - 2)
+            ahead_mps, next_mps = speeds_mps[_BEFORE_BEND, at], speeds_mps[_BEFORE_BEND, at + 1]
+            ahead_mps += (place - (at - first)) * min(next_mps - ahead_mps, 0.0)
             moved_m, bend_mps = numbers[SPEED, row] / scale * STEP_S, speeds_mps[_IN_BEND, at]
             held = _slowest_held(passed[row], passed_count, row, moved_m, bend_mps, length_m)
-            limit = min(wished, bodies[row, _SHARE] * scale * min(held, speeds_mps[_BEFORE_BEND, at]))
+            limit = min(wished, bodies[row, _SHARE] * scale * min(held, ahead_mps))
         before = limits_mps[row]
         if abs(limit - before) >= _STEP_MPS or (limit != before and wished in (limit, before)):
             limits_mps[row] = limit

@@ -36,7 +36,13 @@ from siren_ros.running.studies.matrix import seeds_of
 from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
 from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
-from siren_ros.scoring.judging.outcome import Realisation, evaluate_predicate, realisation_of, summarise_residuals
+from siren_ros.scoring.judging.outcome import (
+    Realisation,
+    evaluate_predicate,
+    longest_standstill,
+    realisation_of,
+    summarise_residuals,
+)
 from siren_ros.scoring.judging.verify import PhysicsSummary, VerifyLimits, check_states, summarise_physics
 from siren_ros.scoring.pictures.birdseye import save_episode_picture
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
@@ -48,9 +54,6 @@ from siren_ros.simulation.scenario.paper import TEMPLATES, EmergencyLevel, level
 from siren_ros.simulation.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.world.actors import EventKind
-
-STILL_MPS: Final = 0.1
-"""An EMV slower than this stands."""
 
 
 @dataclass(frozen=True)
@@ -128,20 +131,13 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         residual_p50_m=residual.median_m,
         residual_p99_m=residual.p99_m,
         residual_max_m=residual.max_m,
-        standstill_s=max(longest_standstill_s(emv.speed_mps) for emv in emvs),
+        standstill_s=max(longest_standstill(emv.speed_mps)[0] for emv in emvs),
         emv_speed_mps=float(first.speed_mps.mean()) if len(first.speed_mps) else 0.0,
         cv_ade_m=float("nan") if ade.value is None else ade.value,
         step_ms=step_ms,
         realisation=realisation_of(record),
         way_m=np.cumsum(moved),
     )
-
-
-def longest_standstill_s(speed_mps: npt.NDArray[np.float64]) -> float:
-    """Longest uninterrupted time below ``STILL_MPS``; the speeds are those of consecutive steps."""
-    still = np.concatenate(([False], speed_mps < STILL_MPS, [False])).astype(np.int8)
-    begins, ends = np.flatnonzero(np.diff(still) == 1), np.flatnonzero(np.diff(still) == -1)
-    return float((ends - begins).max(initial=0)) * STEP_S
 
 
 def travel_times_s(first: EpisodeFigures, second: EpisodeFigures) -> tuple[float, float]:

@@ -24,6 +24,7 @@ from siren_ros.scoring.judging.verdict import (
     at_least,
     closest_of,
     first_reaching,
+    listed,
     more_than,
     verdict_of,
 )
@@ -301,7 +302,8 @@ def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> V
         if traversal.actor_id in record.emv_ids[:1] and applies:
             inside = _inside(network, traversal, civilians, crossing=others == "crossing_inside")
             parts = (_at_the_line(record, traversal, speed_min_mps), _count(others, traversal, inside))
-            verdicts.append(verdict_of(parts, _sentence(record, parts, traversal)))
+            through = _through(record, traversal)
+            verdicts.append(verdict_of((*parts, through), _sentence(record, parts, traversal)))
     nowhere = f"the EMV crosses {'a junction with a signal' if speed_min_mps is None else 'a stop line'} nowhere"
     line_part = (
         at_least("against_red", 0, 1, nowhere)
@@ -324,6 +326,12 @@ def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: flo
         letter = signal_letter(record, traversal)
         return at_least("against_red", letter in RED, 1, f"{where} on {letter or 'no signal'}", entry)
     return more_than("stop_line_mps", least_free_speed_mps(record, traversal), speed_min_mps, where, entry)
+
+
+def _through(record: EpisodeRecord, traversal: Traversal) -> Part:
+    """Whether the EMV's rear is on the exit lane, or it is past it, before the record ends."""
+    out = [Moment(traversal.leave_step, traversal.actor_id)] if traversal.leave_step <= record.states[-1].step else []
+    return at_least("through", len(out), 1, listed(out), *out)
 
 
 def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversal], crossing: bool) -> list[Traversal]:
@@ -407,6 +415,7 @@ def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Ve
     parts = (
         at_least("right_turn_deg", turned_deg, TURN_MIN_DEG, where, *reached(course_deg, TURN_MIN_DEG)),
         at_least("shoulder_s", shoulder_s, needed_s, times_text(rows, on_shoulder), *reached(so_far_s, needed_s)),
+        _through(record, traversal),
     )
     text = f"the EMV was on the shoulder for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"
     return verdict_of(parts, text)

@@ -21,6 +21,7 @@ from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.recording.episode_record import EpisodeRecord, RecordBuilder, StateRows
 from siren_ros.data.tracks import ahead_and_left_m, common_rows
 from siren_ros.errors import BagError, SirenError
+from siren_ros.scoring.judging.corridor_templates import STANDING_MPS as AT_REST_MPS
 from siren_ros.scoring.judging.corridor_templates import queues_split, rescue_lane
 from siren_ros.scoring.judging.junction_templates import (
     find_traversals,
@@ -32,7 +33,16 @@ from siren_ros.scoring.judging.junction_templates import (
 )
 from siren_ros.scoring.judging.lane_clearance import lane_cleared
 from siren_ros.scoring.judging.surrogate_safety import encounters_of, post_encroachment, predicted_contacts
-from siren_ros.scoring.judging.verdict import Moment, Verdict, at_least, verdict_of, with_sides_exchanged
+from siren_ros.scoring.judging.verdict import (
+    Moment,
+    Part,
+    Verdict,
+    at_least,
+    at_most,
+    listed,
+    verdict_of,
+    with_sides_exchanged,
+)
 from siren_ros.simulation.roads.sites import middle_of_site
 from siren_ros.simulation.scenario import scenario as declared
 from siren_ros.simulation.scenario.episode import DEMAND_PARAMETER, EpisodeOutcome
@@ -109,7 +119,31 @@ def verdicts_of_others(record: EpisodeRecord) -> dict[int, Verdict]:
 
 def _judged(record: EpisodeRecord, name: str, thresholds: Mapping[str, float]) -> Verdict:
     verdict = PREDICATES[name](record.right_hand, thresholds)
-    return with_sides_exchanged(verdict) if record.network.left_hand else verdict
+    verdict = with_sides_exchanged(verdict) if record.network.left_hand else verdict
+    stands = [_stands(record, emv_id, thresholds) for emv_id in record.emv_ids[:1]]
+    return verdict_of((*verdict.parts, *stands), verdict.text)
+
+
+def _stands(record: EpisodeRecord, emv_id: int, thresholds: Mapping[str, float]) -> Part:
+    """Whether an EMV gets through: it stands for some seconds at most, at a time."""
+    track = record.track(emv_id)
+    longest_s, row = longest_standstill(track.speed_mps)
+    most_s = thresholds.get(declared.STANDS_MAX, declared.STANDS_MAX_S)
+    moments = [Moment(int(track.step[row]), emv_id)] if longest_s else []
+    return at_most("standstill_s", longest_s, most_s, listed(moments), *moments)
+
+
+def longest_standstill(speed_mps: Floats) -> tuple[float, int]:
+    """Longest uninterrupted time for which an actor stands, in seconds, and the row at which it begins.
+
+    The speeds are those of consecutive steps. A vehicle that rolls out, below 0.3 m/s, stands.
+    """
+    still = np.concatenate(([False], speed_mps <= AT_REST_MPS, [False])).astype(np.int8)
+    begins, ends = np.flatnonzero(np.diff(still) == 1), np.flatnonzero(np.diff(still) == -1)
+    if not len(begins):
+        return 0.0, 0
+    longest = int(np.argmax(ends - begins))
+    return float(ends[longest] - begins[longest]) * STEP_S, int(begins[longest])
 
 
 def _crossing(record: EpisodeRecord, emv_id: int) -> Verdict:
@@ -379,12 +413,17 @@ def demand_measures(record: EpisodeRecord) -> dict[str, int | str]:
 
 
 def _drive_of(record: EpisodeRecord, emv_id: int) -> dict[str, float]:
-    """Distance and mean speed of an EMV; empty if it was never present."""
+    """Distance, mean speed and standing of an EMV; empty if it was never present."""
     emv = record.track(emv_id)
     if not len(emv):
         return {}
     distance_m = float(np.sum(np.hypot(np.diff(emv.x_m), np.diff(emv.y_m))))
-    return {"distance_m": distance_m, "mean_speed_mps": float(np.mean(emv.speed_mps))}
+    return {
+        "distance_m": distance_m,
+        "mean_speed_mps": float(np.mean(emv.speed_mps)),
+        "standing_share": float(np.mean(emv.speed_mps <= AT_REST_MPS)),
+        "standstill_s": longest_standstill(emv.speed_mps)[0],
+    }
 
 
 def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:

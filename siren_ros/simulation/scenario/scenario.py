@@ -351,6 +351,10 @@ class PredicateDeclaration:
     """Least level at which the cause of the interaction exists; below it the predicate must not hold."""
 
 
+STANDS_MAX: Final = "standstill_max_s"
+"""Threshold that every template may set: the longest time for which the EMV may stand."""
+STANDS_MAX_S: Final = 15.0
+"""The same where the template does not: five times the standstill after which an EMV seeks a way round (paper: 3 s)."""
 _SPEED_MIN: Final = {"speed_min_mps": (0.1, 20.0)}
 
 RESCUE_LANE: Final = PredicateDeclaration(

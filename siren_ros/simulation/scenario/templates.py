@@ -14,6 +14,7 @@ from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 from siren_ros.simulation.scenario.scenario import (
     DECLARED_PREDICATES,
+    STANDS_MAX,
     BehaviourFamily,
     CivilianResponseDemand,
     Demand,
@@ -336,4 +337,6 @@ def _predicate(section: StrictMapping) -> PredicateDemand:
     name = section.text("name", DECLARED_PREDICATES)
     limits = DECLARED_PREDICATES[name].thresholds
     thresholds = {key: section.number(key, low, high) for key, (low, high) in limits.items()}
+    if section.has(STANDS_MAX):
+        thresholds[STANDS_MAX] = section.number(STANDS_MAX, 0.0, 600.0)
     return _finished(section, PredicateDemand(name, thresholds))

@@ -32,7 +32,6 @@ from siren_ros.lab.benchmarks.templates import (
     compared_text,
     details_of,
     json_row,
-    longest_standstill_s,
     placebo_levels,
     placebo_row,
     row_of,
@@ -52,12 +51,6 @@ from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, E
 
 def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tuple[str, ...] = ()) -> EpisodeFigures:
     return EpisodeFigures("S1", seed, holds=holds, failing=failing, way_m=np.array(way_m), cv_ade_m=1.0)
-
-
-def test_longest_standstill_counts_one_unbroken_stop() -> None:
-    speed = np.array([0.0] * 10 + [5.0] + [0.05] * 30 + [1.0] + [0.0] * 20)
-    assert longest_standstill_s(speed) == pytest.approx(1.5)
-    assert longest_standstill_s(np.array([1.0, 2.0])) == 0.0
 
 
 def test_travel_times_compare_the_way_that_both_cover() -> None:

@@ -161,8 +161,12 @@ def _parts(verdict: object) -> dict[str, tuple[float, bool]]:
 def test_red_with_a_vehicle_beside_holds_and_names_it():
     verdict = red_same_direction(_with(Driven(LEFT_LANE, INSIDE)), {})
     assert verdict.holds
-    assert _parts(verdict) == {"against_red": (1.0, True), "same_direction_inside": (1.0, True)}
-    line_part, others = verdict.parts
+    assert _parts(verdict) == {
+        "against_red": (1.0, True),
+        "same_direction_inside": (1.0, True),
+        "through": (1.0, True),
+    }
+    line_part, others, _ = verdict.parts
     assert line_part.detail == "EMV 1 in junction J from 2.7 s to 6.3 s on r"
     assert others.detail == "2 from 1.6 s to 7.6 s"
     assert line_part.moments == (Moment(54, EMV),)
@@ -186,6 +190,14 @@ def test_same_direction_and_crossing_are_told_apart(points, same, across):
     assert red_crossing(record, {}).holds == across
 
 
+def test_an_emv_that_is_still_inside_at_the_end_has_not_got_through():
+    record = _with(Driven(LEFT_LANE, INSIDE))
+    (inside,) = [item for item in find_traversals(record) if item.actor_id == EMV]
+    for steps, through in ((inside.leave_step + 1, True), (inside.leave_step, False)):
+        cut = replace(record, states=record.states[:steps], traffic=record.traffic[:steps])
+        assert [part.name for part in red_same_direction(cut, {}).failing] == [] if through else ["through"]
+
+
 @pytest.mark.parametrize("arc_m", [BEFORE, AT_THE_LINE], ids=["before", "at the line"])
 def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m):
     for points, predicate in ((LEFT_LANE, red_same_direction), (EASTBOUND, red_crossing)):
@@ -195,7 +207,11 @@ def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m):
 
 def test_the_signal_is_the_one_of_the_emvs_own_link():
     verdict = red_crossing(_with(Driven(EASTBOUND, INSIDE), link=EAST), {})
-    assert _parts(verdict) == {"against_red": (0.0, False), "crossing_inside": (1.0, True)}
+    assert _parts(verdict) == {
+        "against_red": (0.0, False),
+        "crossing_inside": (1.0, True),
+        "through": (1.0, True),
+    }
     assert verdict.failing[0].detail.endswith("on G")
 
 
@@ -330,7 +346,7 @@ def _verdict(points: np.ndarray, speed_mps: float = 8.0, start_m: float = 40.0) 
 
 def test_a_right_turn_on_the_shoulder_holds_with_its_times():
     verdict = _verdict(ON_SHOULDER)
-    turned, shoulder = verdict.parts
+    turned, shoulder, _ = verdict.parts
     assert verdict.holds
     assert turned.value == pytest.approx(90.0)
     assert turned.detail.startswith("EMV 1 at junction J from ")
@@ -420,9 +436,10 @@ def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes():
     """Five steps after half of the quarter circle on the shoulder."""
     steps = round((60.0 + 11.75 * np.pi / 4.0) / 8.0 / 0.05)
     verdict = shoulder_turn(hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, steps))}), THRESHOLDS)
-    turned, shoulder = verdict.parts
+    turned, shoulder, through = verdict.parts
     assert turned.value == pytest.approx(45.0, abs=3.0)
     assert shoulder.value == pytest.approx((50.0 + 3.0 + 11.75 * np.pi / 4.0) / 8.0, abs=0.5)
+    assert not through.holds
 
 
 def test_others_that_turn_right_on_the_shoulder_do_not_count():

@@ -38,9 +38,9 @@ IN_THE_LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
 def test_four_of_four_leave_and_are_passed(record_of):
     verdict = evaluate_predicate(record_of())
     assert verdict.holds
-    assert verdict.measures() == {"lane_changes": 4.0, "passed": 4.0}
+    assert verdict.measures() == {"lane_changes": 4.0, "passed": 4.0, "standstill_s": 0.0}
     clearings = find_clearings(record_of())
-    changes, passed = (part.detail for part in verdict.parts)
+    changes, passed, _ = (part.detail for part in verdict.parts)
     assert changes == ", ".join(f"{item.actor_id} at {0.05 * item.end_step:.1f} s" for item in clearings)
     assert passed == ", ".join(f"{item.actor_id} at {0.05 * (item.passed_step or 0):.1f} s" for item in clearings)
     times = [[(moment.actor_id, moment.step) for moment in part.moments] for part in verdict.parts]

@@ -28,6 +28,7 @@ from siren_ros.scoring.judging.outcome import (
     PeopleOfClass,
     av_response,
     judge,
+    longest_standstill,
     outcome_of,
     people_measures,
     people_of,
@@ -331,6 +332,13 @@ def test_an_outcome_has_the_verdict_its_parts_and_the_episodes_numbers(record_of
     assert "4 civilians left" in str(outcome.measures["predicate"])
 
 
+def test_the_longest_standstill_is_one_unbroken_stop_with_its_begin():
+    """A vehicle that rolls out stands; the second of these stops is the longest."""
+    speed = np.array([0.0] * 10 + [5.0] + [0.25] * 10 + [0.0] * 20 + [1.0] + [0.0] * 20)
+    assert longest_standstill(speed) == (pytest.approx(1.5), 11)
+    assert longest_standstill(np.array([1.0, 2.0])) == (0.0, 0)
+
+
 def test_way_and_mean_speed_are_those_of_the_first_emv():
     record = hand_made(
         crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))}
@@ -341,6 +349,7 @@ def test_way_and_mean_speed_are_those_of_the_first_emv():
         assert measures["emv_distance_m"] == pytest.approx(100 * 0.05 * speed)
         assert measures["emv_mean_speed_mps"] == pytest.approx(speed)
         assert measures["actors"] == 2
+        assert (measures["emv_standing_share"], measures["emv_standstill_s"]) == (0.0, 0.0)
 
 
 def test_every_emv_has_its_numbers_in_the_outcome():

@@ -145,13 +145,27 @@ def test_an_emv_that_crosses_has_to_pass_its_junction(speed_mps, passes):
     record = several(Driven(EASTBOUND, at_speed(20.0, speed_mps, 200)), **across)
     verdict = evaluate_predicate(record)
     assert verdict.holds is passes
-    assert [part.name for part in verdict.parts] == ["against_red", "crossing_inside", "crossing_emv_2"]
+    names = ["against_red", "crossing_inside", "through", "standstill_s", "crossing_emv_2"]
+    assert [part.name for part in verdict.parts] == names
     assert f"EMV 2 {'passed' if passes else 'did not pass'} junction J" in verdict.text
     (other,) = verdicts_of_others(record).values()
     assert (other.holds, len(other.parts)) == (passes, 1)
     assert [moment.actor_id for moment in other.parts[0].moments] == [2] * passes
     elsewhere = several(Driven(EASTBOUND, at_speed(20.0, 10.0, 200)), crossing={"junction": "K", "emv_ids": [2]})
     assert not evaluate_predicate(elsewhere).holds
+
+
+@pytest.mark.parametrize(("stands_s", "most_s", "holds"), [(14.9, None, True), (15.1, None, False), (15.1, 20.0, True)])
+def test_an_emv_that_stands_too_long_does_not_get_through(stands_s, most_s, holds):
+    """It rolls at 0.2 m/s before the line, then passes it at red with somebody on the way across."""
+    arc_m = 90.0 + np.cumsum(np.concatenate((np.full(round(stands_s / 0.05), 0.2), np.full(200, 10.0)))) * 0.05
+    vehicles = {EMV: Driven(NORTHBOUND, arc_m), 9: Driven(EASTBOUND, arc_m)}
+    record = hand_made(crossing(), vehicles, signal=lambda _: "r" * 40)
+    thresholds = {} if most_s is None else {"standstill_max_s": most_s}
+    told = {"predicate": {"name": "red_crossing", "thresholds": thresholds}}
+    verdict = evaluate_predicate(replace(record, description=replace(record.description, parameters=told)))
+    assert [part.name for part in verdict.failing] == ([] if holds else ["standstill_s"])
+    assert verdict.parts[-1].value == pytest.approx(stands_s, abs=0.06)
 
 
 def test_with_one_emv_there_are_no_others(record_of):

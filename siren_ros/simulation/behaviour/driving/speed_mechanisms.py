@@ -20,9 +20,9 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows, changed
-from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps
+from siren_ros.base.numerics.braking import braking_distance_m, safe_following_mps, speed_before_mps
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
-from siren_ros.simulation.behaviour.driving.collision_watch import ROLLING_MPS, CollisionWatch, stricter
+from siren_ros.simulation.behaviour.driving.collision_watch import MOVING_MPS, ROLLING_MPS, CollisionWatch, stricter
 from siren_ros.simulation.behaviour.driving.driver_states import ROUTE, EmvUnit, YieldUnit, present_lane
 from siren_ros.simulation.behaviour.driving.lane_change import gaps_in_lane
 from siren_ros.simulation.behaviour.driving.lane_path import neighbour_lane
@@ -45,6 +45,7 @@ from siren_ros.simulation.behaviour.driving.navigator import (
 )
 from siren_ros.simulation.behaviour.driving.step_view import SEEN_HALF_LENGTH, SEEN_HALF_WIDTH, SEEN_SPEED, Ego
 from siren_ros.simulation.behaviour.driving.tracked_path import Curve, Navigation, TrackedPath, nearest_point
+from siren_ros.simulation.conflicts.course import Course, Entry
 from siren_ros.simulation.conflicts.junction_approach import (
     ID,
     PACE_MPS,
@@ -260,23 +261,59 @@ def approach_speed_mps(
     return max(safe, lead_mps + free / max(overlap_m / LEAVING_MPS, headway_s))
 
 
-def entry_limit(ego: Ego) -> SpeedLimit:
+def entry_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
     """Speed limit towards lines ahead at which others have the right of way; no limit if there is none.
 
     The EMV comes to its speed there by gentle braking in good time. Where the light turns red late it slows down as
-    far as gentle braking gets it.
+    far as gentle braking gets it. Before a junction that it could not leave it stops, unless it drives between others.
     """
     outlook, lines = ego.seen.outlook, ego.world.lines
     if outlook is None:
         return UNLIMITED
     front, length = outlook.front_m(ego.row), 2.0 * ego.half_length_m
-    limit = math.inf
-    for entry in outlook.course(ego.row).entries:
+    limit, stop = math.inf, math.inf
+    course = outlook.course(ego.row)
+    for entry in course.entries:
         ahead = entry.start_m - front
         if ahead > 0.0 and must_give_way(entry.connection, outlook.signals):
             limit = min(limit, lines.approach_mps(ego.actor_id, length, entry.connection, ahead))
+        if ahead > 0.0 and not unit.between and math.isinf(stop):
+            stop = _stop_before_full_exit_mps(ego, course, entry, ahead)
     ease_off = ego.emv_driver.lines.ease_off_mps2
-    return _eased_off(limit, ego.speed_mps, ease_off)
+    return SpeedLimit(min(_eased_off(limit, ego.speed_mps, ease_off).speed_mps, stop))
+
+
+def _stop_before_full_exit_mps(ego: Ego, course: Course, entry: Entry, ahead_m: float) -> float:
+    """Speed from which the EMV stops before a junction that it could not leave; infinite where it can, or is too near.
+
+    It needs its length and the gap that it keeps between the junction and whoever stands beyond.
+    """
+    config, speed = ego.emv_driver, ego.speed_mps
+    if room_behind_junction_m(ego, course, entry) >= 2.0 * ego.half_length_m + config.approach.standstill_gap_m:
+        return math.inf
+    if braking_distance_m(speed * speed, config.lines.stop_mps2) > ahead_m:
+        return math.inf
+    return speed_before_mps(0.0, config.driving.path_brake_mps2, max(ahead_m - config.lines.standoff_m, 0.0))
+
+
+def room_behind_junction_m(ego: Ego, course: Course, entry: Entry) -> float:
+    """Free way of a course from the end of a junction to the rear of the first vehicle that stands there or inside.
+
+    Those who still move ahead of the vehicle will need their lengths and gaps of it. Infinite where nobody stands.
+    """
+    network, traffic = ego.network, ego.traffic
+    via, gap_m = entry.connection.via, ego.civilian_driver.driving.standstill_gap_m
+    beyond = course.lanes[math.ceil(entry.start_m / course.spacing_m) :].tolist()
+    way_m = -network.length_m(via)
+    for lane in dict.fromkeys((*via, entry.connection.to_lane, *beyond)):
+        rows = np.flatnonzero(traffic.lane == lane)
+        for row in rows[np.argsort(traffic.lane_position_m[rows], kind="stable")].tolist():
+            length_m = 2.0 * float(ego.seen.half_length_m[row])
+            if ego.seen.speed_mps[row] < MOVING_MPS:
+                return way_m + float(traffic.lane_position_m[row]) - length_m
+            way_m -= length_m + gap_m
+        way_m += network.lanes[lane].length_m
+    return math.inf
 
 
 @dataclass(frozen=True)
@@ -371,8 +408,8 @@ MECHANISMS: Final = (
     ),
     Mechanism(
         "junction entry",
-        _emv_limit(lambda _, ego: entry_limit(ego)),
-        "EMV: lines ahead at which others have the right of way",
+        _emv_limit(entry_limit),
+        "EMV: lines ahead at which others have the right of way, and junctions that it could not leave",
     ),
     Mechanism("people", _people, "people on crossings: walking pace past them, a stop before those in the way"),
     Mechanism("riders", _emv_limit(riders_limit), "EMV off its path elsewhere: cyclists and motorcyclists who stand"),

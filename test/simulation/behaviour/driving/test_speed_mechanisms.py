@@ -37,7 +37,12 @@ from siren_ros.simulation.conflicts.junction_approach import (
     safe_mps,
     side_streets,
 )
-from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig, JunctionEntryConfig
+from siren_ros.simulation.scenario.driver_parameters import (
+    AnticipationConfig,
+    CivilianDriver,
+    EmvDriver,
+    JunctionEntryConfig,
+)
 from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal
 from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, SignalState
 
@@ -334,7 +339,7 @@ def limit(lab, network, front_m, state, speed=9.0, attention=None):
     world = lab.world_of(network, lab.L2)
     if attention is not None:
         world = replace(world, preset=replace(world.preset, attention=attention))
-    return entry_limit(lab.view_of(world, traffic).ego(0)).speed_mps
+    return entry_limit(EmvUnit(1), lab.view_of(world, traffic).ego(0)).speed_mps
 
 
 def test_comes_to_the_drivers_speed_at_the_line_by_constant_gentle_braking(lab):
@@ -447,8 +452,46 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
         )
     ]
     traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "r"),))
-    speed_limit = entry_limit(lab.view_of(lab.world_of(network, lab.L2), traffic).ego(0)).speed_mps
+    speed_limit = entry_limit(EmvUnit(1), lab.view_of(lab.world_of(network, lab.L2), traffic).ego(0)).speed_mps
     assert speed_limit == pytest.approx(approach_mps(ahead, ENTRY), abs=0.05)
+
+
+def before_full_exit(lab, rear_m, *others, corridor=False, front_m=130.0, speed=4.0):
+    """The limit of an ambulance on green; a car stands with its rear beyond the end of the junction at 175 m."""
+    length_m = lab.vehicles[ActorClass.SEDAN].length_m
+    cars = [
+        lab.Car(1, 0, front_m - HALF_EMV, speed, (0, 2), ActorClass.AMBULANCE),
+        lab.Car(2, 4, rear_m + 0.5 * length_m, 0.0, (2,)),
+        *others,
+    ]
+    network = lab.junction_road()
+    traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "GGGGG"),))
+    view = lab.view_of(lab.world_of(network, lab.L2), traffic)
+    return entry_limit(EmvUnit(1, corridor=corridor), view.ego(0)).speed_mps
+
+
+def test_the_emv_stops_before_a_junction_behind_which_there_is_no_room_for_it(lab):
+    """It needs its 6.5 m and the gap of 6 m that it keeps; at green as well."""
+    need_m = 2.0 * HALF_EMV + CONFIG.standstill_gap_m
+    assert before_full_exit(lab, need_m + 0.1) == math.inf
+    stop = before_full_exit(lab, need_m - 0.1)
+    assert stop == pytest.approx(math.sqrt(2.0 * EmvDriver().driving.path_brake_mps2 * (20.0 - ENTRY.standoff_m)))
+    assert before_full_exit(lab, need_m - 0.1, front_m=149.5, speed=0.0) == 0.0
+
+
+def test_those_who_move_ahead_of_it_need_room_as_well(lab):
+    """A car that drives on the junction takes its length and gap of what is left behind it."""
+    length_m, need_m = lab.vehicles[ActorClass.SEDAN].length_m, 2.0 * HALF_EMV + CONFIG.standstill_gap_m
+    moves = lab.Car(3, 2, 10.0, 4.0, (0, 2))
+    taken_m = length_m + CivilianDriver().driving.standstill_gap_m
+    assert before_full_exit(lab, need_m + taken_m + 0.1, moves) == math.inf
+    assert before_full_exit(lab, need_m + taken_m - 0.1, moves) < math.inf
+    assert before_full_exit(lab, need_m + 0.1, replace(moves, lane=3)) == math.inf, "in the other lane"
+
+
+def test_who_cannot_stop_or_drives_between_others_goes_on(lab):
+    assert before_full_exit(lab, 1.0, front_m=148.0, speed=4.0) == math.inf
+    assert before_full_exit(lab, 1.0, corridor=True) == math.inf
 
 
 @pytest.mark.parametrize(

@@ -318,18 +318,25 @@ class JunctionRoom:
         self._network = network
         self._starts: dict[tuple[int, int], tuple[tuple[Connection, float], ...]] = {}
 
-    def beyond_line_m(self, movement: Connection, signals: Mapping[str, str], occupied: AbstractSet[int]) -> float:
+    def beyond_line_m(
+        self,
+        movement: Connection,
+        signals: Mapping[str, str],
+        occupied: AbstractSet[int],
+        quiet: AbstractSet[int] = frozenset(),
+    ) -> float:
         """Distance beyond the stop line that a vehicle's front may go without blocking others.
 
         Infinite if none may come.
 
         Others come from other approaches. They may come where no red light holds them, or if they are on the junction
-        already: ``occupied`` are the lanes with vehicles.
+        already: ``occupied`` are the lanes with vehicles. From the lanes in ``quiet`` nobody comes.
         """
         coming = (
             start_m
             for other, start_m in self._others(movement)
-            if rank_of(other, signals) is not Rank.RED or not occupied.isdisjoint(other.via)
+            if not occupied.isdisjoint(other.via)
+            or (rank_of(other, signals) is not Rank.RED and other.from_lane not in quiet)
         )
         return min(coming, default=math.inf)
 

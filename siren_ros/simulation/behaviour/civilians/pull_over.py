@@ -18,9 +18,8 @@ from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
     OFF_PATH_GRACE_S,
     approach_lane_of,
     defer,
-    is_held,
     junction_m,
-    may_cross,
+    may_enter,
     movement_from,
     on_junction,
     room_beyond_line_m,
@@ -58,7 +57,7 @@ from siren_ros.simulation.behaviour.driving.tracked_path import (
     blend_length_m,
     path_onto,
 )
-from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import road_lane_of
 from siren_ros.simulation.world.actors import Event, EventKind, Mode, rows_of_ids
 
@@ -173,18 +172,18 @@ _STAYS_BELOW_MPS: Final = 1.5
 def start_pull_over(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Start the pull-over.
 
-    It is deferred on a junction, where the vehicle cannot stop before the next one, in a queue that stands too close,
-    and while a rider comes up on that side. A driver looks again every half second. A vehicle that leaves the EMV's way
-    on the shoulder free stays there.
+    It is deferred on a junction while no EMV has waited behind, where the vehicle cannot stop before the next one, in a
+    queue that stands too close, and while a rider comes up on that side. A driver looks again every half second. A
+    vehicle that leaves the EMV's way on the shoulder free stays there.
     """
     network = ego.network
     if unit.deferred and not _looks(unit, ego) and standing(ego):
         return YieldStep(unit)
-    lane = ego.lane
-    if road_lane_of(network, lane) == NO_LANE:
+    lane, road = ego.lane, approach_lane_of(ego, ego.lane)
+    if road == NO_LANE or (on_junction(ego, lane) and not makes_room(unit, ego)):
         return defer(unit, ego, Refusal.JUNCTION.value)
-    shoulder = emv_takes_shoulder(ego, lane, unit.emv_id)
-    unit = changed(unit, side=unit.side or (1 if shoulder else alignment_of(network, lane)))
+    shoulder = emv_takes_shoulder(ego, road, unit.emv_id)
+    unit = changed(unit, side=unit.side or (1 if shoulder else alignment_of(network, road)))
     if shoulder and ego.speed_mps < _STAYS_BELOW_MPS and _leaves_shoulder_free(ego, lane):
         started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
         return _hold_now(unit, ego, offset_in_lane(ego, lane)[0], partial=False).preceded_by(started)
@@ -320,10 +319,10 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
         on_road = beside == NO_LANE or network.lanes[beside].kind is not LaneKind.SHOULDER
         movement = movement_from(ego, lanes[-1]) if end is LaneEnd.JUNCTION and on_road and over > 0.0 else None
     if movement is not None:
-        if room and may_cross(ego, movement, ego.half_length_m - to_line):
+        if room and may_enter(ego, movement, ego.half_length_m - to_line, urgent=True):
             ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + _BEYOND_JUNCTION_M
         else:
-            ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement)))
+            ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement, urgent=room)))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
     return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + max(ahead, 0.0))
 
@@ -336,6 +335,11 @@ def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
     rear, front = (path.index_at(unit.navigator.progress_m + side * ego.half_length_m) for side in (-1, 1))
     inside = [on_junction(ego, lane) for lane in path.lane[rear:].tolist()]
     return any(inside) and not inside[-1], any(inside[: front - rear + 1])
+
+
+def _may_go(unit: YieldUnit, ego: Ego, movement: Connection | None) -> bool:
+    """Whether a driver before the line of a movement may still cross the junction."""
+    return movement is None or may_enter(ego, movement, 0.0, urgent=makes_room(unit, ego))
 
 
 _REACHED_M: Final = 0.15
@@ -373,7 +377,7 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, ego, offset, partial=True)
     ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
-    turns_red = crosses and not inside and is_held(ego, movement_from(ego, approach_lane_of(ego, lane)))
+    turns_red = crosses and not inside and not _may_go(unit, ego, movement_from(ego, approach_lane_of(ego, lane)))
     if (ends or turns_red) and (other := pull_over_path(unit, ego, lane)) is not None:
         unit = changed(unit, navigator=unit.navigator.following(other, *ego.place))
     elif turns_red:

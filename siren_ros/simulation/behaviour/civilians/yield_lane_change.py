@@ -16,6 +16,7 @@ from siren_ros.base.numerics.arrays import changed
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.simulation.behaviour.driving.driver_states import (
+    STANDING_MPS,
     EmvView,
     Refusal,
     YieldStep,
@@ -425,9 +426,31 @@ def movement_from(ego: Ego, lane: int) -> Connection | None:
     return next((way for way in ways if (*way.via, way.to_lane) == onward[1:]), None)
 
 
-def room_beyond_line_m(ego: Ego, movement: Connection) -> float:
-    """Distance beyond the stop line that a driver's front may reach without blocking others."""
-    return ego.world.junction_room.beyond_line_m(movement, _signals(ego), frozenset(ego.traffic.lane.tolist()))
+def room_beyond_line_m(ego: Ego, movement: Connection, *, urgent: bool = False) -> float:
+    """Distance beyond the stop line that a driver's front may reach without blocking others.
+
+    Where an EMV has waited long enough (``urgent``), others who stand or can stop gently before their lines let the
+    driver go.
+    """
+    lane_of, quiet = ego.traffic.lane, frozenset[int]()
+    if urgent:
+        brake_mps2 = ego.civilian_driver.conflicts.brake_mps2
+        way_m = ego.world.lane_length_m[lane_of] - ego.traffic.lane_position_m
+        comes = (ego.seen.speed_mps > STANDING_MPS) & (braking_distance_m(ego.seen.speed_mps**2, brake_mps2) > way_m)
+        quiet = frozenset(range(len(ego.network.lanes))).difference(lane_of[comes].tolist())
+    return ego.world.junction_room.beyond_line_m(movement, _signals(ego), frozenset(lane_of.tolist()), quiet)
+
+
+def may_enter(ego: Ego, movement: Connection, front_m: float, *, urgent: bool) -> bool:
+    """Whether a driver may cross the junction, as ``may_cross``.
+
+    Where it is urgent it also may while nobody comes, if it could not reach over the line far enough without blocking
+    others.
+    """
+    if may_cross(ego, movement, front_m) or not urgent:
+        return may_cross(ego, movement, front_m)
+    short = room_beyond_line_m(ego, movement) < ego.civilian_driver.pull_over.room_over_line_m
+    return short and math.isinf(room_beyond_line_m(ego, movement, urgent=True))
 
 
 _IN_THE_WAY_M: Final = 2.0

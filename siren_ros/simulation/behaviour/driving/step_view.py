@@ -219,6 +219,11 @@ class BehaviourWorld:
         return np.array([lane.edge for lane in self.network.lanes], dtype=np.int32)
 
     @cached_property
+    def lane_length_m(self) -> Floats:
+        """Length of each lane."""
+        return np.array([lane.length_m for lane in self.network.lanes])
+
+    @cached_property
     def rescue_sides(self) -> npt.NDArray[np.int8]:
         """Side to which drivers of each lane move for a rescue lane."""
         return rescue_sides(self.network)

@@ -131,11 +131,11 @@ def test_a_vehicle_beside_a_strip_that_nobody_uses_goes_over_the_stop_line(lab, 
 
 @pytest.mark.parametrize("unit", [UNIT, WAITED], ids=["at once", "an EMV waits"])
 @pytest.mark.parametrize("speed", [0.0, 5.0])
-def test_nobody_pulls_over_on_a_junction(lab, unit, speed):
+def test_on_a_junction_only_who_has_an_emv_waiting_behind_pulls_over(lab, unit, speed):
     view = view_of(lab, lab.Car(2, 2, 5.0, speed, (0, 2)), network=lab.junction_road())
     outcome = start_pull_over(unit, view.ego(0))
-    assert outcome.unit.phase is Mode.YIELD_DEFERRED
-    assert outcome.command is None
+    assert outcome.unit.phase is (Mode.YIELD_PULL_OVER if unit is WAITED else Mode.YIELD_DEFERRED)
+    assert (outcome.command is None) is (unit is UNIT)
 
 
 def test_a_queue_that_left_no_corridor_goes_on_until_the_emv_gets_through(lab):

@@ -578,12 +578,18 @@ def lights(own="r", east="G"):
     return (SignalState("J", "".join(state)),)
 
 
-def head(lab, front_m, signals, speed=0.0, x_m=LEFT_X_M):
-    """The driver in the left lane, its front that far beyond the stop line, and half its length."""
+def head(lab, front_m, signals, speed=0.0, x_m=LEFT_X_M, comes=(5.0, 8.0)):
+    """The driver in the left lane, its front that far beyond the stop line, and half its length.
+
+    ``comes`` is how far before its line a car from the west is, and how fast.
+    """
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
-    car = lab.Car(2, LEFT_LANE, 90.0, speed, ROUTE)
-    poses = np.array([[x_m, STOP_LINE_Y_M + front_m - half, np.pi / 2.0, speed]])
-    traffic = replace(lab.traffic_of(NETWORK, [car], poses=poses), signals=signals)
+    before_m, other_mps = comes
+    east = tuple(NETWORK.edge_by_id[name].index for name in ("w_in", "e_out"))
+    cars = [lab.Car(2, LEFT_LANE, 90.0, speed, ROUTE), lab.Car(3, NETWORK.edges[east[0]].lanes[0], 90.0, 0.0, east)]
+    other_x_m, y_m = -10.0 - before_m - half, STOP_LINE_Y_M + front_m - half
+    poses = [[x_m, y_m, np.pi / 2.0, speed], [other_x_m, -5.25, 0.0, other_mps]]
+    traffic = replace(lab.traffic_of(NETWORK, cars, poses=np.array(poses)), signals=signals)
     return lab.view_of(lab.world_of(NETWORK, lab.L3), traffic).ego(0), half
 
 
@@ -603,15 +609,28 @@ def test_at_red_the_driver_goes_as_far_as_the_move_needs_and_stays_clear_of_cros
     assert pull_over_path(WAITED, ego, INSIDE) is None, "no room is left"
 
 
-def test_where_others_turn_in_early_the_driver_stays_near_the_line(lab):
-    """The way east moved 9 m towards the line."""
+def with_way_east_nearer(lab, ego):
+    """The driver where the way east is 9 m nearer to its line."""
     lane = NETWORK.lanes[NETWORK.connections[EAST].via[0]]
     nearer = replace(lane, centre=type(lane.centre).through(lane.centre.points - (0.0, 9.0)))
     lanes = tuple(nearer if item.index == lane.index else item for item in NETWORK.lanes)
+    return lab.view_of(replace(ego.world, network=replace(NETWORK, lanes=lanes)), ego.traffic).ego(0)
+
+
+def test_where_others_turn_in_early_the_driver_stays_near_the_line(lab):
     ego, half = head(lab, -1.0, lights())
-    world = replace(ego.world, network=replace(NETWORK, lanes=lanes))
-    path = pull_over_path(WAITED, lab.view_of(world, ego.traffic).ego(0), LEFT_LANE)
+    path = pull_over_path(WAITED, with_way_east_nearer(lab, ego), LEFT_LANE)
     assert 1.0 < front_at_end_m(path, half) < CROSSING_M - 9.0
+
+
+@pytest.mark.parametrize(("comes", "crosses"), [((0.5, 0.0), True), ((16.5, 8.0), True), ((15.5, 8.0), False)])
+def test_where_there_is_little_space_the_head_crosses_at_red_while_others_stand_or_can_stop(lab, comes, crosses):
+    """From 8 m/s a gentle stop takes 16 m. Without an EMV that waits the head stays near the line."""
+    ego, half = head(lab, -1.0, lights(), comes=comes)
+    near = with_way_east_nearer(lab, ego)
+    assert bool(front_at_end_m(pull_over_path(WAITED, near, LEFT_LANE), half) > 30.0) is crosses
+    assert front_at_end_m(pull_over_path(replace(UNIT, side=1), near, LEFT_LANE), half) < CROSSING_M - 9.0
+    assert front_at_end_m(pull_over_path(WAITED, ego, LEFT_LANE), half) < CROSSING_M, "there is space before the way"
 
 
 def test_the_head_of_a_standing_queue_goes_less_far_while_no_emv_waits(lab):

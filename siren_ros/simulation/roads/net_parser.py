@@ -354,21 +354,24 @@ def _lane(element: Element, index: int, edge: int, function: str, offset_m: tupl
     )
 
 
-def _steady_links(root: Element) -> frozenset[tuple[str, int]]:
-    """Links of signals that are never red, or never green, in any programme."""
+def _links(root: Element) -> tuple[frozenset[tuple[str, int]], dict[tuple[str, int], float]]:
+    """Links of signals that are never red, or never green, in any programme, and the longest yellow of each link."""
     letters: dict[tuple[str, int], str] = {}
+    yellow_s: dict[tuple[str, int], float] = {}
     for logic in root.iterfind("tlLogic"):
         for phase in logic.iterfind("phase"):
             for link, letter in enumerate(phase.get("state", "").lower()):
                 key = logic.get("id", ""), link
                 letters[key] = letters.get(key, "") + letter
-    return frozenset(key for key, shown in letters.items() if not {"r", "g"} <= set(shown))
+                if letter == "y":
+                    yellow_s[key] = max(yellow_s.get(key, 0.0), float(phase.get("duration", "0")))
+    return frozenset(key for key, shown in letters.items() if not {"r", "g"} <= set(shown)), yellow_s
 
 
 def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]) -> Iterator[Connection]:
     lane_of = {(edges[lane.edge].edge_id, lane.position): lane.index for lane in lanes}
     index_of = {lane.lane_id: lane.index for lane in lanes}
-    elements, steady = root.findall("connection"), _steady_links(root)
+    elements, (steady, yellow_s) = root.findall("connection"), _links(root)
     onward = {
         (element.attrib["from"], int(element.attrib["fromLane"]), element.attrib["to"]): element.get("via")
         for element in elements
@@ -403,6 +406,7 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
             junction=edges[source.edge].to_junction,
             gives_way=element.get("state") in _GIVE_WAY_STATES and signal is None,
             alternates=(signal, link) not in steady,
+            yellow_s=yellow_s.get((signal or "", link), 0.0),
         )
 
 

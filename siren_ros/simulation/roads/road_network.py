@@ -112,6 +112,8 @@ class Connection(Brief):
     """Whether a movement without a signal gives way to others."""
     alternates: bool = True
     """Whether the signal's programme has both red and green for this movement; the map may come without one."""
+    yellow_s: float = 0.0
+    """Longest yellow of this movement in the signal's programmes; 0 without one."""
 
     def letter_in(self, state: str) -> str:
         """This movement's letter in the state of its signal; empty where the state has none."""

@@ -245,6 +245,23 @@ def civilian_movements(network: RoadNetwork, edge: int, next_edge: int) -> tuple
     return tuple(filter(network.is_civilian, connections_between(network, edge, next_edge)))
 
 
+def edges_in_lane(network: RoadNetwork, lane: int, wanted: Sequence[int], least_m: float) -> tuple[int, ...]:
+    """Edges to which a lane leads on without a lane change, until they are ``least_m`` long.
+
+    They are those of ``wanted`` as far as it leads along them, and then the ways straight on where there are any.
+    """
+    edges: list[int] = []
+    while sum(network.lanes[network.edges[edge].lanes[0]].length_m for edge in edges) < least_m:
+        after = wanted[len(edges)] if edges == list(wanted[: len(edges)]) and len(edges) < len(wanted) else -1
+        ways = [way for way in network.connections_from.get(lane, ()) if network.is_civilian(way)]
+        ways.sort(key=lambda way: (network.lanes[way.to_lane].edge != after, way.direction != "s"))
+        if not ways or network.lanes[ways[0].to_lane].edge in edges:
+            break
+        lane = ways[0].to_lane
+        edges.append(network.lanes[lane].edge)
+    return tuple(edges)
+
+
 def route_path(network: RoadNetwork, edges: Sequence[int], start_lane: int) -> tuple[int, ...]:
     """Lanes along a route, junction paths included, with as few lane changes as the route needs.
 

@@ -155,6 +155,16 @@ def test_a_signal_alternates_where_its_programme_has_red_and_green_for_the_movem
     assert first.alternates is alternates
 
 
+def test_the_longest_yellow_of_a_movement_is_that_of_its_link():
+    phases = "".join(
+        f'<phase duration="{s}" state="{state}"/>' for s, state in ((20, "Gr"), (5, "yr"), (4, "ry"), (3, "yy"))
+    )
+    programme = f'<tlLogic id="T" type="static" programID="0" offset="0">{phases}</tlLogic><connection '
+    signal = NET.replace('dir="l" state="w"', 'dir="l" state="o" tl="T" linkIndex="0"')
+    ways = parse_road_network(signal.replace("<connection ", programme, 1).encode()).connections
+    assert [way.yellow_s for way in ways] == [5.0 if way.signal_id == "T" else 0.0 for way in ways]
+
+
 def test_a_signal_is_no_stop_sign():
     signal = NET.replace('dir="l" state="w"', 'tl="j" linkIndex="3" dir="l" state="w"')
     connection = parse_road_network(signal.encode()).connections[0]

@@ -35,6 +35,7 @@ from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.routing import (
     comes_from_the_side,
     crossing_connections,
+    edges_in_lane,
     is_plain_joint,
     movement_path,
     paths_cross,
@@ -333,3 +334,14 @@ def test_a_route_is_as_long_as_its_edges_and_the_straight_lines_between_them():
     assert (graph.successors[B], graph.predecessors[D], graph.successors[C]) == ((C, D), (B, N), ())
     turning = replace(NETWORK, connections=(replace(NETWORK.connections[4], direction="t"),))
     assert routing.EdgeGraph.of(turning).successors[B] == (), "nobody turns round"
+
+
+def test_the_edges_of_a_lane_follow_a_way_as_far_as_the_lane_leads_along_it():
+    """From the south the left lane leads north only, the right one also east; behind both the map ends."""
+    network = crossing()
+    left, right = (network.lane_by_id[name].index for name in ("s_in_2", "s_in_1"))
+    north, east = (network.edge_by_id[name].index for name in ("n_out", "e_out"))
+    assert edges_in_lane(network, right, (east, north), 50.0) == (east,)
+    assert edges_in_lane(network, left, (east,), 50.0) == (north,), "it does not lead there"
+    assert edges_in_lane(network, right, (), 150.0) == (north,), "straight on, as far as the road goes"
+    assert edges_in_lane(network, left, (north,), 0.0) == ()

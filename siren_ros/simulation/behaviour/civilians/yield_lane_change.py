@@ -36,6 +36,7 @@ from siren_ros.simulation.behaviour.driving.lane_change import (
     lane_change_path,
     offset_in_lane,
     refusal_of_gaps,
+    sweeps_somebody,
 )
 from siren_ros.simulation.behaviour.driving.lane_path import connection_of_internal, lanes_along, neighbour_lane
 from siren_ros.simulation.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
@@ -338,10 +339,17 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     lane = lane_of(unit, ego)
     blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(ego, lane))
-    if blocked or unit.navigator.done or lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+    ends = (blocked or unit.navigator.done) and not _comes_too_near(ego, lane)
+    if ends or lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
         return _hand_back(unit, ego)
     navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.world.civilian_navigator)
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
+
+
+def _comes_too_near(ego: Ego, lane: int) -> bool:
+    """Whether SUMO, which does not look, would drive a vehicle into somebody ahead on the way into its lane."""
+    shift_m = 0.0 if lane == NO_LANE else kept_offset_m(ego, lane) - offset_in_lane(ego, lane)[0]
+    return lane != NO_LANE and sweeps_somebody(ego, shift_m, LEAST_SIDEWAYS_M)
 
 
 def is_over_red_line(ego: Ego) -> bool:

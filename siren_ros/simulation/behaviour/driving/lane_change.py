@@ -217,6 +217,26 @@ def offset_in_lane(ego: Ego, lane: int) -> tuple[float, float]:
     return left, math.remainder(ego.pose[2] - heading, 2.0 * math.pi)
 
 
+def sweeps_somebody(ego: Ego, shift_m: float, way_m: float) -> bool:
+    """Whether somebody ahead is in what a vehicle sweeps on a lateral move by ``shift_m``, left positive.
+
+    ``way_m`` is its length, to which the stopping distance is added. Of two whose ways meet the one in front goes
+    first.
+    """
+    seen, (cos, sin), (x_m, y_m), speed = ego.seen, ego.direction, ego.place, ego.speed_mps
+    braking_m = braking_distance_m(speed * speed, ego.civilian_driver.driving.comfort_brake_mps2)
+    sweeps_m = ego.half_length_m + way_m + braking_m
+    rows = ego.near(sweeps_m + ego.half_length_m)
+    dx_m, dy_m = seen.x_m[rows] - x_m, seen.y_m[rows] - y_m
+    ahead_m, aside_m = cos * dx_m + sin * dy_m, math.copysign(1.0, shift_m) * (cos * dy_m - sin * dx_m)
+    along = np.minimum(np.abs(cos * seen.cos[rows] + sin * seen.sin[rows]), 1.0)
+    across = np.sqrt(1.0 - along * along)
+    reach_m = along * seen.half_length_m[rows] + across * seen.half_width_m[rows]
+    side_m = across * seen.half_length_m[rows] + along * seen.half_width_m[rows]
+    beside = (aside_m > 0.0) & (aside_m - side_m < ego.half_width_m + abs(shift_m))
+    return bool(np.any(beside & (ahead_m > 0.0) & (ahead_m - reach_m < sweeps_m)))
+
+
 SUMO: Final = "sumo"
 _REASONS: Final = {LaneKind.SHOULDER: "shoulder", LaneKind.DRIVING: "free_lane"}
 """Names of requests by the kind of lane that the EMV uses to pass slow traffic."""

@@ -27,8 +27,8 @@ from siren_ros.simulation.roads.routing import (
 )
 from siren_ros.simulation.roads.site_finder import junction_site
 from siren_ros.simulation.roads.sites import Lack, Site, SiteKind, way_back
-from siren_ros.simulation.scenario.scenario import EmvDemand, StartReference
-from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, chain_along
+from siren_ros.simulation.scenario.scenario import DemandGroup, EmvDemand, StartReference
+from siren_ros.simulation.traffic.demand.plan import RED_BEHIND_S, YELLOW_DRIVEN_S, PlannedVehicle, chain_along
 from siren_ros.simulation.traffic.demand.road_users import VehicleFactory
 
 # These are no parameters, because they decide which places of a map serve a template; a site must be the same in every
@@ -296,6 +296,26 @@ def long_enough_route(
             if factory.length_m(way) > best_m:
                 best, best_m = way, factory.length_m(way)
     return best
+
+
+_CAR_M: Final = 4.5
+_INSIDE_M: Final = 8.0
+"""Length of a car plus a margin. A car whose rear is this far before the junction's end is inside when the EMV comes to
+the line."""
+
+
+def early_m_of(network: RoadNetwork, site: Site, group: DemandGroup, red_before_s: float) -> float:
+    """By how much a stream's last vehicle is nearer to the EMV than its gap says; negative where it is farther away.
+
+    It has to be inside when the EMV comes to the line, ``red_before_s`` after the red. Where the yellow is longer than
+    usual, it has passed the line before the red by what the yellow is longer than the time in which drivers drive on.
+    """
+    ways = [network.connections[way] for way in site.connections]
+    inside_m = max(network.length_m(way.via) for way in ways) - _INSIDE_M
+    before_red_s, gap_m = ways[-1].yellow_s - YELLOW_DRIVEN_S, min(group.first_gap_m, inside_m)
+    if before_red_s > RED_BEHIND_S:
+        gap_m = max(gap_m, min(group.speed_mps * (before_red_s + red_before_s) - _CAR_M, inside_m))
+    return group.first_gap_m - gap_m
 
 
 _NO_CROSSING: Final = "a side street at its junction with enough road for another EMV (emv.crossing is above 0)"

@@ -13,7 +13,7 @@ from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, with_brak
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import driving_lanes, quiet_reach_m
+from siren_ros.simulation.roads.routing import driving_lanes, edges_in_lane, quiet_reach_m
 from siren_ros.simulation.roads.sites import Site
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
@@ -22,6 +22,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     ONTO_SHOULDER_M,
     SHORT_QUEUE_M,
     EmvStart,
+    early_m_of,
     travel_lane,
     unhindered_arrival_s,
     way_to_stop_line_m,
@@ -40,9 +41,6 @@ from siren_ros.simulation.traffic.demand.road_users import LONG_VEHICLE_M, Share
 # These are no parameters: the templates are designed for these lengths, and vary their own values around them.
 _FOLLOWING_M: Final = 6.0
 """Length by which a stream starts nearer to the EMV if the EMV follows it than if the EMV drives up to it."""
-_INSIDE_M: Final = 8.0
-"""Length of a car plus a margin. A car whose rear is this far before the junction's end is inside when the EMV comes to
-the line."""
 _IN_TURN_M: Final = 8.0
 """Length by which every other queue at a stop sign begins farther back. Drivers who stop and go then drive by turns
 from the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
@@ -82,11 +80,12 @@ def group_rows(
     group: DemandGroup,
     arrival_s: float,
     rng: np.random.Generator,
+    red_before_s: float = 0.0,
 ) -> list[GroupRow]:
     """The rows of a group, in the order in which they are filled.
 
-    The foremost EMV begins at ``start`` and arrives unhindered at the stop line ``arrival_s`` after step 0. ``rng``
-    draws the way on of crossing rows, where a lane has several.
+    The foremost EMV begins at ``start`` and arrives unhindered at the stop line ``arrival_s`` after step 0,
+    ``red_before_s`` after its light turned red. ``rng`` draws the way on of crossing rows, where a lane has several.
     """
     if group.placement is Placement.CROSSING:
         return _crossing_rows(network, site, rng)
@@ -113,17 +112,12 @@ def group_rows(
         anchors_m = [row.anchor_m - way_m for row in rows]
     else:  # beyond the stop line a stream would only hold up vehicles of its own that follow
         most_m = 0.0
-        early_m = 0.0 if group.optional else max(group.first_gap_m - _inside_m(network, site), 0.0)
+        early_m = 0.0 if group.optional else early_m_of(network, site, group, red_before_s)
         anchors_m = [_together_m(network, row, start, group.speed_mps, arrival_s, early_m) for row in rows]
     return [
         replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
         for row, anchor_m in zip(rows, anchors_m, strict=True)
     ]
-
-
-def _inside_m(network: RoadNetwork, site: Site) -> float:
-    """How far beyond the stop line a vehicle's rear may be while the vehicle is still inside the junction."""
-    return max(network.length_m(network.connections[way].via) for way in site.connections) - _INSIDE_M
 
 
 def _together_m(
@@ -303,9 +297,10 @@ def plan_groups(
     heads: dict[int, str] = {}
     on_top = 0
     arrival_s = unhindered_arrival_s(network, start, template.emv)
+    red_before_s = template.signal.red_before_arrival_s if template.signal else 0.0
     for group in template.demand.groups:
         rng = random_stream(seed, f"demand/group/{group.name}")
-        rows = group_rows(network, site, start, group, arrival_s, rng)
+        rows = group_rows(network, site, start, group, arrival_s, rng, red_before_s)
         every = group.placement is Placement.EVERY_LANE
         wanted = group.vehicles * (len(rows) if every else min(len(rows), 1))
         before = len(vehicles)
@@ -395,6 +390,9 @@ class _GroupPlanner:
         if group.placement is not Placement.CROSSING:
             self.foremost_m = max(self.foremost_m, front_m)
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
+        if group.placement is Placement.SAME_DIRECTION:
+            # On the way to another lane drivers of a stream would change in front of the EMV.
+            edges = self._in_lane(row, edges)
         driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
         # A driver who keeps a longer distance than the one at which it starts would brake at once.
         headway_s = max((spacing - driver.driving.min_gap_m) / speed, LEAST_HEADWAY_S)
@@ -425,6 +423,16 @@ class _GroupPlanner:
         if group.placement not in _WITH_EMV:
             return shares
         return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares
+
+    def _in_lane(self, row: GroupRow, edges: tuple[int, ...]) -> tuple[int, ...]:
+        """The EMV's edges, or those that a row's lane leads to, where it leaves the EMV's way at the site."""
+        site_edge = self.through[0]
+        lane = next((item for item in row.chain.lanes if self.network.lanes[item].edge == site_edge), None)
+        if lane is None or site_edge not in edges:
+            return edges
+        kept = edges.index(site_edge) + 1
+        onward = edges_in_lane(self.network, lane, edges[kept:], _THROUGH_M)
+        return edges if edges[kept : kept + len(onward)] == onward else (*edges[:kept], *onward)
 
     def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
         """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage, so that they stay free."""

@@ -243,6 +243,9 @@ class LaneInterval:
     to_m: float
 
 
+YELLOW_DRIVEN_S: Final = 1.8
+"""Time before the line at which every driver who sees yellow drives on: 1 s to react, and too near to stop from 30 km/h
+with 5 m/s². What a programme's yellow is longer stays between the last vehicle and the red."""
 RED_BEHIND_S: Final = 1.2
 """Time from the last platoon vehicle's crossing of the stop line to the red. It is no parameter, but a usual time."""
 

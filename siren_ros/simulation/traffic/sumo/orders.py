@@ -27,16 +27,20 @@ from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import MapError
 from siren_ros.simulation.conflicts.yielding import time_to_go_s
-from siren_ros.simulation.traffic.demand.plan import RED_BEHIND_S, JamHead, PlannedVehicle, SignalTiming
+from siren_ros.simulation.traffic.demand.plan import (
+    RED_BEHIND_S,
+    YELLOW_DRIVEN_S,
+    JamHead,
+    PlannedVehicle,
+    SignalTiming,
+)
+from siren_ros.simulation.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
 from siren_ros.simulation.world.actors import Owner, TrafficFlags, TrafficState
 
 # These are no parameters: they are usual times of signal programmes, by which a template's time of the red is reached.
 _USUAL_CLEARANCE_S: Final = 1.5
 """Time from the end of one movement's yellow to the green of the next."""
 _LONGEST_CLEARANCE_S: Final = 4.0
-_YELLOW_DRIVEN_S: Final = 2.2
-"""Time before the line at which a driver who sees yellow drives on: 1 s to react, and too near to stop gently from 30
-km/h."""
 _LONGEST_GREEN_S: Final = 10.0
 """Longest extension of a green."""
 _BEFORE_EMV_S: Final = 0.4
@@ -253,7 +257,7 @@ def detector_s(yellow_s: float) -> float:
 
     It then drives on, as drivers do who see the yellow so late, and the red follows soon behind it.
     """
-    return min(max(yellow_s - RED_BEHIND_S, 0.0), _YELLOW_DRIVEN_S)
+    return min(max(yellow_s - RED_BEHIND_S, 0.0), YELLOW_DRIVEN_S)
 
 
 class GapOut:
@@ -266,10 +270,13 @@ class GapOut:
     def __init__(self, timing: SignalTiming) -> None:
         self._timing = timing
         self._waiting = bool(timing.platoon)
+        self._in_lane: dict[str, bool] = dict.fromkeys(timing.platoon, False)
+        """The platoon's vehicles before the line, and whether each has been told to keep its lane."""
         self._steps = 0
 
     def apply(self, present: Collection[str]) -> None:
         """Acts on the signal before a step; ``present`` are the vehicles in SUMO."""
+        self._keep_lanes(present)
         if not self._waiting:
             return
         signal, link = self._timing.signal_id, self._timing.link
@@ -289,6 +296,16 @@ class GapOut:
                 self._waiting = False
             elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
                 libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
+
+    def _keep_lanes(self, present: Collection[str]) -> None:
+        """Lets the platoon keep its lanes up to the line: on the way to others it would drive in front of the EMV."""
+        for name in [name for name in self._in_lane if name in present]:
+            before = bool(_gaps_m(name, self._timing.signal_id))
+            if before != self._in_lane[name]:
+                libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if before else DEFAULT_LANE_CHANGE_MODE)
+                self._in_lane[name] = before
+            if not before:
+                del self._in_lane[name]
 
     def _emv_s(self, present: Collection[str]) -> float:
         """Least time in which the EMV reaches the signal, behind vehicles at its speed; infinite once it has passed."""

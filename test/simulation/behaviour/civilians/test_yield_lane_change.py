@@ -478,6 +478,19 @@ def test_who_stands_for_two_seconds_is_handed_back_where_it_stands(lab):
     assert steps(unit, view, patience).unit is None
 
 
+@pytest.mark.parametrize(
+    ("ahead_m", "aside_m", "back"), [(5.5, 2.4, False), (5.5, 2.8, True), (-1.0, 2.4, True), (13.5, 2.4, True)]
+)
+def test_nobody_is_handed_back_into_the_way_of_who_is_in_front(lab, ahead_m, aside_m, back):
+    """The vehicle stands 0.8 m right of the middle; on the way there it sweeps 1.7 m on its left."""
+    unit, view = rejoining(lab)
+    network, x_m, y_m = view.world.network, *view.ego(0).place
+    cars = [lab.Car(2, 0, 100.0, 0.0, (0,)), lab.Car(3, 1, 100.0 + ahead_m, 0.0, (0,))]
+    poses = np.array([[x_m, y_m, 0.0, 0.0], [x_m + ahead_m, y_m + aside_m, 0.0, 0.0]])
+    beside = lab.view(network, lab.L3, cars, poses=poses)
+    assert (steps(unit, beside, 60).unit is None) is back
+
+
 def test_the_two_seconds_begin_again_after_moving(lab):
     unit, view = rejoining(lab)
     moving, _, _ = view_beside(lab, -0.8, speed=1.0)

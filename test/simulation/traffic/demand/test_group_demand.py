@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_made_record import STRAIGHT as NORTHBOUND_WAY
+from hand_made_record import crossing as signal_crossing
 from made_streets import (
     A_LEFT,
     A_RIGHT,
@@ -43,7 +45,7 @@ from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.demand.emv_start import EmvStart, lane_before
+from siren_ros.simulation.traffic.demand.emv_start import EmvStart, early_m_of, lane_before
 from siren_ros.simulation.traffic.demand.group_demand import (
     STAGE_BEHIND_M,
     GroupPlan,
@@ -630,6 +632,17 @@ def test_a_stream_that_the_emv_comes_up_next_to_starts_where_it_comes_with_the_e
     line_m = sum(road.lanes[lane].length_m for lane in row.chain.lanes[:2])
     early_m = group.first_gap_m - (0.0 - 8.0)  # its junctions have no paths
     assert row.anchor_m == pytest.approx(line_m - group.speed_mps * arrival_s - early_m, abs=1.0)
+
+
+@pytest.mark.parametrize(("yellow_s", "gap_m"), [(3.0, 20.0), (4.0, 8.0 * 3.1 - 4.5), (5.0, 22.0)])
+def test_a_long_yellow_lies_between_a_stream_and_the_emv(yellow_s: float, gap_m: float) -> None:
+    """A driver drives on 1.8 s after the yellow, and the EMV comes 0.9 s after the red; the junction is 30 m long."""
+    network = signal_crossing()
+    ways = tuple(replace(way, yellow_s=yellow_s) for way in network.connections)
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), first_gap_m=20.0, speed_mps=8.0)
+    where = replace(signal_site(), connections=(NORTHBOUND_WAY,))
+    early_m = early_m_of(replace(network, connections=ways), where, stream, 0.9)
+    assert stream.first_gap_m - early_m == pytest.approx(gap_m)
 
 
 def test_a_stream_in_the_emvs_only_lane_is_followed() -> None:

@@ -18,6 +18,7 @@ from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import JamHead, PlannedVehicle, SignalTiming, Spot
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import orders
+from siren_ros.simulation.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
 from siren_ros.simulation.traffic.sumo.orders import (
     GapOut,
     IgnoredFoes,
@@ -127,7 +128,7 @@ def test_the_next_yellow_of_a_link_and_how_long_it_lasts() -> None:
 def test_who_ends_the_green_drives_over_the_line_on_yellow(yellow_s: float) -> None:
     assert 0.0 <= detector_s(yellow_s) <= yellow_s
     assert detector_s(3.0) == pytest.approx(1.8)
-    assert detector_s(8.0) == 2.2
+    assert detector_s(8.0) == 1.8
 
 
 FOLLOWING = ("static", "actuated", "delay_based", "NEMA")
@@ -265,6 +266,7 @@ class Signal:
     emv_most_mps: float = 10.0
     phases: list[SignalPhase] = field(default_factory=lambda: list(PROGRAMME))
     asked: list[tuple[str, float]] = field(default_factory=list)
+    modes: list[tuple[str, int]] = field(default_factory=list)
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
         def programmes(_signal: str) -> list[Any]:
@@ -287,6 +289,7 @@ class Signal:
             getAllowedSpeed=lambda _name: self.emv_most_mps,
             getLeader=lambda _name, _range_m: self.leader,
             getNextTLS=lambda name: [("s", 1, 10.0 * self.arrivals_s[name], "G")] if name in self.arrivals_s else [],
+            setLaneChangeMode=lambda name, mode: self.modes.append((name, mode)),
         )
         monkeypatch.setattr(orders, "libsumo", SimpleNamespace(trafficlight=light, simulation=clock, vehicle=vehicle))
 
@@ -356,6 +359,21 @@ def test_a_green_that_would_end_before_is_held_from_step_to_step(signal: Signal,
     for _ in range(3):
         control.apply(BOTH)
     assert signal.asked == [("duration", 2.0 * STEP_S)] * (3 if holds else 0)
+
+
+def test_the_platoon_keeps_its_lanes_up_to_the_line(signal: Signal) -> None:
+    """On the way to the lane of its next turn it would drive in front of the EMV."""
+    control = gap_out()
+    for arrivals_s, modes in (
+        ({"a": 3.0, "b": 5.0}, [("a", KEEP_LANE_CHANGE_MODE), ("b", KEEP_LANE_CHANGE_MODE)]),
+        ({"a": 0.1, "b": 2.0}, []),
+        ({"b": 1.0}, [("a", DEFAULT_LANE_CHANGE_MODE)]),
+        ({}, [("b", DEFAULT_LANE_CHANGE_MODE)]),
+        ({}, []),
+    ):
+        signal.arrivals_s, signal.modes = arrivals_s, []
+        control.apply(BOTH)
+        assert signal.modes == modes
 
 
 def test_a_red_is_waited_for(signal: Signal) -> None:

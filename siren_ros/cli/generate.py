@@ -23,6 +23,7 @@ from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, MapError, whole_file, writing
 from siren_ros.running.generation.episode_setup import plan_length
 from siren_ros.running.generation.site_choice import count_lacks, has_shoulder, proposed, shortcomings
+from siren_ros.running.generation.template_map import map_of_template
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import (
     MOST_SAMPLES,
@@ -146,16 +147,17 @@ def list_sites(arguments: argparse.Namespace) -> int:
     if arguments.mend is not None or arguments.add:
         file = _mended(file, arguments.mend, arguments.add)
     net = compile_map(file).read_bytes()
-    network = parse_road_network(net)
     if added := additions_of(net):
         print("added to the map:", *added)
-    found = [(template, shortcomings(right_hand_image(network), template)) for template in templates]
-    rows = tuple(row for survey in found for row in _site_rows(network, *survey, lacking=arguments.all))
+    networks = [_network_of(template, file) for template in templates]
+    found = [(on, shortcomings(right_hand_image(network), on)) for on, network in zip(templates, networks, strict=True)]
+    surveys = zip(networks, found, strict=True)
+    rows = tuple(row for network, survey in surveys for row in _site_rows(network, *survey, lacking=arguments.all))
     print(*Table("sites", "", _SITES_HEAD, rows, specs={"length m": ".0f"}).text(), sep="\n")
     if arguments.out is not None:
         from siren_ros.scoring.pictures.birdseye import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
 
-        print(save_site_map(network, found, arguments.out))
+        print(save_site_map(networks, found, arguments.out))
     rows = tuple(_proposal_row(net, file, template) for template, sites in found if all(sites.values()))
     if rows := tuple(filter(None, rows)):
         print("", *Table("proposals", "", _PROPOSALS_HEAD, rows).text(), sep="\n")
@@ -182,6 +184,11 @@ def _mended(file: Path | None, out: Path | None, additions: Sequence[str]) -> Pa
     return out
 
 
+def _network_of(template: Template, source: Path | None) -> RoadNetwork:
+    """The roads of a map as a template uses them."""
+    return parse_road_network(map_of_template(template, compile_map(source), source).read_bytes())
+
+
 def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Table]:
     """Good sites of each map and template, and what the other places lack.
 
@@ -193,11 +200,11 @@ def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Ta
     for file in tqdm(files, unit="map", desc="sites", disable=None):
         cells = []
         try:
-            network = right_hand_image(parse_road_network(compile_map(file).read_bytes()))
+            networks = [right_hand_image(_network_of(template, file)) for template in templates]
         except MapError as error:
             rows.append((file.name, *("" for _ in names), error.allowed))
             continue
-        for template in templates:
+        for template, network in zip(templates, networks, strict=True):
             sites = shortcomings(network, template)
             places, alone = count_lacks(network, template, sites)
             number = sum(not lacking for lacking in sites.values())

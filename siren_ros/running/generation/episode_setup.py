@@ -14,6 +14,7 @@ from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.base.params.parameters import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
 from siren_ros.data.recording.bag_folder import bag_path
 from siren_ros.running.generation.site_choice import plan_at_site, sites_to_try
+from siren_ros.running.generation.template_map import map_of_template
 from siren_ros.sensing.look import load_look
 from siren_ros.sensing.suite import load_suite
 from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
@@ -150,7 +151,7 @@ def set_up_episode(
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)
-    compiled = _map_for(template, map_of(request, written), compiled_map)
+    compiled = _map_for(template, written, map_of(request, written), compiled_map)
     network = parse_road_network(compiled.read_bytes())
     driven = right_hand_image(network)
     dimensions = {
@@ -188,11 +189,13 @@ def without_background(template: Template) -> Template:
     return replace(template, demand=demand)
 
 
-def _map_for(template: Template, path: Path | None, compiled_map: CompiledMap | None) -> CompiledMap:
+def _map_for(template: Template, written: Template, path: Path | None, compiled_map: CompiledMap | None) -> CompiledMap:
     """The map with the template's speed limit and shoulders, compiled unless it is given."""
     people = template.demand.people
     for_people = bool(people.pedestrians or people.cyclists)
-    compiled = compiled_map or compile_map(path, for_people=for_people)
+    compiled = map_of_template(
+        written, compiled_map or compile_map(path, for_people=for_people), path, cyclists=bool(people.cyclists)
+    )
     compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
     return with_shoulders_in_use(compiled) if template.shoulders_in_use else compiled
 
@@ -240,6 +243,7 @@ def _description(
             "route": [network.edges[edge].edge_id for edge in site.route],
             "stretch": [network.edges[edge].edge_id for edge in site.stretch],
             **({"prolonged_m": prolonged_m} if prolonged_m else {}),
+            **({"map_variant": compiled.variant} if compiled.variant else {}),
         },
     )
 

@@ -205,7 +205,8 @@ def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path)
         net_path.write_bytes(record.map_xml)
         source_sha256 = described.parameters.get(MAP_SOURCE_PARAMETER, "")
         net_sha256 = sha256(record.map_xml).hexdigest()
-        compiled = CompiledMap(name_of_map(source), net_path, net_sha256, SourceKind.SUMO, str(source_sha256))
+        of_source = SourceKind.SUMO, str(source_sha256), str(described.site.get("map_variant", ""))
+        compiled = CompiledMap(name_of_map(source), net_path, net_sha256, *of_source)
     else:
         compiled = compile_map(source)
     if compiled.sha256 != described.map_sha256:

@@ -3,20 +3,21 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 import shapely
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.errors import InputError, MapError
+from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.maps.amended_map import amended_map, places_for
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Lack, Site, SiteKind, bridges, overlaps
-from siren_ros.simulation.scenario.scenario import EmvDemand, Placement, Template
+from siren_ros.simulation.scenario.scenario import EmvDemand, GroupAnchor, Placement, StartReference, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
 from siren_ros.simulation.traffic.demand.group_demand import connection_from
@@ -25,12 +26,12 @@ from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass
 
 _LONG_ENOUGH_M: Final = 150.0
-"""Least length of good roads: 12 s at 45 km/h, to reach and pass five vehicles. The same holds for queues: eight
-vehicles with 8 m between them, 30 m to the EMV, and some distance to roll to the line."""
-_MOTORWAY_M: Final = 750.0
-"""Least length of motorway stretches: a queue of 350 m, 250 m before it and 150 m on which its head moves on."""
+"""Least length of good roads: 12 s at 45 km/h, to reach and pass five vehicles."""
+_RESCUE_M: Final = 6.6
+"""Least width of two lanes with a rescue lane: an ambulance (2.1 m) with 0.2 m on each side, and two vans (2.02 m)."""
 _NO_BRIDGE_M: Final = 300.0
-"""No bridge may be this near to a motorway stretch; traffic starts within this distance (``DISTRICT_M``)."""
+"""Motorway stretches without a bridge within this distance are preferred: traffic starts within it (``DISTRICT_M``),
+and where roads cross, traffic of both waits in this flat world."""
 _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
@@ -71,21 +72,25 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
     * Another lane leads on beside its own, where vehicles of the template drive there. Vehicles that need only have its
       direction drive ahead of it where no site of the map has a second lane.
     * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
-    * No other road crosses a motorway on a bridge nearby: vehicles of both would meet, since the world is flat.
+    * No other road crosses a motorway on a bridge: vehicles of both would meet, since the world is flat.
     * No other road lies over it: drivers can make way for each other there, but not for the EMV, too.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
     * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
     * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
       a junction, from which others join and to which drivers who make way cannot turn.
     """
-    found = {}
+    found, needs_m = {}, needed_m(template)
     for site, approach in _approached(network, template.site_kind, template.emv):
-        lacking = (Lack(text) for text, has in _CONDITIONS.items() if not has(network, site, template))
-        found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacking))))
+        lacking = (text for text, has in _CONDITIONS.items() if not has(network, site, template))
+        lacks = (Lack(text.format(needed_m=needs_m)) for text in lacking)
+        found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacks))))
     if _has_group(template, Placement.SAME_DIRECTION):
         _prefer(found, _ONE_LANE, lambda site: len(site.connections) > 1)
     if template.site_kind in _NO_SHOULDER:
         _prefer(found, _SHOULDER, lambda site: not has_shoulder(network, site))
+    if template.site_kind is SiteKind.MOTORWAY_STRETCH:
+        _prefer(found, _BRIDGE, lambda site: _far_from_bridges(network, site))
+        _prefer(found, LITTLE_BEHIND, lambda site: _behind_m(network, site) >= EXIT_M - _JUNCTION_M)
     if template.site_kind is SiteKind.MULTI_LANE_ROAD:
         enough_m = _LONG_ENOUGH_M
         _prefer(found, _JOINED, lambda site: quiet_reach_m(network, site.approach_lane, enough_m) >= enough_m)
@@ -168,26 +173,69 @@ def _good_after(
     return tuple(found)
 
 
+def needed_m(template: Template) -> float:
+    """Length of road that a template needs for the rows of vehicles with which it begins, at its default values.
+
+    Before a stop line these start between the line and the EMV. On a road they start ahead of the EMV, each vehicle
+    with its spacing, and with the mean length of the template's classes.
+    """
+    groups = [group for group in template.demand.groups if group.anchor is GroupAnchor.EMV and not group.optional]
+    if template.emv.start_from is StartReference.STOP_LINE:
+        return max((-template.emv.start_m - group.first_gap_m for group in groups), default=0.0)
+    mean_m = sum(share * _lengths_m()[member] for member, share in template.demand.classes)
+    rows_m = (group.first_gap_m + group.vehicles * (group.spacing_m + mean_m) for group in groups)
+    return template.emv.start_m + max(rows_m, default=0.0)
+
+
+@cache
+def _lengths_m() -> Mapping[ActorClass, float]:
+    return {member: vehicle.length_m for member, vehicle in load_vehicle_parameters().items()}
+
+
 def has_shoulder(network: RoadNetwork, site: Site) -> bool:
     """Whether a shoulder runs along part of the site's stretch of road."""
     lanes = (network.lanes[lane] for edge in site.stretch for lane in network.edges[edge].lanes)
     return any(lane.kind is LaneKind.SHOULDER for lane in lanes)
 
 
-def _long_enough(network: RoadNetwork, site: Site, _: Template) -> bool:
-    return site.kind not in _NO_SHOULDER or _usable_m(network, site) >= _LONG_ENOUGH_M
+def _long_enough(_: RoadNetwork, site: Site, __: Template) -> bool:
+    return site.kind is not SiteKind.MULTI_LANE_ROAD or site.length_m >= _LONG_ENOUGH_M
 
 
-def _motorway_long_enough(_: RoadNetwork, site: Site, __: Template) -> bool:
-    return site.kind is not SiteKind.MOTORWAY_STRETCH or site.length_m >= _MOTORWAY_M
+def _queues_fit(network: RoadNetwork, site: Site, template: Template) -> bool:
+    return site.kind is not SiteKind.QUEUED_APPROACH or _usable_m(network, site) >= needed_m(template)
 
 
-def _far_from_bridges(network: RoadNetwork, site: Site, _: Template) -> bool:
-    if site.kind is not SiteKind.MOTORWAY_STRETCH:
-        return True
+def _jam_fits(_: RoadNetwork, site: Site, template: Template) -> bool:
+    return site.kind is not SiteKind.MOTORWAY_STRETCH or site.length_m >= needed_m(template)
+
+
+def _corridor_free(network: RoadNetwork, site: Site, _: Template) -> bool:
+    leftmost = (network.lanes[network.edges[edge].lanes[-1]] for edge in site.stretch)
+    corridor = site.kind in {SiteKind.MOTORWAY_STRETCH, SiteKind.QUEUED_APPROACH}
+    return not corridor or all(lane.civilian_allowed or lane.kind is not LaneKind.DRIVING for lane in leftmost)
+
+
+def _has_rescue_lane(network: RoadNetwork, site: Site, _: Template) -> bool:
+    widths_m = (sum(lane.width_m for lane in driving_lanes(network, edge)[-2:]) for edge in site.stretch)
+    return site.kind is not SiteKind.MOTORWAY_STRETCH or min(widths_m) >= _RESCUE_M
+
+
+def _far_from_bridges(network: RoadNetwork, site: Site) -> bool:
     lanes = (driving_lanes(network, edge)[-1] for edge in site.stretch)
     stretch = shapely.union_all([shapely.LineString(lane.centre.points) for lane in lanes])
-    return not shapely.dwithin(stretch, shapely.points(bridges(network)), _NO_BRIDGE_M).any()
+    places = (shapely.multipoints(points) for *_, points in bridges(network))
+    return not any(shapely.dwithin(stretch, place, _NO_BRIDGE_M) for place in places)
+
+
+def _no_bridge(network: RoadNetwork, site: Site, _: Template) -> bool:
+    return site.kind is not SiteKind.MOTORWAY_STRETCH or not crossing_roads(network, site)
+
+
+def crossing_roads(network: RoadNetwork, site: Site) -> frozenset[int]:
+    """Edges that cross a site's stretch of road on a bridge, above it or below."""
+    pairs = ((first, second) for first, second, _ in bridges(network))
+    return frozenset(edge for pair in pairs if set(pair) & set(site.stretch) for edge in pair) - set(site.stretch)
 
 
 def _lies_alone(network: RoadNetwork, site: Site, _: Template) -> bool:
@@ -197,13 +245,19 @@ def _lies_alone(network: RoadNetwork, site: Site, _: Template) -> bool:
     return not any(lane in lanes for lane, _ in overlaps(network))
 
 
-def _leads_on(network: RoadNetwork, site: Site, _: Template) -> bool:
+def _leads_on(network: RoadNetwork, site: Site, template: Template) -> bool:
+    spare_m = site.length_m - needed_m(template) if site.kind is SiteKind.MOTORWAY_STRETCH else 0.0
+    return spare_m + _behind_m(network, site) >= EXIT_M - _JUNCTION_M
+
+
+def _behind_m(network: RoadNetwork, site: Site) -> float:
     after = site.route[site.route.index(site.stretch[-1]) + 1 :]
-    return sum(driving_lanes(network, edge)[-1].length_m for edge in after) >= EXIT_M - _JUNCTION_M
+    return sum(driving_lanes(network, edge)[-1].length_m for edge in after)
 
 
 def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
-    return len(site.connections) >= (2 if _has_group(template, Placement.ADJACENT_LANE) else 1)
+    least = 2 if _has_group(template, Placement.ADJACENT_LANE) else site.kind is not SiteKind.MOTORWAY_STRETCH
+    return len(site.connections) >= least
 
 
 def _has_group(template: Template, placement: Placement) -> bool:
@@ -228,8 +282,11 @@ def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
 
 _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
     f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
-    f"less than {_MOTORWAY_M:.0f} m on which nobody joins or leaves": _motorway_long_enough,
-    f"a bridge, less than {_NO_BRIDGE_M:.0f} m away, where traffic of both roads meets": _far_from_bridges,
+    "less than {needed_m:.0f} m of road without a junction or a turning lane on the left": _queues_fit,
+    "less than {needed_m:.0f} m on which nobody joins or leaves": _jam_fits,
+    f"less than {_RESCUE_M:.1f} m on its two leftmost lanes": _has_rescue_lane,
+    "a bridge, where traffic of both roads meets": _no_bridge,
+    "a lane on its left that is not for cars": _corridor_free,
     "a road that lies over it, without a junction": _lies_alone,
     LITTLE_BEHIND: _leads_on,
     "no second lane that leads on beside the EMV's": _has_lanes,
@@ -237,27 +294,29 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "crossing traffic without a stop sign": _all_stop,
     "a stop sign at its end": _ends_free,
 }
-"""Conditions of good sites, by the text that says what is lacking."""
+"""Conditions of good sites, by the text that says what is lacking; ``needed_m`` is that of the template."""
+_BRIDGE: Final = f"a bridge less than {_NO_BRIDGE_M:.0f} m away, and others have none"
 _ONE_LANE: Final = "one lane leads on, and others have a second one"
 _SHOULDER: Final = "a shoulder, and others have none"
 _JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"
 
 
 def _usable_m(network: RoadNetwork, site: Site) -> float:
-    """Usable length of the stretch; for queues only where its lanes lead straight on, and up to the next junction.
+    """Length of a queued approach on which the two leftmost lanes lead straight on, up to the next junction.
 
-    Where the lanes of two queues grow out of one lane, the road before it has room for one queue.
+    The corridor opens between these: a turning lane on the left would be the EMV's way past both queues, one on the
+    right has no part. Where the lanes of two queues grow out of one lane, the road before it has room for one queue.
     """
-    if site.kind is not SiteKind.QUEUED_APPROACH:
-        return site.length_m
     plain, queues = [], {network.connections[way].from_lane for way in site.connections}
     for edge, before in zip(reversed(site.stretch), (*reversed(site.stretch[:-1]), None), strict=True):
-        if len(queues) < len(site.connections):
+        leftmost = {lane.index for lane in driving_lanes(network, edge)[-2:]}
+        if len(queues) < 2:
             break
-        plain += [edge] * (len(driving_lanes(network, edge)) == len(queues))
+        plain += [edge] * (leftmost <= queues)
         steps = [] if before is None else [connection_from(network, lane, before) for lane in queues]
         queues = {step.from_lane for step in steps if step is not None}
-    return quiet_reach_m(network, site.approach_lane, EdgeGraph.of(network).route_length_m(plain))
+    way_m = EdgeGraph.of(network).route_length_m(plain)
+    return min(quiet_reach_m(network, site.approach_lane, way_m), way_m)
 
 
 def sites_to_try(network: RoadNetwork, template: Template, seed: int, pinned: str, shown_map: str) -> SitesToTry:

@@ -417,7 +417,8 @@ def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Ve
         at_least("shoulder_s", shoulder_s, needed_s, times_text(rows, on_shoulder), *reached(so_far_s, needed_s)),
         _through(record, traversal),
     )
-    text = f"the EMV was on the shoulder for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"
+    space = str(record.description.site.get("map_variant", "shoulder")).replace("_", " ")
+    text = f"the EMV was on the {space} for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"
     return verdict_of(parts, text)
 
 

@@ -287,16 +287,19 @@ Survey = tuple[Template, Mapping[Site, Sequence[Lack]]]
 """A template with all sites of its kind, best first, and what each lacks (empty for suitable ones)."""
 
 
-def save_site_map(network: RoadNetwork, surveys: Sequence[Survey], path: Path) -> Path:
+def save_site_map(networks: Sequence[RoadNetwork], surveys: Sequence[Survey], path: Path) -> Path:
     """Draw the map once per template into a PNG file with ``save_png``."""
-    return save_png(path, lambda: draw_site_map(network, surveys))
+    return save_png(path, lambda: draw_site_map(networks, surveys))
 
 
-def draw_site_map(network: RoadNetwork, surveys: Sequence[Survey]) -> Figure:
-    """Draw one panel per template: suitable sites with their numbers in ``siren sites``, and other places."""
-    box = _box_around(network)
-    colours = [_colours(network, survey) for survey in surveys]
-    legends = [_legend(network, *each) for each in zip(surveys, colours, strict=True)]
+def draw_site_map(networks: Sequence[RoadNetwork], surveys: Sequence[Survey]) -> Figure:
+    """Draw one panel per template: suitable sites with their numbers in ``siren sites``, and other places.
+
+    ``networks`` has the roads as each template uses them.
+    """
+    box = _box_around(networks)
+    colours = [*map(_colours, networks, surveys)]
+    legends = [*map(_legend, networks, surveys, colours)]
     columns = min(_COLUMNS, len(surveys))
     rows = -(-len(surveys) // columns)
     shape = (box[3] - box[2]) / (box[1] - box[0])
@@ -310,7 +313,7 @@ def draw_site_map(network: RoadNetwork, surveys: Sequence[Survey]) -> Figure:
         corner_in = np.array([column * _PANEL_IN, size_in[1] - row * (map_in + text_in) - _TITLE_IN - map_in])
         (left, bottom), (width, height) = corner_in / size_in, np.array([_PANEL_IN, map_in]) / size_in
         axes = figure.add_axes((left + _MARGIN * width, bottom, (1.0 - 2.0 * _MARGIN) * width, height))
-        _draw_panel(axes, network, surveys[place], colours[place], box)
+        _draw_panel(axes, networks[place], surveys[place], colours[place], box)
         axes.legend(
             handles=legend, loc="upper left", bbox_to_anchor=(0.0, -0.01), fontsize=8, frameon=False, labelcolor=TEXT
         )
@@ -368,9 +371,9 @@ def _colours(network: RoadNetwork, survey: Survey) -> dict[str, str]:
     return {text: _LACKING[place % len(_LACKING)] for place, text in enumerate(dict.fromkeys(texts))}
 
 
-def _box_around(network: RoadNetwork) -> Box:
+def _box_around(networks: Sequence[RoadNetwork]) -> Box:
     """Bounding box of all lanes."""
-    points = np.concatenate([lane.centre.points for lane in network.lanes])
+    points = np.concatenate([lane.centre.points for network in networks for lane in network.lanes])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.02 * float((high - low).max()) + 5.0
     (x0, y0), (x1, y1) = (low - margin).tolist(), (high + margin).tolist()

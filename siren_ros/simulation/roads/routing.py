@@ -223,6 +223,12 @@ def driving_lanes(network: RoadNetwork, edge: int) -> tuple[Lane, ...]:
     return tuple(lane for lane in lanes if lane.kind is LaneKind.DRIVING and lane.civilian_allowed)
 
 
+def is_out_of_town(network: RoadNetwork, edge: int) -> bool:
+    """Whether an edge has two driving lanes or more and a limit above that of towns."""
+    lanes = driving_lanes(network, edge)
+    return len(lanes) > 1 and lanes[-1].speed_limit_mps > TOWN_LIMIT_MPS
+
+
 def is_leftmost_of_several(network: RoadNetwork, lane: int) -> bool:
     """Whether a lane is the leftmost of its edge's driving lanes, of which there are several."""
     beside = network.edges[network.lanes[lane].edge].lanes
@@ -351,8 +357,8 @@ def rescue_sides(network: RoadNetwork) -> npt.NDArray[np.int8]:
     """
     sides = np.zeros(len(network.lanes), np.int8)
     for edge in range(len(network.edges)):
-        lanes = driving_lanes(network, edge)
-        if len(lanes) > 1 and lanes[-1].speed_limit_mps > TOWN_LIMIT_MPS:
+        if is_out_of_town(network, edge):
+            lanes = driving_lanes(network, edge)
             sides[[lane.index for lane in lanes]] = -1
             sides[lanes[-1].index] = 1
     for connection in network.connections:

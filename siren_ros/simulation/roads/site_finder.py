@@ -171,7 +171,7 @@ def stop_junctions(graph: EdgeGraph) -> Iterator[Site | NoSite]:
 
 
 def shoulder_turns(graph: EdgeGraph) -> Iterator[Site | NoSite]:
-    """Right turns along a shoulder that begins before the turn and goes on after it."""
+    """Right turns along a shoulder that begins before the turn, and that goes on after it or leads to a lane."""
     network = graph.network
     turns = [connection for connection in network.connections if connection.direction == "r"]
     along = [turn for turn in turns if _on_shoulders(network, turn)]
@@ -182,7 +182,8 @@ def shoulder_turns(graph: EdgeGraph) -> Iterator[Site | NoSite]:
             yield NoSite(source.edge, "no shoulder along its right turn")
         if connection not in along:
             continue
-        if min(source.length_m, target.length_m) < SHORTEST_SHOULDER_M:
+        after_m = target.length_m if target.kind is LaneKind.SHOULDER else SHORTEST_SHOULDER_M
+        if min(source.length_m, after_m) < SHORTEST_SHOULDER_M:
             yield NoSite(source.edge, f"less than {SHORTEST_SHOULDER_M:.0f} m of shoulder before or after the turn")
             continue
         if movements := civilian_movements(network, source.edge, target.edge):
@@ -249,8 +250,8 @@ def _goes_on(graph: EdgeGraph, edge: int, way: int) -> bool:
 
 
 def _on_shoulders(network: RoadNetwork, movement: Connection) -> bool:
-    ends = network.lanes[movement.from_lane], network.lanes[movement.to_lane]
-    return all(lane.kind is LaneKind.SHOULDER for lane in ends)
+    source, target = network.lanes[movement.from_lane], network.lanes[movement.to_lane]
+    return source.kind is LaneKind.SHOULDER and target.kind in {LaneKind.SHOULDER, LaneKind.DRIVING}
 
 
 _NO_SIGNAL: Final = "no signal that is both red and green"

@@ -262,13 +262,16 @@ def _exit(graph: EdgeGraph, before: Sequence[int]) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=MAPS_KEPT)
-def bridges(network: RoadNetwork) -> Points:
-    """The places where driving lanes of two roads cross outside junctions, shape ``(N, 2)``."""
+def bridges(network: RoadNetwork) -> tuple[tuple[int, int, Points], ...]:
+    """Where driving lanes of two roads cross outside junctions: both edges, and the places, shape ``(N, 2)``."""
     lanes = [lane for lane in network.lanes if lane.kind is LaneKind.DRIVING]
     centres = [shapely.LineString(lane.centre.points) for lane in lanes]
     pairs = shapely.STRtree(centres).query(centres, predicate="crosses").T.tolist()
     crossed = [(a, b) for a, b in pairs if lanes[a].edge < lanes[b].edge]
-    return shapely.get_coordinates([shapely.intersection(centres[a], centres[b]) for a, b in crossed])
+    return tuple(
+        (lanes[a].edge, lanes[b].edge, shapely.get_coordinates(shapely.intersection(centres[a], centres[b])))
+        for a, b in crossed
+    )
 
 
 _TOUCH_M: Final = 2.55

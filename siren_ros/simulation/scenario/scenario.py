@@ -246,6 +246,8 @@ class Template:
     """The built-in map on which the scenario happens where nobody names a map; empty means the town."""
     shoulders_in_use: bool = False
     """Whether the map's shoulders are closed to all drivers, as where vehicles park there."""
+    spaces: tuple[str, ...] = ()
+    """Space beside the right lane that the EMV may drive on, the best first; empty where the template needs none."""
     drivers: Mapping[str, float] = field(default_factory=dict)
     """Parameters of drivers that differ from the preset's, by their names in ``DRIVER_PARAMETERS``."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)

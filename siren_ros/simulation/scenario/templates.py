@@ -9,6 +9,7 @@ from siren_ros.base.params.folders import names_in_params
 from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping, read_strict_yaml
 from siren_ros.errors import InputError, SirenError
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
+from siren_ros.simulation.roads.maps.road_space import SPACES
 from siren_ros.simulation.roads.sites import SiteKind
 from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
@@ -102,6 +103,7 @@ def _template(top: StrictMapping) -> Template:
         jam=_jam(top.mapping("jam"), parameters) if top.has("jam") else None,
         map_name=top.text("map", BUILT_IN_MAPS) if top.has("map") else "",
         shoulders_in_use=top.has("shoulders") and top.text("shoulders", ["free", "in_use"]) == "in_use",
+        spaces=_spaces(top) if top.has("spaces") else (),
         ranges=ranges,
         drawn=drawn,
     )
@@ -116,6 +118,13 @@ def _template(top: StrictMapping) -> Template:
         where = top.mapping("demand").where("background_vehicles")
         raise InputError(where, f"{least:g} at least", f"no fewer than the {most} vehicles that the groups may have")
     return template
+
+
+def _spaces(top: StrictMapping) -> tuple[str, ...]:
+    words = top.words("spaces")
+    if unknown := [word for word in words if word not in SPACES]:
+        raise InputError(top.where("spaces"), unknown[0], ", ".join(SPACES))
+    return words
 
 
 def _refuse_stop_line(top: StrictMapping, template: Template) -> None:

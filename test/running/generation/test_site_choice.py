@@ -17,6 +17,7 @@ from siren_ros.running.generation.site_choice import (
     count_lacks,
     good_sites,
     has_shoulder,
+    needed_m,
     plan_at_site,
     proposed,
     ranked_sites,
@@ -166,7 +167,41 @@ def test_two_queues_do_not_grow_out_of_one_lane(tmp_path: Path, origin: int, goo
         "".join('<connection from="{}" to="{}" fromLane="{}" toLane="{}"/>'.format(*way.split()) for way in ways),
     )
     (lacking,) = shortcomings(network_of_map(net), load_template("S1")).values()
-    assert (Lack("less than 150 m of road without a junction or a turning lane") not in lacking) is good
+    assert (Lack(TURNING_LANE) not in lacking) is good
+
+
+TURNING_LANE = "less than 162 m of road without a junction or a turning lane on the left"
+
+
+@pytest.mark.parametrize(("turn", "good"), [("s", True), ("n", False)])
+def test_a_turning_lane_on_the_right_is_not_in_the_way_of_two_queues(tmp_path: Path, turn: str, good: bool) -> None:
+    """One of three lanes turns, along the whole approach: the right one, or the left one."""
+    ways = ("b s 0 0", "b e 1 0", "b e 2 1") if turn == "s" else ("b e 0 0", "b e 1 1", "b n 2 0")
+    net = plain_net(
+        tmp_path,
+        '<node id="A" x="-500" y="0"/><node id="C" x="0" y="0" type="traffic_light"/><node id="E" x="400" y="0"/>'
+        '<node id="N" x="0" y="300"/><node id="S" x="0" y="-300"/>',
+        "".join(
+            f'<edge id="{name}" from="{ends[0]}" to="{ends[1]}" numLanes="{lanes}" speed="13.9"/>'
+            for name, ends, lanes in (("b", "AC", 3), ("e", "CE", 2), ("n", "CN", 1), ("s", "CS", 1), ("x", "NC", 1))
+        ),
+        "".join('<connection from="{}" to="{}" fromLane="{}" toLane="{}"/>'.format(*way.split()) for way in ways),
+    )
+    (lacking,) = shortcomings(network_of_map(net), load_template("S1")).values()
+    assert (Lack(TURNING_LANE) not in lacking) is good
+
+
+def test_the_needed_length_follows_from_the_rows_of_a_template() -> None:
+    """Queues of S1 start up to the EMV, 28 m before it; a jam of S8 starts ahead of it, with its own spacing."""
+    queues, jam = load_template("S1"), load_template("S8")
+    assert needed_m(queues) == -queues.emv.start_m - 28.0
+    (group,) = jam.demand.groups
+    shorter = with_group(jam, vehicles=group.vehicles - 10)
+    car_m = (needed_m(jam) - needed_m(shorter)) / 10.0 - group.spacing_m
+    assert 4.5 < car_m < 5.5
+    assert needed_m(jam) == pytest.approx(
+        jam.emv.start_m + group.first_gap_m + group.vehicles * (group.spacing_m + car_m)
+    )
 
 
 def test_the_seed_draws_each_good_site(town: RoadNetwork) -> None:

@@ -246,6 +246,14 @@ def test_every_template_but_that_of_the_motorway_takes_one_emv_to_three_and_one_
             template.with_values({path: value})
 
 
+def test_space_next_to_a_queue_is_named(tmp_path):
+    assert {name for name in available_templates() if load_template(name).spaces} == {"S7"}
+    wrong, line = refused(tmp_path, "shoulders: in_use", "spaces: [shoulder, lawn]")
+    assert f":{line}:" in wrong.parameter
+    assert wrong.value == "lawn"
+    assert "cycle_lane" in wrong.allowed
+
+
 def test_shoulders_are_in_use_where_a_free_one_would_be_the_way_past_everybody(tmp_path):
     assert {name for name in available_templates() if load_template(name).shoulders_in_use} == {"S1", "S2"}
     wrong, line = refused(tmp_path, "shoulders: in_use", "shoulders: closed")

@@ -167,6 +167,8 @@ class CompiledMap:
     kind: SourceKind
     source_sha256: str = ""
     """SHA-256 of the source's content, after decompression."""
+    variant: str = ""
+    """What the map was given for a template, in words; empty for the map itself."""
 
     def read_bytes(self) -> bytes:
         """The net, for ``parse_road_network``."""
@@ -335,7 +337,7 @@ def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
     Raises:
         InputError: The cache folder cannot be written.
     """
-    return _changed(compiled, f"{_SLOWER_RECIPE} {limit_mps:.2f}", lambda net: lowered_limits(net, limit_mps))
+    return changed_map(compiled, f"{_SLOWER_RECIPE} {limit_mps:.2f}", lambda net: lowered_limits(net, limit_mps))
 
 
 def with_shoulders_in_use(compiled: CompiledMap) -> CompiledMap:
@@ -344,15 +346,19 @@ def with_shoulders_in_use(compiled: CompiledMap) -> CompiledMap:
     In a town vehicles park there. A template asks for it where a free shoulder would be the EMV's way past everybody.
     Raises InputError as ``with_speed_limit`` does.
     """
-    return _changed(compiled, _IN_USE_RECIPE, closed_shoulders)
+    return changed_map(compiled, _IN_USE_RECIPE, closed_shoulders)
 
 
 def mirrored_map(compiled: CompiledMap) -> CompiledMap:
     """The mirror image of a map, with traffic on the other side; raises InputError as ``with_speed_limit`` does."""
-    return _changed(compiled, _MIRRORED_RECIPE, mirrored_net)
+    return changed_map(compiled, _MIRRORED_RECIPE, mirrored_net)
 
 
-def _changed(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes]) -> CompiledMap:
+def changed_map(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes], variant: str = "") -> CompiledMap:
+    """The map with its net changed, from the cache or anew; the map itself where nothing changes.
+
+    The ``recipe`` names the change and its version; ``variant`` says what the map was given for a template.
+    """
     key = hashlib.sha256(f"{recipe} {compiled.sha256}".encode()).hexdigest()
     path = compiled.net_path.with_name(f"{compiled.name}-{key[:20]}.net.xml")
     try:
@@ -361,17 +367,23 @@ def _changed(compiled: CompiledMap, recipe: str, change: Callable[[bytes], bytes
         net = change(compiled.read_bytes())
         store_in_cache(path, net)
     digest = hashlib.sha256(net).hexdigest()
-    return compiled if digest == compiled.sha256 else replace(compiled, net_path=path, sha256=digest)
+    variant = variant or compiled.variant
+    return compiled if digest == compiled.sha256 else replace(compiled, net_path=path, sha256=digest, variant=variant)
 
 
 def closed_shoulders(net: bytes) -> bytes:
     """A SUMO net whose lanes for emergency vehicles alone are closed; the same bytes where there are none."""
+    return with_lanes_closed(net, lambda lane: lane.get("allow") == "emergency")
+
+
+def with_lanes_closed(net: bytes, chosen: Callable[[Element], bool]) -> bytes:
+    """A SUMO net with some ``lane`` elements closed to everybody; the same bytes where there are none."""
     root = fromstring(net)
-    shoulders = [lane for lane in root.iter("lane") if lane.get("allow") == "emergency"]
-    if not shoulders:
+    lanes = [*filter(chosen, root.iter("lane"))]
+    if not lanes:
         return net
-    for lane in shoulders:
-        del lane.attrib["allow"]
+    for lane in lanes:
+        lane.attrib.pop("allow", None)
         lane.set("disallow", "all")
     return document(root)
 

@@ -162,11 +162,12 @@ def _edge_patches(net: Element, priorities: Mapping[str, int], *, for_people: bo
 
 
 def shoulder_movements(
-    net: Element, shoulders: Collection[tuple[str, int]]
+    net: Element, shoulders: Collection[tuple[str, int]], *, into_lanes: bool = False
 ) -> Iterator[tuple[Element, dict[str, str]]]:
     """Movements from shoulder to shoulder that a net lacks, given as edges and lane numbers.
 
-    Each is parallel to a straight or right movement of the lane on its left.
+    Each is parallel to a straight or right movement of the lane on its left. With ``into_lanes``, a right turn leads to
+    the lane of that movement where no shoulder goes on.
 
     Yields:
         That movement, and the attributes of the missing one.
@@ -177,13 +178,14 @@ def shoulder_movements(
         if not c.attrib["from"].startswith(":")
     }
     for ((source, from_lane), (target, to_lane)), movement in movements.items():
-        beside = (source, from_lane - 1), (target, to_lane - 1)
-        if (
-            movement.get("dir") in {"s", "r", "R"}
-            and beside not in movements
-            and all(lane in shoulders for lane in beside)
-        ):
-            yield movement, {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)}
+        direction, beside = movement.get("dir"), (source, from_lane - 1)
+        ahead = (target, to_lane - 1)
+        if ahead not in shoulders and into_lanes and direction in {"r", "R"}:
+            ahead = (target, to_lane)
+        along = beside in shoulders and (ahead in shoulders or ahead[1] == to_lane)
+        if direction in {"s", "r", "R"} and along and (beside, ahead) not in movements:
+            lanes = {"fromLane": str(beside[1]), "toLane": str(ahead[1])}
+            yield movement, {"from": source, "to": target, **lanes}
 
 
 def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:

@@ -19,7 +19,7 @@ from siren_ros.base.numerics.arrays import Points
 from siren_ros.simulation.roads.maps.netconvert import document, points_of, text_of
 from siren_ros.simulation.roads.net_parser import PROLONGED, prolonged_m
 from siren_ros.simulation.roads.road_network import Edge, JunctionKind, Lane, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
+from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, is_out_of_town
 from siren_ros.simulation.roads.sites import LEAST_ROUTE_M
 
 NEEDED_M: Final = LEAST_ROUTE_M / 2.0
@@ -35,18 +35,27 @@ _ALIKE: Final = 0.98
 _CONTROLLED: Final = frozenset({JunctionKind.SIGNAL, JunctionKind.ALL_WAY_STOP, JunctionKind.PRIORITY_STOP})
 
 
-def with_prolonged_ends(net: bytes, network: RoadNetwork, further: Collection[str] = ()) -> bytes:
-    """A net whose roads between a junction and the border are at least ``NEEDED_M`` long, where there is space.
+def with_prolonged_ends(
+    net: bytes,
+    network: RoadNetwork,
+    further: Collection[str] = (),
+    needed_m: float = NEEDED_M,
+    *,
+    out_of_town: bool = False,
+) -> bytes:
+    """A net whose roads between a junction and the border are long enough, where there is space.
 
     Args:
         net: A SUMO net.
         network: The road network of this net.
-        further: Edges at open ends that become longer by up to ``NEEDED_M`` in any case, also towards other roads.
+        further: Edges at open ends that become longer by up to ``needed_m`` in any case, also towards other roads.
+        needed_m: Least length of these roads.
+        out_of_town: Whether only roads of two lanes or more with a limit above that of towns are prolonged.
 
     Returns:
         The same bytes where no road is too short.
     """
-    shifts = dict(_shifts(network, further))
+    shifts = dict(_shifts(network, further, needed_m, out_of_town=out_of_town))
     if not shifts:
         return net
     root = fromstring(net, forbid_dtd=True)
@@ -108,12 +117,17 @@ def roads_at(network: RoadNetwork) -> tuple[dict[str, set[str]], dict[str, list[
     return beside, at_end
 
 
-def _shifts(network: RoadNetwork, further: Collection[str]) -> Iterator[tuple[str, Points]]:
+def _shifts(
+    network: RoadNetwork, further: Collection[str], needed_m: float = NEEDED_M, *, out_of_town: bool = False
+) -> Iterator[tuple[str, Points]]:
     """The dead ends that are moved, and by how much, shape ``(2,)``."""
     beside, at_end = roads_at(network)
-    short = {end: NEEDED_M - _road_m(network, end, beside, at_end) for end in beside if len(beside[end]) == 1}
+    dead = [end for end in beside if len(beside[end]) == 1]
+    if out_of_town:
+        dead = [end for end in dead if any(is_out_of_town(network, edge.index) for edge in at_end[end])]
+    short = {end: needed_m - _road_m(network, end, beside, at_end, needed_m) for end in dead}
     wanted = {end for end in short if any(edge.edge_id in further for edge in at_end[end])}
-    short |= dict.fromkeys(wanted, NEEDED_M)
+    short |= dict.fromkeys(wanted, needed_m)
     ends = sorted(end for end, lacking_m in short.items() if lacking_m >= _LEAST_M)
     areas = [_area(lane) for lane in network.lanes] if ends else []
     own = _lanes_at(network, ends)
@@ -146,10 +160,12 @@ def _lanes_at(network: RoadNetwork, ends: Sequence[str]) -> dict[str, set[int]]:
     return own
 
 
-def _road_m(network: RoadNetwork, end: str, beside: Mapping[str, set[str]], at_end: Mapping[str, list[Edge]]) -> float:
-    """Length of the road from a dead end to the first junction, at most ``NEEDED_M``; that where it leads to none."""
+def _road_m(
+    network: RoadNetwork, end: str, beside: Mapping[str, set[str]], at_end: Mapping[str, list[Edge]], needed_m: float
+) -> float:
+    """Length of the road from a dead end to the first junction, at most ``needed_m``; that where it leads to none."""
     before, node, length_m = end, next(iter(beside[end])), 0.0
-    while length_m < NEEDED_M:
+    while length_m < needed_m:
         ends = {before, node}
         edges = (edge.index for edge in at_end[before] if {edge.from_junction, edge.to_junction} == ends)
         length_m += min(EdgeGraph.of(network).length_m[edge] for edge in edges)
@@ -159,7 +175,7 @@ def _road_m(network: RoadNetwork, end: str, beside: Mapping[str, set[str]], at_e
         if len(beside[node]) == 1:
             break
         before, node = node, next(iter(beside[node] - {before}))
-    return NEEDED_M
+    return needed_m
 
 
 def _area(lane: Lane) -> shapely.Polygon:

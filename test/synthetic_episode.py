@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.geometry import rotate
 from siren_ros.base.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import to_ground_truth
@@ -62,6 +61,12 @@ NET_XML = """<net version="1.20">
 <junction id="B" type="dead_end" x="300.00" y="0.00" incLanes="east_0 east_1" intLanes="" shape="300,7 300,-7"/>
 </net>
 """
+
+
+def rotate(points, yaw_rad):
+    """Points of shape ``(..., 2)``, turned counter-clockwise about the origin."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return points @ np.array([[cos, sin], [-sin, cos]])
 
 
 def split_net(seam_m: float) -> str:

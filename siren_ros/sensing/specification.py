@@ -137,6 +137,9 @@ Measure = Callable[[CarrierView], Any]
 name)."""
 
 
+POINT_LAYOUTS: Final = ("siren", "xyzirc", "xyzircaedt")
+
+
 @dataclass(frozen=True)
 class LidarSpec(SensorSpec):
     """A rotating LiDAR. Defaults other than the drop-off and the resolution: paper, table of the sensor suite.
@@ -167,6 +170,8 @@ class LidarSpec(SensorSpec):
     """Resolution of the coordinates, rounded to a power of two; 0 for no rounding. Real sensors resolve 2–4 mm."""
     motion_distortion: bool = False
     """Whether the carrier and the vehicles move while the beams turn."""
+    points_layout: str = field(default=POINT_LAYOUTS[0], metadata={"choices": POINT_LAYOUTS})
+    """Layout of the points in messages: with the actor that each point is on, or one of Autoware's."""
 
     @property
     def columns(self) -> int:

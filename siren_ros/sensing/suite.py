@@ -198,8 +198,10 @@ def _spec(kind: type[Any], name: str, sensors: StrictMapping) -> Any:
     return spec
 
 
-def _value(section: StrictMapping, key: str, kind: Any, metadata: Mapping[str, Any]) -> float | bool:
+def _value(section: StrictMapping, key: str, kind: Any, metadata: Mapping[str, Any]) -> float | bool | str:
     """A value checked against its field's type and bounds."""
+    if kind is str:
+        return section.text(key, metadata["choices"])
     if kind is bool:
         return section.flag(key)
     if kind is int:

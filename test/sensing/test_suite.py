@@ -93,6 +93,17 @@ def test_what_cannot_be_used_is_named(tmp_path, text, said):
     assert "mine.yaml" in str(caught.value)
 
 
+@pytest.mark.parametrize("layout", ["siren", "xyzirc", "xyzircaedt"])
+def test_a_lidar_has_one_of_the_layouts_of_points(tmp_path, layout):
+    file = tmp_path / "own.yaml"
+    mount = "{x_m: 0, y_m: 0, z_m: 2}"
+    file.write_text(f"lidars: {{top: {{mount: {mount}, points_layout: {layout}}}, plain: {{mount: {mount}}}}}")
+    assert [spec.points_layout for spec in load_suite(str(file)).lidars] == [layout, "siren"]
+    file.write_text(f"lidars: {{top: {{mount: {mount}, points_layout: xyz}}}}")
+    with pytest.raises(InputError, match="one of siren, xyzirc, xyzircaedt"):
+        load_suite(str(file))
+
+
 def test_an_unknown_suite_is_answered_with_the_known_ones():
     with pytest.raises(InputError, match=r"lidar.*none"):
         load_suite("everything")

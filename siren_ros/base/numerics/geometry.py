@@ -60,12 +60,6 @@ def overlapping_pairs(
     return first[inside], second[inside], -gap[inside]
 
 
-def rotate(points: Floats, yaw_rad: float) -> Floats:
-    """Rotate points (shape ``(..., 2)``) counter-clockwise about the origin."""
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return points @ np.array([[cos, sin], [-sin, cos]])
-
-
 @dataclass(frozen=True, eq=False)
 class Polyline:
     """A curve through ``points`` (shape ``(K, 2)``, K ≥ 2, consecutive points distinct), in metres.

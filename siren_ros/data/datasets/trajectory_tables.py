@@ -81,12 +81,6 @@ def type_id_of(actor_class: ActorClass) -> str:
     return f"{kind}.siren.{actor_class.name.lower()}"
 
 
-def trajectory_csv(record: EpisodeRecord) -> str:
-    """The whole file of a recorded episode as text; rows in the order of steps and, within a step, of actor ids."""
-    logged = [states for states in record.states if states.step % LOG_PERIOD_STEPS == 0]
-    return CSV_HEAD + "".join(lines_of_step(states, record.actors) for states in logged)
-
-
 def lines_of_step(states: ActorStates, actors: Mapping[int, ActorDescription]) -> str:
     """The rows of one step. Raises BagError: an actor is not described."""
     time_s = f"{states.step * STEP_S:.2f}"

@@ -260,6 +260,35 @@ _FORMAT_OF_DATATYPE: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u
 _DATATYPE_OF_FORMAT: Final = {name: datatype for datatype, name in _FORMAT_OF_DATATYPE.items()}
 
 
+_AUTOWARE: Final = [
+    *(("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("return_type", "u1"), ("channel", "<u2")),
+    *(("azimuth", "<f4"), ("elevation", "<f4"), ("distance", "<f4"), ("time_stamp", "<u4")),
+]
+"""Fields of Autoware's ``PointXYZIRCAEDT``; the first six are those of ``PointXYZIRC`` (``autoware_point_types``)."""
+_AS_READ: Final = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("instance", "<u2")]
+_STRONGEST, _FULL = 1, 255.0
+"""Autoware's ``ReturnType::SINGLE_STRONGEST``, and its intensity where ours is 1."""
+
+
+def in_layout(points: npt.NDArray[np.void], layout: str, turn_s: float) -> npt.NDArray[np.void]:
+    """The points of a sweep in one of ``POINT_LAYOUTS``, shape ``(N,)``; in metres, radians and nanoseconds.
+
+    Time stamps count from the begin of a rotation that takes ``turn_s``; they are 0 where it takes no time.
+    """
+    if layout not in {"xyzirc", "xyzircaedt"}:
+        return points
+    x, y, z, time_s = (points[name].astype(np.float64) for name in ("x", "y", "z", "time"))
+    flat_m = np.hypot(x, y)
+    kinds = _AUTOWARE if layout == "xyzircaedt" else _AUTOWARE[:6]
+    columns = [x, y, z, np.rint(_FULL * points["intensity"]), _STRONGEST, points["ring"]]
+    columns += [np.arctan2(y, x) % (2.0 * np.pi), np.arctan2(z, flat_m), np.hypot(flat_m, z)]
+    columns += [np.rint(1e9 * np.clip(time_s + turn_s, 0.0, turn_s))]
+    made = np.empty(len(points), kinds)
+    for (name, _), column in zip(kinds, columns, strict=False):
+        made[name] = column
+    return made
+
+
 def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> Any:
     """Makes the message ``sensor_msgs/PointCloud2`` of one sweep, a structured array of shape ``(N,)``.
 
@@ -293,7 +322,8 @@ def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> An
 def from_point_cloud(message: Any) -> npt.NDArray[np.void]:
     """Inverse of ``to_point_cloud``: a structured array over the message's own memory, shape ``(N,)``.
 
-    Clouds of other programs are read as well: any field offsets, big-endian data, several rows. Raises InputError where
+    Clouds of other programs are read as well: any field offsets, big-endian data, several rows. Of Autoware's
+    layouts it gives place, intensity and ring, and no actor. Raises InputError where
     fields, sizes and data do not fit together.
     """
     order = ">" if message.is_bigendian else "<"
@@ -316,10 +346,16 @@ def from_point_cloud(message: Any) -> npt.NDArray[np.void]:
     if row_step < width * point_step or len(data) != height * row_step:
         sizes = f"{height}x{width} points of {point_step} bytes in rows of {row_step}, {len(data)} bytes of data"
         raise InputError("point cloud", sizes, "data of height x row_step bytes")
-    if height * width == 0:
-        return np.empty(0, dtype)
-    rows = data.reshape(height, row_step)[:, : width * point_step]
-    return np.ascontiguousarray(rows).reshape(-1).view(dtype)
+    points = np.empty(0, dtype)
+    if height * width > 0:
+        rows = data.reshape(height, row_step)[:, : width * point_step]
+        points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
+    if "return_type" not in names or "channel" not in names:
+        return points
+    made = np.zeros(len(points), _AS_READ)
+    made["x"], made["y"], made["z"], made["ring"] = points["x"], points["y"], points["z"], points["channel"]
+    made["intensity"] = points["intensity"] / _FULL
+    return made
 
 
 def to_audio(chunk: AudioChunk) -> Any:

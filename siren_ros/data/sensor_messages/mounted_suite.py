@@ -24,6 +24,7 @@ from siren_ros.data.interfaces.boxes import (
 )
 from siren_ros.data.interfaces.measurements import (
     Transform,
+    in_layout,
     to_camera_info,
     to_compressed_image,
     to_image,
@@ -88,7 +89,9 @@ class ObservationMessages:
             yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
         for sweep in seen.sweeps:
             lidar = next(spec for spec in self.suite.lidars if spec.name == sweep.sensor)
-            yield self._topic(topics.LIDAR, lidar), to_point_cloud(step, frame(sweep.sensor), sweep.points)
+            turn_s = 1.0 / lidar.rate_hz if lidar.motion_distortion else 0.0
+            points = in_layout(sweep.points, lidar.points_layout, turn_s)
+            yield self._topic(topics.LIDAR, lidar), to_point_cloud(step, frame(sweep.sensor), points)
         for exposure in seen.frames:
             yield from self._images(exposure, seen.labels.get(exposure.sensor))
         for spec, measured in seen.others:

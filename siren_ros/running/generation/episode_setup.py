@@ -165,7 +165,9 @@ def set_up_episode(
     if request.demand:
         until_s = template.warm_up_s + (request.duration_s or template.lasting_s)
         own = own or read_demand(Path(request.demand), driven, until_s, request.demand_begin_s)
-        lasting = without_background(lasting)
+        people = replace(template.demand.people, cyclists=0, motorcycles=0)
+        alone = replace(template.demand, background_vehicles=0, district_per_lane_km=0.0, people=people)
+        lasting = replace(lasting, demand=alone)
         for line in own.left_out:
             logging.getLogger("siren_ros").warning("%s does not drive as it is: %s", own.source, line)
     spread = template.demand.variety.size_spread
@@ -174,19 +176,12 @@ def set_up_episode(
     if spread:
         plan = with_sizes(plan, dimensions, spread, request.seed)
     if own:
-        plan = replace(plan, own=own, background=(), reserve=(), civilians=0, riders=(), riders_kept={})
+        plan = replace(plan, own=own, reserve=(), civilians=0, riders_kept={})
     plan = with_emv_drivers(with_responses(plan, preset, request.seed), drivers.sumo)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
     description = _description(request, template, compiled, network, site, plan, noted)
     return EpisodeSetup(description, template, description.level, compiled, network, site, plan, preset)
-
-
-def without_background(template: Template) -> Template:
-    """The template with no other traffic than its groups and pedestrians; its own values stay in the description."""
-    people = replace(template.demand.people, cyclists=0, motorcycles=0)
-    demand = replace(template.demand, background_vehicles=0, district_per_lane_km=0.0, people=people)
-    return replace(template, demand=demand)
 
 
 def _map_for(template: Template, written: Template, path: Path | None, compiled_map: CompiledMap | None) -> CompiledMap:

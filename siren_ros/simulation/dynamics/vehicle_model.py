@@ -86,12 +86,6 @@ class VehicleParameters:
             return self
         return _sized(self, length_m, width_m, height_m)
 
-    def attainable_accel_mps2(self, speed_mps: float) -> float:
-        """Largest acceleration on a level road at a speed, by traction, power, drag and rolling resistance."""
-        drive = min(self.max_drive_accel_mps2, self.drive_power_w / (self.mass_kg * max(speed_mps, 1e-3)))
-        drag = 0.5 * AIR_DENSITY_KGPM3 * self.drag_area_m2 * speed_mps**2 / self.mass_kg
-        return drive - drag - self.rolling_resistance * GRAVITY_MPS2
-
 
 AIR_DENSITY_KGPM3: Final = 1.225
 """International standard atmosphere at sea level (ISO 2533)."""

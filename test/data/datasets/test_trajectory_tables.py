@@ -23,12 +23,18 @@ from scipy.io import loadmat
 from siren_ros.data.datasets import trajectory_tables
 from siren_ros.data.datasets.files import FileWriter
 from siren_ros.data.datasets.formats import EpisodePart
-from siren_ros.data.datasets.trajectory_tables import CSV_COLUMNS, trajectory_csv, type_id_of
+from siren_ros.data.datasets.trajectory_tables import CSV_COLUMNS, CSV_HEAD, LOG_PERIOD_STEPS, lines_of_step, type_id_of
 from siren_ros.data.episode_source import EpisodeSource
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.scenario.scenario import region_members
 from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+
+
+def trajectory_csv(record: EpisodeRecord) -> str:
+    """The whole file of a recorded episode: rows in the order of steps and, within a step, of actor ids."""
+    logged = [states for states in record.states if states.step % LOG_PERIOD_STEPS == 0]
+    return CSV_HEAD + "".join(lines_of_step(states, record.actors) for states in logged)
 
 
 @pytest.fixture(scope="module")

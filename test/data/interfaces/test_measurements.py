@@ -105,6 +105,43 @@ def test_a_point_takes_24_bytes_and_the_fields_say_where():
     assert [(field.name, field.offset) for field in message.fields] == list(offsets.items())
 
 
+AUTOWARE = {"x": 0, "y": 4, "z": 8, "intensity": 12, "return_type": 13, "channel": 14}
+AUTOWARE_LONG = AUTOWARE | {"azimuth": 16, "elevation": 20, "distance": 24, "time_stamp": 28}
+
+
+@pytest.mark.parametrize(("layout", "offsets", "size"), [("xyzirc", AUTOWARE, 16), ("xyzircaedt", AUTOWARE_LONG, 32)])
+@pytest.mark.parametrize("count", [0, 50])
+def test_autowares_layouts_have_its_offsets_and_come_back_with_place_intensity_and_ring(
+    round_trip, layout, offsets, size, count
+):
+    points = _sweep(count)
+    points["intensity"] = np.linspace(0.0, 1.0, count)
+    message = round_trip(measurements.to_point_cloud(0, "lidar", measurements.in_layout(points, layout, 0.0)))
+    assert message.point_step == size
+    assert {field.name: field.offset for field in message.fields} == offsets
+    back = measurements.from_point_cloud(message)
+    for name in ("x", "y", "z", "ring"):
+        assert np.array_equal(back[name], points[name])
+    assert np.allclose(back["intensity"], points["intensity"], atol=0.5 / 255.0 + 1e-6)
+    assert not back["instance"].any()
+
+
+def test_autowares_angles_distance_and_time_of_known_points():
+    points = np.zeros(3, LIDAR_POINT_DTYPE)
+    points["x"], points["y"], points["z"] = (3.0, 0.0, -1.0), (4.0, -2.0, 0.0), (5.0, 0.0, 1.0)
+    points["time"], points["intensity"], points["ring"] = (-0.05, -0.01, 0.0), (0.0, 0.5, 1.0), (0, 7, 63)
+    turned = measurements.in_layout(points, "xyzircaedt", 0.05)
+    half, quarter = np.pi / 2.0, np.pi / 4.0
+    assert np.allclose(turned["azimuth"], (np.arctan2(4.0, 3.0), 3.0 * half, np.pi))
+    assert np.allclose(turned["elevation"], (quarter, 0.0, quarter))
+    assert np.allclose(turned["distance"], (np.sqrt(50.0), 2.0, np.sqrt(2.0)))
+    assert np.allclose(turned["time_stamp"], (0, 40_000_000, 50_000_000), atol=5)
+    assert turned["intensity"].tolist() == [0, 128, 255]
+    assert set(turned["return_type"].tolist()) == {1}
+    assert not measurements.in_layout(points, "xyzircaedt", 0.0)["time_stamp"].any()
+    assert measurements.in_layout(points, "siren", 0.05) is points
+
+
 def test_wider_instances_are_kept(round_trip):
     points = np.array([(1.5, 70_000)], dtype=[("x", "<f4"), ("instance", "<u4")])
     cloud = round_trip(measurements.to_point_cloud(0, "lidar", points))

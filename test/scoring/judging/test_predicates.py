@@ -32,8 +32,9 @@ from hand_made_record import (
     line,
 )
 from made_jam import AT_SIDE_M, CAR_WIDTH_M, EMV_WIDTH_M, LENGTH_M, TURN_RAD, WIDTH_M, at, jam, motorway
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import Polyline, rotate, wrap_angle
+from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.running.generation.closed_loop import closed_loop

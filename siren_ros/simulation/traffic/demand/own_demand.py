@@ -24,14 +24,8 @@ from siren_ros.simulation.world.actors import ActorClass
 NAME_START: Final = "demand."
 """Beginning of the names of these vehicles; the user's ids follow it."""
 _ALLOWED: Final = "a SUMO route file (.rou.xml) or configuration (.sumocfg), each also packed by gzip or bzip2"
-_BODIES: Final[Mapping[str, ActorClass]] = {
-    "passenger": ActorClass.SEDAN,
-    "delivery": ActorClass.VAN,
-    "truck": ActorClass.TRUCK,
-    "bus": ActorClass.BUS,
-    "motorcycle": ActorClass.MOTORCYCLE,
-    "bicycle": ActorClass.BICYCLE,
-}
+_ALIKE: Final = {"passenger": ActorClass.SEDAN, "delivery": ActorClass.VAN}
+_BODIES: Final = _ALIKE | {name: ActorClass[name.upper()] for name in ("truck", "bus", "motorcycle", "bicycle")}
 """The body of each of SUMO's vehicle classes that has its own."""
 _NEAREST: Final = {"trailer": "truck", "coach": "bus", "tram": "bus", "moped": "motorcycle", "scooter": "bicycle"}
 """The class whose body others have; those that are not here have that of ``passenger``."""
@@ -130,7 +124,8 @@ def read_demand(path: Path, network: RoadNetwork, lasting_s: float, begin_s: flo
     if not taken:
         when = f"from {begin_s:g} s to {begin_s + lasting_s:g} s"
         raise InputError("demand", str(path), f"a vehicle that departs {when} on the map's roads ({'; '.join(lines)})")
-    named = {name for one in elements if one in taken or one.tag == "routeDistribution" for name in _routes_in(one)}
+    mixed = [one for one in elements if one.tag == "routeDistribution"]
+    named = {name for one in (*taken, *mixed) for name in _routes_in(one)}
     kept = [one for one in elements if one.tag in _STANDING | _TYPES]
     kept += [one for one in elements if one.tag in _ROUTES and (one.tag != "route" or one.get("id") in named)]
     xml = "".join(tostring(one, encoding="unicode") for one in (*kept, *taken))
@@ -195,18 +190,14 @@ def _with_faults(
             if (wanted := one.get(key, "DEFAULT_")) not in known and not wanted.startswith("DEFAULT_"):
                 raise InputError("demand", f"{key} {wanted} of {one.tag} {one.get('id')}", f"a {key} that the file has")
         named = [routes[name] for name in _routes_in(one)]
-        named += [routes[name] for route in named for name in _routes_in(route)]
+        named += [routes[name] for route in named for name in _routes_in(route) if name in routes]
         ways = [part.get("edges", "").split() for other in (one, *named) for part in other.iter()]
         ways += [[edge] for key in ("from", "to", "via") for edge in one.get(key, "").split()]
         lacking = [edge for way in ways for edge in way if edge not in network.edge_by_id]
         lacking += [" to ".join(pair) for way in ways for pair in pairwise(way) if pair not in joined]
         first_s = _begin_s(one)
         last_s = _seconds(one.get("end", ""), end_s) if one.tag == "flow" else first_s
-        if first_s < 0.0:
-            yield one, "departure on a trigger", ""
-        elif first_s >= end_s or last_s < begin_s:
-            yield one, "departure at another time", ""
-        elif lacking:
-            yield one, "route that the map lacks, or that turns back", f" ({lacking[0]})"
-        else:
-            yield one, "", ""
+        why = "departure on a trigger" if first_s < 0.0 else "departure at another time"
+        if first_s >= 0.0 and first_s < end_s and last_s >= begin_s:
+            why = "route that the map lacks, or that turns back" if lacking else ""
+        yield one, why, f" ({lacking[0]})" if why.startswith("route") else ""

@@ -124,7 +124,7 @@ def verify(arguments: argparse.Namespace) -> int:
             worst = max(worst, error.exit_code)
             continue
         print("\n".join(_report(bag, verification, quiet=arguments.quiet)))
-        for name, value in sorted(demand_measures(record).items()):
+        for name, value in () if arguments.quiet else sorted(demand_measures(record).items()):
             print(f"  {name}: {value}")
         worst = max(worst, EXIT_OK if verification.holds else EXIT_FAILED)
     return min(worst, EXIT_BAD_INPUT)

@@ -167,6 +167,16 @@ def test_a_changed_file_changes_the_inputs(tmp_path: Path) -> None:
     assert first != second
 
 
+def test_the_users_traffic_is_an_input_by_its_content(tmp_path: Path) -> None:
+    file, hashes = tmp_path / "own.rou.xml", []
+    for vehicle in ('<trip id="a"/>', '<trip id="b"/>', '<trip id="a"/>'):
+        file.write_text(f"<routes>{vehicle}</routes>")
+        (planned,) = plan_study(Study(("S2",), demand=str(file)))
+        assert planned.request.demand == str(file)
+        hashes.append(planned.inputs_sha256)
+    assert hashes[0] == hashes[2] != hashes[1]
+
+
 def test_two_episodes_of_one_name_are_refused(tmp_path: Path) -> None:
     file = written(tmp_path, (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8"))
     for study, said in ((Study(("S2", str(file))), "twice"), (Study(("S2",), seeds=(1, 1)), "once")):

@@ -286,9 +286,12 @@ def entry_limit(unit: EmvUnit, ego: Ego) -> SpeedLimit:
 def _stop_before_full_exit_mps(ego: Ego, course: Course, entry: Entry, ahead_m: float) -> float:
     """Speed from which the EMV stops before a junction that it could not leave; infinite where it can, or is too near.
 
-    It needs its length and the gap that it keeps between the junction and whoever stands beyond.
+    It needs its length and the gap that it keeps between the junction and whoever stands beyond. Where nobody comes
+    from elsewhere, as between two pieces of a road, it blocks nobody.
     """
     config, speed = ego.emv_driver, ego.speed_mps
+    if math.isinf(ego.world.junction_room.beyond_line_m(entry.connection, {}, frozenset())):
+        return math.inf
     if room_behind_junction_m(ego, course, entry) >= 2.0 * ego.half_length_m + config.approach.standstill_gap_m:
         return math.inf
     if braking_distance_m(speed * speed, config.lines.stop_mps2) > ahead_m:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_record import STRAIGHT, STRAIGHT_LEFT, crossing
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.braking import speed_before_mps
@@ -456,42 +457,51 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
     assert speed_limit == pytest.approx(approach_mps(ahead, ENTRY), abs=0.05)
 
 
-def before_full_exit(lab, rear_m, *others, corridor=False, front_m=130.0, speed=4.0):
-    """The limit of an ambulance on green; a car stands with its rear beyond the end of the junction at 175 m."""
+CROSSED = crossing()
+IN_LANE, OUT_LANE = (CROSSED.lane_by_id[name].index for name in ("s_in_1", "n_out_0"))
+WAY = tuple(CROSSED.edge_by_id[name].index for name in ("s_in", "n_out"))
+
+
+def before_full_exit(lab, rear_m, *others, corridor=False, front_m=80.0, speed=4.0, network=CROSSED):
+    """The limit of an ambulance on green; its line is at 100 m, and a car's rear stands beyond the junction."""
     length_m = lab.vehicles[ActorClass.SEDAN].length_m
     cars = [
-        lab.Car(1, 0, front_m - HALF_EMV, speed, (0, 2), ActorClass.AMBULANCE),
-        lab.Car(2, 4, rear_m + 0.5 * length_m, 0.0, (2,)),
+        lab.Car(1, IN_LANE, front_m - HALF_EMV, speed, WAY, ActorClass.AMBULANCE),
+        lab.Car(2, OUT_LANE, rear_m + 0.5 * length_m, 0.0, WAY[1:]),
         *others,
     ]
-    network = lab.junction_road()
-    traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "GGGGG"),))
+    traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "G" * 7),))
     view = lab.view_of(lab.world_of(network, lab.L2), traffic)
     return entry_limit(EmvUnit(1, corridor=corridor), view.ego(0)).speed_mps
 
 
+NEED_M = 2.0 * HALF_EMV + CONFIG.standstill_gap_m
+"""Its 6.5 m and the gap of 6 m that it keeps."""
+
+
 def test_the_emv_stops_before_a_junction_behind_which_there_is_no_room_for_it(lab):
-    """It needs its 6.5 m and the gap of 6 m that it keeps; at green as well."""
-    need_m = 2.0 * HALF_EMV + CONFIG.standstill_gap_m
-    assert before_full_exit(lab, need_m + 0.1) == math.inf
-    stop = before_full_exit(lab, need_m - 0.1)
+    assert before_full_exit(lab, NEED_M + 0.1) == math.inf
+    stop = before_full_exit(lab, NEED_M - 0.1)
     assert stop == pytest.approx(math.sqrt(2.0 * EmvDriver().driving.path_brake_mps2 * (20.0 - ENTRY.standoff_m)))
-    assert before_full_exit(lab, need_m - 0.1, front_m=149.5, speed=0.0) == 0.0
+    assert before_full_exit(lab, NEED_M - 0.1, front_m=99.5, speed=0.0) == 0.0
 
 
 def test_those_who_move_ahead_of_it_need_room_as_well(lab):
     """A car that drives on the junction takes its length and gap of what is left behind it."""
-    length_m, need_m = lab.vehicles[ActorClass.SEDAN].length_m, 2.0 * HALF_EMV + CONFIG.standstill_gap_m
-    moves = lab.Car(3, 2, 10.0, 4.0, (0, 2))
-    taken_m = length_m + CivilianDriver().driving.standstill_gap_m
-    assert before_full_exit(lab, need_m + taken_m + 0.1, moves) == math.inf
-    assert before_full_exit(lab, need_m + taken_m - 0.1, moves) < math.inf
-    assert before_full_exit(lab, need_m + 0.1, replace(moves, lane=3)) == math.inf, "in the other lane"
+    straight, left = (CROSSED.connections[way].via[0] for way in (STRAIGHT, STRAIGHT_LEFT))
+    moves = lab.Car(3, straight, 10.0, 4.0, WAY)
+    taken_m = lab.vehicles[ActorClass.SEDAN].length_m + CivilianDriver().driving.standstill_gap_m
+    assert before_full_exit(lab, NEED_M + taken_m + 0.1, moves) == math.inf
+    assert before_full_exit(lab, NEED_M + taken_m - 0.1, moves) < math.inf
+    assert before_full_exit(lab, NEED_M + 0.1, replace(moves, lane=left)) == math.inf, "in the other lane"
 
 
-def test_who_cannot_stop_or_drives_between_others_goes_on(lab):
-    assert before_full_exit(lab, 1.0, front_m=148.0, speed=4.0) == math.inf
+def test_who_cannot_stop_or_drives_between_others_or_blocks_nobody_goes_on(lab):
+    assert before_full_exit(lab, 1.0, front_m=98.0, speed=4.0) == math.inf
     assert before_full_exit(lab, 1.0, corridor=True) == math.inf
+    alone = replace(CROSSED, connections=tuple(CROSSED.connections[way] for way in (STRAIGHT, STRAIGHT_LEFT)))
+    assert before_full_exit(lab, 1.0) < math.inf
+    assert before_full_exit(lab, 1.0, network=alone) == math.inf
 
 
 @pytest.mark.parametrize(

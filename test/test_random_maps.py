@@ -6,7 +6,7 @@ import random_maps
 def test_random_nets_are_read_and_their_episodes_end_without_a_crash(tmp_path):
     nets = {seed: random_maps.random_net(seed, tmp_path) for seed in range(5)}
     there = {seed: net for seed, net in nets.items() if net.is_file()}
-    outcomes = list(random_maps.try_nets(there, ["S2"], 2, 2))
+    outcomes = list(random_maps.try_nets(there, ["S2"], 5, 2))
     ends = [outcome.end for outcome in outcomes]
     assert ends.count("read") >= 3
     assert set(ends) <= {"read", "MapError", "sound", "unsound"}, outcomes

@@ -148,15 +148,16 @@ DEFAULT_LANE_CHANGE_MODE: Final = 1621
 KEEP_LANE_CHANGE_MODE: Final = 1536
 """All reasons for a lane change off; respecting others and alignment within the lane stay on."""
 DEFAULT_SPEED_MODE: Final = 31
-_MATCH_ON_ROAD: Final = 2
-"""``keepRoute`` of moveToXY: exact place (2) on a lane that is open to the vehicle; with the lane named the route
-stays."""
-_MATCH_ON_SHOULDER: Final = 6
-"""The same on a lane that is closed to the vehicle (4). libsumo 1.28 was seen to crash without the 4 when a civilian
-was mirrored onto a shoulder, and with the 4 when SUMO matched a vehicle to a pedestrian crossing. EMVs, to which
-shoulders are open, are mirrored without it."""
-_KEEP_ROUTE_OFF_ROAD: Final = 3
-"""``keepRoute`` of moveToXY: exact place, also off the road; the route always stays."""
+_MATCH_ON_ROAD: Final = 0
+"""``keepRoute`` of moveToXY: exact pose, on a lane that is open to the vehicle; with the lane named the route stays.
+With 2 or 3, SUMO takes a vehicle off the road that does not overlap the lane that it finds, as between the paths of a
+joint; libsumo 1.28 then crashes where others look for that vehicle beside its rear."""
+_MATCH_ON_SHOULDER: Final = 4
+"""The same on a lane that is closed to the vehicle. libsumo 1.28 was seen to crash without the 4 when a civilian was
+mirrored onto a shoulder, and with the 4 when SUMO matched a vehicle to a pedestrian crossing. EMVs, to which shoulders
+are open, are mirrored without it."""
+_MATCH_ON_ROUTE: Final = 1
+"""The same beside all lanes of the route: SUMO has the vehicle on the nearest of them."""
 _LEAST_REALIGNED_M: Final = 1.0
 """Least correction when a vehicle is brought back; less would only correct its angle or its lateral place."""
 _STANDING_MPS: Final = 0.05
@@ -417,7 +418,7 @@ class Mirror:
     def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
         name = vehicle.name
         if place.match.lane == NO_LANE:
-            libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _KEEP_ROUTE_OFF_ROAD)
+            libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _MATCH_ON_ROUTE)
             return
         lane = self._network.lanes[place.match.lane]
         edge_id = self._network.edges[lane.edge].edge_id

@@ -251,7 +251,7 @@ def test_a_vehicle_gets_its_own_settings_back_after_a_yield(sumo: FakeVehicles, 
 
 
 @pytest.mark.parametrize(
-    ("lane", "is_emv", "keep"), [(RIGHT, False, 2), (RIGHT, True, 2), (SHOULDER, True, 2), (SHOULDER, False, 6)]
+    ("lane", "is_emv", "keep"), [(RIGHT, False, 0), (RIGHT, True, 0), (SHOULDER, True, 0), (SHOULDER, False, 4)]
 )
 def test_only_a_civilian_on_a_shoulder_is_put_where_it_may_not_be(
     sumo: FakeVehicles, lane: int, is_emv: bool, keep: int

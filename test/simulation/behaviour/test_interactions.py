@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
 

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.behaviour.driving import lane_path
 from siren_ros.simulation.behaviour.driving.lane_path import path_on_lanes, without_jumps
 from siren_ros.simulation.behaviour.driving.tracked_path import LaneEnd, Navigation, on_reference

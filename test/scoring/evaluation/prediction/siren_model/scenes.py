@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from made_records import Track, samples_in
+from synthetic_episode import rotate
 
 from siren_ros.base.numerics.arrays import Floats
-from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.scoring.evaluation.prediction.samples import SampleBatch
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import Lights

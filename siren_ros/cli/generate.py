@@ -108,7 +108,7 @@ def asked_of(arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any],
     return {name: matrix[name](word) for name, word in words.items() if word is not None}
 
 
-_SITES_HEAD = ("template", "site", "good", "street", "junction", "length m", "lanes", "shoulder", "lacks")
+_SITES_HEAD = ("template", "site", "good", "street", "junction", "control", "length m", "lanes", "shoulder", "lacks")
 
 
 def add_sites(verb: Command) -> None:
@@ -255,9 +255,9 @@ def _site_row(network: RoadNetwork, template: Template, site: Site, missing: Seq
     street = network.edges[site.site_edge].name
     lanes = str(len(site.connections)) if site.connections else ""
     shoulder = "yes" if has_shoulder(network, site) else "no"
-    junction = site.junction or ""
+    place = street, site.junction or "", site.control or ""
     good, lacks = "no" if missing else "yes", "; ".join(map(str, missing))
-    return template.template_id, site.name, good, street, junction, site.length_m, lanes, shoulder, lacks
+    return template.template_id, site.name, good, *place, site.length_m, lanes, shoulder, lacks
 
 
 RISK_VIDEOS = "risk_videos"

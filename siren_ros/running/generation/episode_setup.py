@@ -235,6 +235,7 @@ def _description(
             "kind": site.kind.value,
             "name": site.name,
             "junction": site.junction or "",
+            **({"control": site.control.value} if site.control else {}),
             "route": [network.edges[edge].edge_id for edge in site.route],
             "stretch": [network.edges[edge].edge_id for edge in site.stretch],
             **({"prolonged_m": prolonged_m} if prolonged_m else {}),

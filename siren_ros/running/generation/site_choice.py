@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Final
 
 import shapely
@@ -16,7 +16,7 @@ from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork, right_hand_image
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
-from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Lack, Site, SiteKind, bridges, overlaps
+from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Control, Lack, Site, SiteKind, bridges, overlaps
 from siren_ros.simulation.scenario.scenario import EmvDemand, GroupAnchor, Placement, StartReference, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
@@ -71,7 +71,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
     * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
     * Another lane leads on beside its own, where vehicles of the template drive there. Vehicles that need only have its
       direction drive ahead of it where no site of the map has a second lane.
-    * At a stop sign the crossing traffic stops as well: vehicles then go by turns, and one is inside as the EMV comes.
+    * Where nobody has to stop, the EMV uses its right only before traffic that the template brings. Of all-way stops,
+      two-way stops, give-way lines and junctions without any control, the first kind that a map has is taken.
     * No other road crosses a motorway on a bridge: vehicles of both would meet, since the world is flat.
     * No other road lies over it: drivers can make way for each other there, but not for the EMV, too.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
@@ -86,6 +87,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
         found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacks))))
     if _has_group(template, Placement.SAME_DIRECTION):
         _prefer(found, _ONE_LANE, lambda site: len(site.connections) > 1)
+    for control in Control:
+        _prefer(found, WEAKER, partial(_is_controlled, control))
     if template.site_kind in _NO_SHOULDER:
         _prefer(found, _SHOULDER, lambda site: not has_shoulder(network, site))
     if template.site_kind is SiteKind.MOTORWAY_STRETCH:
@@ -192,6 +195,10 @@ def _lengths_m() -> Mapping[ActorClass, float]:
     return {member: vehicle.length_m for member, vehicle in load_vehicle_parameters().items()}
 
 
+def _is_controlled(control: Control, site: Site) -> bool:
+    return site.control is control
+
+
 def has_shoulder(network: RoadNetwork, site: Site) -> bool:
     """Whether a shoulder runs along part of the site's stretch of road."""
     lanes = (network.lanes[lane] for edge in site.stretch for lane in network.edges[edge].lanes)
@@ -270,9 +277,9 @@ def _goes_straight_on(network: RoadNetwork, site: Site, _: Template) -> bool:
     return straight or site.kind is not SiteKind.SIGNAL_JUNCTION
 
 
-def _all_stop(network: RoadNetwork, site: Site, _: Template) -> bool:
-    waiting = (network.connections[index].must_stop for index in site.crossing)
-    return site.kind is not SiteKind.STOP_JUNCTION or all(waiting)
+def _is_judged(_: RoadNetwork, site: Site, template: Template) -> bool:
+    stops = site.control in {None, Control.ALL_WAY_STOP, Control.TWO_WAY_STOP}
+    return stops or _has_group(template, Placement.CROSSING)
 
 
 def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
@@ -291,11 +298,12 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     LITTLE_BEHIND: _leads_on,
     "no second lane that leads on beside the EMV's": _has_lanes,
     "a turn, where the EMV has to go straight on": _goes_straight_on,
-    "crossing traffic without a stop sign": _all_stop,
+    "no stop sign, and no traffic of the template to give way to": _is_judged,
     "a stop sign at its end": _ends_free,
 }
 """Conditions of good sites, by the text that says what is lacking; ``needed_m`` is that of the template."""
 _BRIDGE: Final = f"a bridge less than {_NO_BRIDGE_M:.0f} m away, and others have none"
+WEAKER: Final = "a weaker control, and others have a stronger one"
 _ONE_LANE: Final = "one lane leads on, and others have a second one"
 _SHOULDER: Final = "a shoulder, and others have none"
 _JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"

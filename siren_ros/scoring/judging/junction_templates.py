@@ -3,6 +3,7 @@
 A traversal is a vehicle's way over a junction: its movement, and the steps inside the junction, from its poses alone.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -29,7 +30,8 @@ from siren_ros.scoring.judging.verdict import (
     verdict_of,
 )
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import crossing_connections, movement_path
+from siren_ros.simulation.roads.routing import crossing_connections, has_right_of_way, movement_path
+from siren_ros.simulation.roads.sites import Control
 from siren_ros.simulation.world.actors import Indices
 
 _BESIDE_M: Final = 15.0
@@ -228,6 +230,7 @@ def _first(rows: Rows, holds: Flags, default: int) -> int:
 
 APPROACH_M: Final = 15.0
 """Distance before the stop line in which a driver who obeys the sign stops: two to three car lengths."""
+_UNSIGNED: Final = frozenset({Control.GIVE_WAY, Control.UNCONTROLLED})
 RED: Final = frozenset("ru")
 """SUMO's letters that forbid entering: red, and red with yellow."""
 SAME_DIRECTION_RAD: Final = np.pi / 6.0
@@ -246,12 +249,17 @@ def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
     A vehicle that stands behind another one at the line does not count as stopping for the sign; from the moment
     at which the way to the line is free it does.
     """
+    return min([traversal.enter_speed_mps, *_free_speeds_mps(record, traversal, range(traversal.enter_step))])
+
+
+def _free_speeds_mps(record: EpisodeRecord, traversal: Traversal, steps: range) -> list[float]:
+    """Speeds at these steps on the last 15 m before a stop line, while no vehicle is ahead in the lane."""
     track = record.track(traversal.actor_id)
     enter = int(np.searchsorted(track.step, traversal.enter_step))
     driven = track.driven_m
     first = int(np.searchsorted(driven, driven[min(enter, len(driven) - 1)] - APPROACH_M))
-    free = [row for row in range(first, enter) if not _is_blocked(record, traversal, int(track.step[row]))]
-    return min([traversal.enter_speed_mps, *(float(track.speed_mps[row]) for row in free)])
+    rows = [row for row in range(first, enter) if int(track.step[row]) in steps]
+    return [float(track.speed_mps[row]) for row in rows if not _is_blocked(record, traversal, int(track.step[row]))]
 
 
 def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int) -> bool:
@@ -298,19 +306,52 @@ def _judge(record: EpisodeRecord, speed_min_mps: float | None, others: str) -> V
     verdicts = []
     for traversal in traversals:
         connection = network.connections[traversal.connection]
-        applies = connection.signal_id is not None if speed_min_mps is None else connection.must_stop
+        applies = connection.signal_id is not None if speed_min_mps is None else _binds(record, connection)
         if traversal.actor_id in record.emv_ids[:1] and applies:
             inside = _inside(network, traversal, civilians, crossing=others == "crossing_inside")
-            parts = (_at_the_line(record, traversal, speed_min_mps), _count(others, traversal, inside))
+            line = _at_the_line(record, traversal, speed_min_mps)
+            parts = (line, _count(others, traversal, inside), *_precedence(record, traversal, civilians, speed_min_mps))
             through = _through(record, traversal)
             verdicts.append(verdict_of((*parts, through), _sentence(record, parts, traversal)))
-    nowhere = f"the EMV crosses {'a junction with a signal' if speed_min_mps is None else 'a stop line'} nowhere"
+    where = "a junction with a signal" if speed_min_mps is None else "a line at which it has to wait"
+    nowhere = f"the EMV crosses {where} nowhere"
     line_part = (
         at_least("against_red", 0, 1, nowhere)
         if speed_min_mps is None
         else more_than("stop_line_mps", 0, speed_min_mps, nowhere)
     )
     return closest_of(verdicts) or verdict_of((line_part, at_least(others, 0, 1)), nowhere)
+
+
+def _binds(record: EpisodeRecord, connection: Connection) -> bool:
+    """Whether the EMV has to wait at a line: at any stop sign, and at the site where that has another control."""
+    site = record.description.site
+    return connection.must_stop or (
+        connection.gives_way and site.get("control") in _UNSIGNED and site.get("junction") == connection.junction
+    )
+
+
+def _precedence(
+    record: EpisodeRecord, traversal: Traversal, civilians: list[Traversal], speed_min_mps: float | None
+) -> tuple[Part, ...]:
+    """Condition where no sign makes the EMV stop: somebody with the right of way stops for it and goes later.
+
+    A driver who gives way holds up nobody. Those count who are slower than the threshold on the last 15 m before their
+    line while the EMV is inside, with nobody ahead of them in the lane.
+    """
+    network, movement = record.network, record.network.connections[traversal.connection]
+    if speed_min_mps is None or movement.must_stop:
+        return ()
+    crossing = frozenset(crossing_connections(network, movement))
+    inside = range(traversal.enter_step, traversal.leave_step)
+    held = [
+        other
+        for other in civilians
+        if other.connection in crossing and other.enter_step > traversal.enter_step
+        if has_right_of_way(network, movement, network.connections[other.connection])
+        if min(_free_speeds_mps(record, other, inside), default=math.inf) <= speed_min_mps
+    ]
+    return (_count("went_before", traversal, held),)
 
 
 def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: float | None) -> Part:
@@ -374,15 +415,16 @@ def _count(name: str, traversal: Traversal, inside: list[Traversal]) -> Part:
     return at_least(name, len(first), 1, detail, *sorted(first.values()))
 
 
-def _sentence(record: EpisodeRecord, parts: tuple[Part, Part], traversal: Traversal) -> str:
-    line, others = parts
+def _sentence(record: EpisodeRecord, parts: tuple[Part, ...], traversal: Traversal) -> str:
+    line, others, *precedence = parts
     if line.name == "against_red":
         how = "against red" if line.holds else "not against red"
     else:
-        how = f"over the stop line, never slower than {line.value:.1f} m/s,"
+        how = f"over the {'give-way' if precedence else 'stop'} line, never slower than {line.value:.1f} m/s,"
     junction = record.network.connections[traversal.connection].junction
     kind = "of its direction" if others.name == "same_direction_inside" else "on crossing paths"
-    return f"the EMV entered junction {junction} {how} with {others.value:.0f} vehicles {kind} inside"
+    text = f"the EMV entered junction {junction} {how} with {others.value:.0f} vehicles {kind} inside"
+    return text + "".join(f"; {part.value:.0f} with the right of way stopped for it" for part in precedence)
 
 
 def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:

@@ -18,7 +18,16 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import Floats, Points
 from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 from siren_ros.errors import InputError
-from siren_ros.simulation.roads.road_network import MAPS_KEPT, NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.road_network import (
+    MAPS_KEPT,
+    NO_LANE,
+    Connection,
+    Edge,
+    JunctionKind,
+    Lane,
+    LaneKind,
+    RoadNetwork,
+)
 
 TOWN_LIMIT_MPS: Final = 17.0
 """Roads with a higher limit lead out of town: towns have 50 km/h, and up to 60 km/h on their main roads."""
@@ -66,10 +75,25 @@ def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[
 
 def comes_from_the_side(network: RoadNetwork, connection: Connection, other: Connection) -> bool:
     """Whether another movement enters the junction from a street that crosses this one's, not from ahead or behind."""
+    return _SIDE_STREET_RAD[0] <= abs(_turned_rad(network, connection, other)) <= _SIDE_STREET_RAD[1]
+
+
+def has_right_of_way(network: RoadNetwork, connection: Connection, other: Connection) -> bool:
+    """Whether another movement from a side street goes before one without a signal.
+
+    It does not give way itself, or it comes from the right where no road is the major one.
+    """
+    turned_rad = _turned_rad(network, connection, other)
+    if network.junctions[connection.junction].kind is not JunctionKind.UNCONTROLLED:
+        return not other.gives_way and _SIDE_STREET_RAD[0] <= abs(turned_rad) <= _SIDE_STREET_RAD[1]
+    return _SIDE_STREET_RAD[0] <= turned_rad <= _SIDE_STREET_RAD[1]
+
+
+def _turned_rad(network: RoadNetwork, connection: Connection, other: Connection) -> float:
+    """Angle from one movement's heading at its line to another's: positive if the other one comes from the right."""
     lanes = (network.lanes[movement.from_lane].centre for movement in (connection, other))
     heading, its_heading = (lane.heading_rad(lane.length_m) for lane in lanes)
-    angle = float(np.abs(wrap_angle(its_heading - heading)))
-    return _SIDE_STREET_RAD[0] <= angle <= _SIDE_STREET_RAD[1]
+    return float(wrap_angle(its_heading - heading))
 
 
 def quiet_connection_to(network: RoadNetwork, lane: int) -> Connection | None:

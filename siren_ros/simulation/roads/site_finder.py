@@ -25,6 +25,7 @@ from siren_ros.simulation.roads.routing import (
     comes_from_the_side,
     crossing_connections,
     driving_lanes,
+    has_right_of_way,
     quiet_reach_m,
     same_direction_connections,
 )
@@ -39,6 +40,7 @@ from siren_ros.simulation.roads.sites import (
     SHORTEST_QUEUE_M,
     SHORTEST_ROAD_M,
     SHORTEST_SHOULDER_M,
+    Control,
     NoSite,
     Site,
     SiteKind,
@@ -55,6 +57,8 @@ _CROSSING_LEAST_M: Final = 30.0
 """Least road of a side street before the junction for a queue. Where side streets are shorter, oncoming vehicles that
 turn cross as well."""
 _PLAIN_ENOUGH_M: Final = 150.0
+_CONTROL_POINTS: Final = 30.0
+"""Points that a site has less for each step to a weaker control: more than all others together."""
 
 
 def find_sites(network: RoadNetwork, kind: SiteKind) -> tuple[Site, ...]:
@@ -164,10 +168,40 @@ def signal_junctions(graph: EdgeGraph) -> Iterator[Site | NoSite]:
 
 
 def stop_junctions(graph: EdgeGraph) -> Iterator[Site | NoSite]:
-    """Movements behind a stop sign that other movements cross."""
-    return _crossed(
-        graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop for c in movements), "no stop sign"
-    )
+    """Movements without a signal that have to stop or to give way, and that other movements cross.
+
+    Except at an all-way stop, some come from a side street, have the right of way and leave by another road than these
+    movements; only such traffic counts as crossing, and no right turn has any.
+    """
+    network = graph.network
+    waits = "no stop sign, and nobody to give way to"
+    for site in _crossed(
+        graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop or c.gives_way for c in movements), waits
+    ):
+        if isinstance(site, NoSite):
+            yield site
+            continue
+        movements, others = (
+            [network.connections[index] for index in group] for group in (site.connections, site.crossing)
+        )
+        stops = all(movement.must_stop for movement in movements)
+        if stops and all(other.must_stop for other in others):
+            yield replace(site, control=Control.ALL_WAY_STOP)
+            continue
+        first = tuple(
+            index
+            for index, other in zip(site.crossing, others, strict=True)
+            if network.lanes[other.to_lane].edge != network.lanes[movements[-1].to_lane].edge
+            and has_right_of_way(network, movements[-1], other)
+        )
+        if not first:
+            yield NoSite(site.site_edge, waits)
+            continue
+        ranked = network.junctions[movements[0].junction].kind is not JunctionKind.UNCONTROLLED
+        unsigned = Control.GIVE_WAY if ranked else Control.UNCONTROLLED
+        control = Control.TWO_WAY_STOP if stops else unsigned
+        weaker = list(Control).index(control)
+        yield replace(site, crossing=first, control=control, score=site.score - _CONTROL_POINTS * weaker)
 
 
 def shoulder_turns(graph: EdgeGraph) -> Iterator[Site | NoSite]:

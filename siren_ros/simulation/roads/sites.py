@@ -49,6 +49,15 @@ class SiteKind(StrEnum):
     MOTORWAY_STRETCH = "motorway_stretch"
 
 
+class Control(StrEnum):
+    """The rule by which the EMV's movement at a ``STOP_JUNCTION`` has to wait, the strongest first."""
+
+    ALL_WAY_STOP = "all_way_stop"
+    TWO_WAY_STOP = "two_way_stop"
+    GIVE_WAY = "give_way"
+    UNCONTROLLED = "uncontrolled"
+
+
 @dataclass(frozen=True)
 class Site:
     """A place for an interaction, and the route on which the EMV drives through it."""
@@ -78,6 +87,8 @@ class Site:
     """Indices of the civilian movements that cross them: those from side streets, and all where these are short."""
     score: float
     """How good the site is; higher is better, and only sites of one kind can be compared."""
+    control: Control | None = None
+    """The rule at a ``STOP_JUNCTION``; None for other kinds."""
 
     @property
     def beyond(self) -> tuple[int, ...]:
@@ -122,7 +133,9 @@ REQUIREMENTS: Final[Mapping[SiteKind, str]] = {
     SiteKind.SIGNAL_JUNCTION: (
         "a map with a signalised junction where a movement straight on (or a turn) is crossed by another one"
     ),
-    SiteKind.STOP_JUNCTION: "a map with a junction where a stop sign binds a movement that another one crosses",
+    SiteKind.STOP_JUNCTION: (
+        "a map with a junction where a movement has to stop or to give way, and another one crosses it"
+    ),
     SiteKind.SHOULDER_RIGHT_TURN: (
         "a map with a right turn that has a shoulder open to emergency vehicles before it, beside it and after it, at "
         f"least {SHORTEST_SHOULDER_M:.0f} m long"

@@ -14,6 +14,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.running.generation.site_choice import (
+    WEAKER,
     count_lacks,
     good_sites,
     has_shoulder,
@@ -30,9 +31,9 @@ from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.maps.netconvert import sumo_home
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Edge, RoadNetwork, right_hand_image
-from siren_ros.simulation.roads.routing import driving_lanes
+from siren_ros.simulation.roads.routing import driving_lanes, has_right_of_way
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
-from siren_ros.simulation.roads.sites import REQUIREMENTS, Lack, Site
+from siren_ros.simulation.roads.sites import REQUIREMENTS, Control, Lack, Site
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.scenario import Placement, Template
@@ -115,12 +116,39 @@ def test_a_stream_next_to_the_emv_needs_a_lane_there(town: RoadNetwork) -> None:
     assert {len(site.connections) for site in good_sites(town, optional)} == {1, 2}
 
 
-def test_vehicles_at_stop_signs_go_by_turns_only_where_all_stop(town: RoadNetwork) -> None:
-    template = load_template("S6")
-    good = good_sites(town, template)
-    assert {site.junction for site in good} == {"north_centre", "mill"}
-    on_priority = [site for site, rank in ranked_sites(town, template) if rank == 0 and site not in good]
-    assert {site.junction for site in on_priority} == {"oak_east", "oak_west"}
+def test_the_strongest_control_of_a_map_is_taken(town: RoadNetwork) -> None:
+    for template in map(load_template, ("S5", "S6")):
+        lacking = shortcomings(town, template)
+        good = [site for site, texts in lacking.items() if not texts]
+        assert {(site.junction, site.control) for site in good} == {
+            ("north_centre", Control.ALL_WAY_STOP),
+            ("mill", Control.ALL_WAY_STOP),
+        }
+        weaker = {site for site, texts in lacking.items() if texts == (Lack(WEAKER),)}
+        assert {site.junction for site in weaker if site.control is Control.TWO_WAY_STOP} == {"oak_east", "oak_west"}
+
+
+CONTROLS = {
+    "priority_stop": Control.TWO_WAY_STOP,
+    "priority": Control.GIVE_WAY,
+    "right_before_left": Control.UNCONTROLLED,
+}
+
+
+@pytest.mark.parametrize("junction_type", CONTROLS)
+def test_a_grid_without_all_way_stops_has_sites_of_its_own_control(tmp_path: Path, junction_type: str) -> None:
+    """Nobody stops for S5 where no sign says it, and the template brings no traffic to give way to."""
+    size = ("--grid", "--grid.number", "3", "--grid.length", "200", "--grid.attach-length", "200")
+    net = tmp_path / "grid.net.xml"
+    make = ("netgenerate", *size, "--default-junction-type", junction_type, "--no-turnarounds", "-o", str(net))
+    subprocess.run(make, check=True, capture_output=True)
+    network, control = parse_road_network(net.read_bytes()), CONTROLS[junction_type]
+    crossed = good_sites(network, load_template("S6"))
+    assert {site.control for site in crossed} == {control}
+    for site in crossed:
+        emv = network.connections[site.connections[-1]]
+        assert all(has_right_of_way(network, emv, network.connections[index]) for index in site.crossing)
+    assert bool(good_sites(network, load_template("S5"))) == (control is Control.TWO_WAY_STOP)
 
 
 def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
@@ -265,7 +293,7 @@ def test_an_error_names_the_map_and_what_the_best_site_lacks(town: RoadNetwork, 
     with pytest.raises(MapError) as caught:
         choose(town, template, pinned)
     assert caught.value.value == "town.net.xml"
-    assert "stop sign" in caught.value.allowed
+    assert "has to stop" in caught.value.allowed
     assert "60 vehicles on crossing roads" in caught.value.allowed
     assert (pinned or find_sites(town, template.site_kind)[0].name) in caught.value.allowed
 
@@ -408,7 +436,9 @@ def test_what_is_proposed_gives_a_map_a_good_site(tmp_path: Path, name: str, add
     assert good_sites(parse_road_network(net), template) == ()
     site, lacks, additions = proposed(net, template, "it")
     assert all(text.startswith(addition) for text in additions)
-    assert lacks in {place.lacking for place in places_without_site(parse_road_network(net), template.site_kind)}
+    network = parse_road_network(net)
+    known = {place.lacking for place in places_without_site(network, template.site_kind)}
+    assert lacks in known | {"; ".join(map(str, texts)) for texts in shortcomings(network, template).values()}
     amended = parse_road_network(amended_map(net, additions, "it"))
     assert site in {good.name for good in good_sites(amended, template)}
     plan_at_site(amended, sites_to_try(amended, template, 0, site, "it"), template, 0, load_drivers(), DIMENSIONS)

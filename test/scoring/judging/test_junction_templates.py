@@ -294,6 +294,44 @@ def test_the_other_way_has_no_stop_line():
     assert stop_crossing(record, STOP_THRESHOLDS).parts[0].value == 0.0
 
 
+def _at_give_way(control: str, kind: JunctionKind, held: np.ndarray, junction: str = "J") -> Verdict:
+    """The EMV passes a line without a sign while one vehicle crosses; another one comes to the crossing line."""
+    network = crossing(kind)
+    ways = tuple(replace(way, gives_way=index in {STRAIGHT, RIGHT}) for index, way in enumerate(network.connections))
+    vehicles = {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, INSIDE), 3: Driven(EASTBOUND, held)}
+    record = hand_made(replace(network, connections=ways), vehicles)
+    site = {"junction": junction, "control": control}
+    return stop_crossing(replace(record, description=replace(record.description, site=site)), STOP_THRESHOLDS)
+
+
+STOPS_FOR_THE_EMV = np.concatenate((np.full(120, 97.0), 97.0 + 0.4 * np.arange(80)))
+"""Stands with its front at the line until 6 s; the EMV is inside from 2.7 s to 6.3 s."""
+COMES_LATER = np.concatenate((np.linspace(60.0, 88.0, 130), 88.0 + 0.4 * np.arange(70)))
+"""Goes on at 4 m/s and more, and enters behind the EMV."""
+
+
+def test_without_a_sign_somebody_with_the_right_of_way_has_to_stop_for_the_emv():
+    verdict = _at_give_way("give_way", JunctionKind.PRIORITY, STOPS_FOR_THE_EMV)
+    assert verdict.holds
+    assert verdict.measures()["went_before"] == 1
+    assert verdict.parts[2].moments[0].actor_id == 3
+    assert "give-way line" in verdict.text
+    later = _at_give_way("give_way", JunctionKind.PRIORITY, COMES_LATER)
+    assert not later.holds
+    assert [part.name for part in later.failing] == ["went_before"]
+
+
+def test_who_comes_from_the_left_has_no_right_of_way_without_any_control():
+    verdict = _at_give_way("uncontrolled", JunctionKind.UNCONTROLLED, STOPS_FOR_THE_EMV)
+    assert [part.name for part in verdict.failing] == ["went_before"]
+
+
+@pytest.mark.parametrize(("control", "junction"), [("all_way_stop", "J"), ("give_way", "K")])
+def test_lines_without_a_sign_count_only_at_a_site_that_is_one(control, junction):
+    verdict = _at_give_way(control, JunctionKind.PRIORITY, STOPS_FOR_THE_EMV, junction)
+    assert "nowhere" in verdict.text
+
+
 @pytest.mark.parametrize(
     ("first", "second", "same"),
     [

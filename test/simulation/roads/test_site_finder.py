@@ -29,9 +29,10 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads import site_finder
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, route_path
+from siren_ros.simulation.roads.routing import EdgeGraph, crossing_connections, driving_lanes, route_path
 from siren_ros.simulation.roads.sites import (
     REQUIREMENTS,
+    Control,
     Site,
     SiteKind,
     is_reversal,
@@ -108,7 +109,11 @@ def test_a_crossed_junction_has_traffic_from_other_approaches(network, kind):
             assert network.lanes[other.from_lane].edge != site.site_edge
         movements = [network.connections[index] for index in site.connections]
         if kind is SiteKind.STOP_JUNCTION:
-            assert all(movement.must_stop for movement in movements)
+            others = [network.connections[index] for index in site.crossing]
+            stops = [all(way.must_stop for way in ways) for ways in (movements, others)]
+            assert stops[0] == (site.control in {Control.ALL_WAY_STOP, Control.TWO_WAY_STOP})
+            assert stops[1] == (site.control is Control.ALL_WAY_STOP)
+            assert all(way.must_stop or way.gives_way for way in movements)
         else:
             assert all(movement.signal_id is not None for movement in movements)
 
@@ -162,7 +167,11 @@ LACKING = {
     "no signal that is both red and green": lambda network, edge: any(
         way.signal_id is None for way in ways_of(network, edge)
     ),
-    "no stop sign": lambda network, edge: not all(way.must_stop for way in ways_of(network, edge)),
+    "no stop sign, and nobody to give way to": lambda network, edge: (
+        not all(way.gives_way for way in ways_of(network, edge))
+        or network.junctions[network.edges[edge].to_junction].kind is not JunctionKind.ALL_WAY_STOP
+    ),
+    "nobody crosses": lambda network, edge: any(not crossing_connections(network, c) for c in ways_of(network, edge)),
     "one lane leads on": lambda network, edge: any(
         lanes_through(network, edge, way) == 1 for way in EdgeGraph.of(network).successors[edge]
     ),

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_episode import rotate
 
 from siren_ros.base.numerics.geometry import (
     Polyline,
     footprint_corners,
     overlapping_pairs,
-    rotate,
     separation_m,
     wrap_angle,
 )

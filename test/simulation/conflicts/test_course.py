@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, CourseBook, Entry, Outlook
 from siren_ros.simulation.conflicts.yielding import Rank
 from siren_ros.simulation.conflicts.zones import TRACK_M

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import rotate
 from siren_ros.simulation.conflicts.zones import (
     STEP_M,
     Way,

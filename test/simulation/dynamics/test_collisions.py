@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import footprint_corners, rotate, separation_m
+from siren_ros.base.numerics.geometry import footprint_corners, separation_m
 from siren_ros.simulation.dynamics.collisions import (
     SEPARATION_GAP_M,
     Footprints,

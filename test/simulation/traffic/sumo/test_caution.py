@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from synthetic_episode import rotate
 
-from siren_ros.base.numerics.geometry import Polyline, rotate
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
 from siren_ros.simulation.conflicts.junction_approach import outlines_of, people_at

@@ -221,7 +221,7 @@ class SyntheticEpisode:
         events += [
             replace(self._event(step, changes[self.mode_of(key, step)], key), other_id=EMV)
             for key in self.actors
-            if key != EMV and step > 0 and self.mode_of(key, step) is not self.mode_of(key, step - 1)
+            if key != EMV and self.mode_of(key, step) is not (self.mode_of(key, step - 1) if step else Mode.NOMINAL)
         ]
         return tuple(events)
 

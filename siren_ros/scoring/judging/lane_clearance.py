@@ -13,7 +13,7 @@ from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.data.tracks import Drive, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
 from siren_ros.scoring.judging.verdict import Moment, Verdict, at_least, listed, verdict_of
 from siren_ros.simulation.roads.road_network import NO_LANE
-from siren_ros.simulation.world.actors import Lights
+from siren_ros.simulation.world.actors import EventKind, Lights
 
 REACH_M: Final = 200.0
 """Vehicles within this distance along the lane count as ahead in the EMV's lane; larger than any siren's range."""
@@ -53,11 +53,20 @@ def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
 
 
 def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
-    """Find each civilian's first lane change out of the first EMV's lane, in the order of completion."""
+    """Find each civilian's first lane change out of the first EMV's lane, in the order of completion.
+
+    Only drivers who have noticed a siren count: others change lanes for reasons of their own.
+    """
     places = places_of(record, record.rows)
     drives = {key: _Drive(record, places, key) for key in record.actors if len(record.rows_of(key))}
     civilians = [drive for drive in drives.values() if not drive.actor.is_emv]
-    changes = [civilian.clearing(drives[emv]) for emv in record.emv_ids[:1] if emv in drives for civilian in civilians]
+    heard = {event.actor_id: event.step for event in reversed(record.events_of(EventKind.YIELD_REQUESTED))}
+    changes = [
+        civilian.clearing(drives[emv], heard[civilian.actor.actor_id])
+        for emv in record.emv_ids[:1]
+        for civilian in civilians
+        if emv in drives and civilian.actor.actor_id in heard
+    ]
     clearings = [change for change in changes if change is not None]
     return tuple(sorted(clearings, key=lambda clearing: (clearing.end_step, clearing.actor_id)))
 
@@ -70,12 +79,15 @@ class _Drive(Drive):
         row = int(np.searchsorted(self.rows.step, step))
         return row if row < len(self.rows) and self.rows.step[row] == step else None
 
-    def clearing(self, emv: "_Drive") -> LaneClearing | None:
-        """This civilian's first change out of the EMV's lane that the EMV then passes; otherwise the first change."""
+    def clearing(self, emv: "_Drive", heard_step: int) -> LaneClearing | None:
+        """This civilian's first change out of the EMV's lane that the EMV then passes; otherwise the first change.
+
+        It has to begin after the driver has noticed the siren.
+        """
         unpassed = None
         for start, end in self._lane_changes():
             siren_on = all(emv.has_siren_on(int(self.rows.step[row])) for row in (start, end))
-            if not siren_on or not self._is_ahead_of(emv, start):
+            if int(self.rows.step[start]) < heard_step or not siren_on or not self._is_ahead_of(emv, start):
                 continue
             left_lane = int(self.lane[start])
             start_step, end_step = (int(self.rows.step[row]) for row in (start, end))

@@ -24,7 +24,7 @@ from siren_ros.errors import BagError
 from siren_ros.scoring.judging.lane_clearance import BODY_MARGIN_M, find_clearings, lane_cleared
 from siren_ros.scoring.judging.outcome import evaluate_predicate
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.world.actors import ActorStates, Lights
+from siren_ros.simulation.world.actors import ActorStates, Event, EventKind, Lights
 
 THRESHOLDS = {"lane_changes_min": 3, "passed_min": 3}
 LEAVES_LEFT = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -80.0), (LEFT_X_M, -65.0), (LEFT_X_M, 110.0)]
@@ -182,6 +182,20 @@ def siren_of_the_emv(state: ActorStates) -> np.ndarray:
     return np.where(state.actor_id == EMV, int(Lights.SIREN), 0).astype(np.uint8)
 
 
+def with_siren(vehicles: dict[int, Driven], heard_step: int = 0) -> EpisodeRecord:
+    """A record of an EMV with its siren on, which the others notice at a step."""
+    heard = tuple(Event(heard_step, EventKind.YIELD_REQUESTED, key, EMV) for key in vehicles if key != EMV)
+    return replace(with_states(hand_made(crossing(), vehicles), lights=siren_of_the_emv), events=heard)
+
+
+def test_who_has_not_noticed_the_siren_changes_lanes_for_a_reason_of_its_own():
+    """The car leaves the right lane at some step: before, at or after the step at which its driver notices."""
+    cars = {EMV: Driven(NORTHBOUND, at_speed(5.0, 9.0, 400)), 2: Driven(line(*LEAVES_LEFT), at_speed(30.0, 6.0, 400))}
+    (change,) = find_clearings(with_siren(cars))
+    assert [bool(find_clearings(with_siren(cars, change.start_step + late))) for late in (0, 1)] == [True, False]
+    assert find_clearings(replace(with_siren(cars), events=())) == ()
+
+
 def changing(
     *places: tuple[int, float, list[tuple[float, float]], float],
     steps: int = 400,
@@ -193,8 +207,7 @@ def changing(
     for actor_id, start_m, points, speed_mps in places:
         arc_m = np.minimum(at_speed(start_m, speed_mps, steps), 225.0)
         vehicles[actor_id] = Driven(line(*points), arc_m)
-    record = with_states(hand_made(crossing(), vehicles), lights=siren_of_the_emv)
-    return [(item.actor_id, item.passed_step is not None) for item in find_clearings(record)]
+    return [(item.actor_id, item.passed_step is not None) for item in find_clearings(with_siren(vehicles))]
 
 
 def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_lane_leaves_it_too():
@@ -225,8 +238,7 @@ def found_at(points: list[tuple[float, float]], put_at: int = 10**6) -> list[tup
     """Last step in the old lane and first step clear of it, of a car ahead of the EMV; put to the left at a step."""
     vehicles = {EMV: Driven(NORTHBOUND, at_speed(5.0, 5.0, 150)), 2: Driven(line(*points), at_speed(30.0, 6.0, 150))}
     record = with_states(
-        hand_made(crossing(), vehicles),
-        lights=siren_of_the_emv,
+        with_siren(vehicles),
         x_m=lambda state: np.where((state.actor_id == 2) & (state.step >= put_at), LEFT_X_M, state.x_m),
     )
     return [(item.start_step, item.end_step) for item in find_clearings(record)]
@@ -287,7 +299,7 @@ def test_of_several_changes_that_the_emv_never_passes_the_first_counts():
     emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -100.0), (LEFT_X_M, -92.0), (LEFT_X_M, 110.0))
     steps = 300
     vehicles = {EMV: Driven(emv, at_speed(0.0, 4.5, steps)), 2: Driven(line(*weaving), at_speed(30.0, 5.0, steps))}
-    record = with_states(hand_made(crossing(), vehicles), lights=siren_of_the_emv)
+    record = with_siren(vehicles)
     (clearings,) = find_clearings(record)
     assert clearings.passed_step is None
     assert record.network.lanes[clearings.left_lane].centre.points[0][0] == RIGHT_X_M

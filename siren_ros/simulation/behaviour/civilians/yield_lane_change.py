@@ -53,9 +53,10 @@ from siren_ros.simulation.conflicts.yielding import Rank, rank_of
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection
 from siren_ros.simulation.roads.routing import road_lane_of
 from siren_ros.simulation.scenario.driver_parameters import YieldConfig
-from siren_ros.simulation.world.actors import Event, EventKind, Mode, TrafficFlags
+from siren_ros.simulation.world.actors import NO_ACTOR, Event, EventKind, Mode, TrafficFlags
 
 GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
+_LET_IN_AT: Final = GAP_REFUSALS - {Refusal.GAP_FRONT}
 
 
 class Seek(IntEnum):
@@ -131,6 +132,21 @@ def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soo
     else:
         gap, gain, others = gaps.rear_m, speed_mps - gaps.rear_mps, gaps.front_m
     return seek is not Seek.NOT and gap < margin_m <= gap + soon_s * gain and others > 0.0
+
+
+def who_lets_in(unit: YieldUnit, ego: Ego) -> int:
+    """Id of the driver who has to let the unit's one in: beside, or else behind, in the lane on the unit's side.
+
+    ``NO_ACTOR`` for a driver who does not wait for a gap, or has no space to draw ahead and therefore falls back.
+    """
+    lane = lane_of(unit, ego)
+    if unit.phase is not Mode.YIELD_DEFERRED or unit.deferred not in _LET_IN_AT or lane == NO_LANE:
+        return NO_ACTOR
+    target = neighbour_lane(ego.network, lane, unit.side)
+    if target == NO_LANE or gaps_in_lane(ego, lane).front_m <= _SEEK_FREE_M:
+        return NO_ACTOR
+    gaps = gaps_in_lane(ego, target)
+    return gaps.front_id if gaps.front_m <= 0.0 else gaps.rear_id
 
 
 _SEEK_AHEAD_M: Final = 80.0

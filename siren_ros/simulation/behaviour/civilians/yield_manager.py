@@ -25,6 +25,7 @@ from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
     needs_no_siren,
     rejoin,
     start_lane_change,
+    who_lets_in,
 )
 from siren_ros.simulation.behaviour.driving.driver_states import (
     STANDING_MPS,
@@ -51,7 +52,16 @@ from siren_ros.simulation.behaviour.driving.step_view import (
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.paper import CivilianResponse, ControlConstants
 from siren_ros.simulation.scenario.scenario import in_region
-from siren_ros.simulation.world.actors import ActorClass, Event, EventKind, Indices, Mode, Owner, TrafficState
+from siren_ros.simulation.world.actors import (
+    NO_ACTOR,
+    ActorClass,
+    Event,
+    EventKind,
+    Indices,
+    Mode,
+    Owner,
+    TrafficState,
+)
 from siren_ros.simulation.world.commands import CommandRow, VehicleCommands
 
 SOURCE: Final = "yield_manager"
@@ -176,7 +186,7 @@ class _EmvScene:
     on_road: list[bool]
     edges_ahead: frozenset[int]
     road_m: list[float]
-    """Distance along any lane of its road, at all levels, if there are several EMVs."""
+    """Distance along any lane of its road, at all levels."""
 
 
 def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
@@ -193,6 +203,8 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
     regions, scenes = _regions(state, view)
     units, drivers = dict(state.units), dict(state.drivers)
     events = _notice(units, drivers, scenes, view)
+    if world.policy.response is CivilianResponse.FEASIBLE_YIELD:
+        events += _let_in(units, drivers, scenes, view)
     rows: list[CommandRow] = []
     left: dict[int, YieldUnit] = {}
     present = traffic.actor_id.tolist()
@@ -217,7 +229,6 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
     scenes: dict[int, _EmvScene] = {}
     whole_road = view.world.policy.response is CivilianResponse.PULL_OVER
     rows = seen.is_emv.nonzero()[0].tolist()
-    alone = len(rows) == 1
     for row in rows:
         emv_id = int(seen.actor_id[row])
         road_before, known = state.regions.get(emv_id, (None, np.empty(0, dtype=np.uint32)))
@@ -229,7 +240,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, tuple[EmvRoad
         way = way_from_emv_m(view, row, road.road_start_m if whole_road else road.lane_start_m)
         on_road = road.on_road[view.world.edge_of_lane[lane]] & (lane >= 0)
         near = _may_notice(way, seen.bodies, seen.is_emv).tolist()
-        beside = way if whole_road or alone else way_from_emv_m(view, row, road.road_start_m)
+        beside = way if whole_road else way_from_emv_m(view, row, road.road_start_m)
         scenes[emv_id] = _EmvScene(
             row, frozenset(members.tolist()), near, way.tolist(), on_road.tolist(), road.edges_ahead, beside.tolist()
         )
@@ -270,6 +281,32 @@ def _notice(
             units[actor_id] = unit
             detail = {"way_m": way_m, "compliance": driver.compliance.value}
             events.append(yield_event(unit, view.ego(row), EventKind.YIELD_REQUESTED, **detail))
+    return events
+
+
+def _let_in(
+    units: dict[int, YieldUnit], drivers: dict[int, Driver], scenes: dict[int, _EmvScene], view: StepView
+) -> list[Event]:
+    """Find the drivers in other lanes who let in those who have to leave the EMV's lane (adds to ``units``).
+
+    They hear the siren as well. After their reaction time since the other driver has begun to wait, they keep their
+    lane at the pace of those who have left the EMV's, so that the other one can draw ahead.
+    """
+    world, events = view.world, list[Event]()
+    rows = {actor_id: row for row, actor_id in enumerate(view.traffic.actor_id.tolist())}
+    for unit in [unit for unit in units.values() if unit.actor_id in rows and unit.emv_id in scenes]:
+        other_id, way_m = who_lets_in(unit, view.ego(rows[unit.actor_id])), scenes[unit.emv_id].road_m
+        if other_id in {NO_ACTOR, world.av_id} or other_id in units or view.actors.by_id[other_id].is_emv:
+            continue
+        driver = drivers.setdefault(other_id, draw_driver(world.preset, world.seed, other_id))
+        late = view.step - unit.deferred_step < steps_from_s(driver.delay_s)
+        cycles = view.actors.by_id[other_id].actor_class is ActorClass.BICYCLE
+        if late or cycles or driver.compliance is Compliance.NEVER:
+            continue
+        if way_m[rows[other_id]] <= driver.response_distance_m:
+            units[other_id] = YieldUnit(other_id, unit.emv_id, driver, view.step, Mode.YIELD_KEEP_LANE)
+            detail: dict[str, float | str] = {"way_m": way_m[rows[other_id]], "reason": "lets_in"}
+            events.append(yield_event(units[other_id], view.ego(rows[other_id]), EventKind.YIELD_REQUESTED, **detail))
     return events
 
 

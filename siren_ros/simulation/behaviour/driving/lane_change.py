@@ -99,6 +99,8 @@ class LaneGaps(NamedTuple):
     rear_mps: float
     front_id: int = NO_ACTOR
     """Id of the vehicle ahead."""
+    rear_id: int = NO_ACTOR
+    """Id of the vehicle behind."""
 
 
 _GAP_RANGE_M: Final = 60.0
@@ -111,8 +113,11 @@ def gaps_in_lane(ego: Ego, lane: int) -> LaneGaps:
     front, rear, *gaps = _gaps(centre.points, centre.arc_m, seen.bodies, ego.row, _GAP_RANGE_M)
     if front < 0:
         return LaneGaps(math.inf, 0.0, math.inf, 0.0)
-    front_id = int(seen.actor_id[front]) if gaps[0] < math.inf else NO_ACTOR
-    return LaneGaps(gaps[0], float(seen.speed_mps[front]), gaps[1], float(seen.speed_mps[rear]), front_id)
+    ids = [
+        int(seen.actor_id[row]) if gap_m < math.inf else NO_ACTOR
+        for row, gap_m in zip((front, rear), gaps, strict=True)
+    ]
+    return LaneGaps(gaps[0], float(seen.speed_mps[front]), gaps[1], float(seen.speed_mps[rear]), *ids)
 
 
 @compiled

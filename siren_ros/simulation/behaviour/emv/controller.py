@@ -17,6 +17,7 @@ from siren_ros.simulation.behaviour.driving.driver_states import (
     EmvUnit,
     Guard,
     GuardResult,
+    Refusal,
     advice_of,
     best_lane,
     event_of,
@@ -28,6 +29,7 @@ from siren_ros.simulation.behaviour.driving.lane_change import (
     complete_lane_change,
     forced_lane_change,
     gaps_in_lane,
+    refusal_of_gaps,
 )
 from siren_ros.simulation.behaviour.driving.lane_path import road_limits
 from siren_ros.simulation.behaviour.driving.navigator import ALONG_COSINE, DriveCommand, Obstacles
@@ -131,7 +133,7 @@ def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
     plan, path = unit.plan, navigator.path
     events: tuple[Event, ...] = ()
     if plan is None or path is None:
-        lane = present_lane(ego, navigator)
+        lane = _lane_after(unit, ego)
     elif abs(navigator.left_m) > OFF_PATH_M or not plan.agrees_with(ego.route):
         if ego.step - plan.planned_step < steps_from_s(_REPLAN_S):
             return unit, ()
@@ -146,6 +148,20 @@ def follow_route(unit: EmvUnit, ego: Ego) -> GuardResult:
         return unit, events
     plan, navigator = plan_route(ego, lane, navigator)
     return changed(unit, plan=plan, navigator=navigator), events
+
+
+def _lane_after(unit: EmvUnit, ego: Ego) -> int:
+    """Lane of the route's path after a path of another origin: that of the latter where the way into it is free.
+
+    Where somebody is beside or comes, as for a forced lane change, it is the lane that the EMV is in.
+    """
+    lane, network = present_lane(ego, unit.navigator), ego.network
+    apart = NO_LANE not in {lane, ego.lane} and lane != ego.lane
+    if unit.navigator.path is None or not apart or network.lanes[lane].edge != network.lanes[ego.lane].edge:
+        return lane
+    speed_mps, change = ego.speed_mps, ego.emv_driver.lane_change
+    refusal = refusal_of_gaps(gaps_in_lane(ego, lane), speed_mps, speed_mps, change)
+    return ego.lane if refusal in {Refusal.BESIDE, Refusal.GAP_REAR} else lane
 
 
 _BEHIND_M: Final = 5.0

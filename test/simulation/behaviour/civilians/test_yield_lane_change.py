@@ -123,7 +123,7 @@ def test_no_gap_is_sought_right_before_a_junction(lab, junction):
 
 def test_a_gap_is_sought_in_turns_with_driving_on(lab):
     """A vehicle stays alongside whatever the driver does; the driver leads the EMV slowly for some seconds only."""
-    world = lab.world_of(lab.straight_road(2, 900.0), lab.L2)
+    world = lab.world_of(lab.straight_road(2, 900.0), lab.L2, av_id=3)
     state, owners = YieldState(), []
     config = world.config.civilian_driver.yielding
     for step in range(round((config.seek_after_s + 2.0 * (config.seek_for_s + config.seek_pause_s)) / 0.05)):

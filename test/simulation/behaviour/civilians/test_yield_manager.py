@@ -166,6 +166,7 @@ def test_drivers_that_never_comply_are_asked_once_and_stay_nominal(lab, world):
 
 def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
+    world = replace(world, av_id=3)
     state, commands, events = steps(world, cars, 10)
     assert kinds(events) == ["yield_requested", "yield_deferred"]
     assert events[1].detail["reason"] == "vehicle_beside"
@@ -173,6 +174,47 @@ def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
     cars[2] = lab.Car(3, 1, 120, 5, (0,))
     _, commands, events = steps(world, cars, 1, state, 10)
     assert kinds(events) == ["yield_started"]
+
+
+@pytest.mark.parametrize(
+    ("beside_s", "ahead_s", "kind", "lets_in"),
+    [
+        (79.0, 160.0, ActorClass.SEDAN, True),
+        (82.0, 160.0, ActorClass.SEDAN, True),
+        (74.5, 160.0, ActorClass.SEDAN, True),
+        (86.0, 160.0, ActorClass.SEDAN, False),
+        (79.0, 96.0, ActorClass.SEDAN, False),
+        (79.0, 160.0, ActorClass.BICYCLE, False),
+    ],
+    ids=["beside", "beside and ahead", "close behind", "ahead", "no space to draw ahead", "a cyclist"],
+)
+def test_who_is_beside_a_driver_that_has_to_clear_lets_it_in(lab, world, beside_s, ahead_s, kind, lets_in):
+    """A sedan at 80 m waits for a gap in the other lane."""
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 8, (0,)), lab.Car(3, 1, beside_s, 8, (0,), kind)]
+    state, commands, events = steps(world, [*cars, lab.Car(4, 0, ahead_s, 8, (0,))], 2)
+    assert modes(commands)[2] == Mode.YIELD_DEFERRED
+    assert modes(commands).get(3) == (Mode.YIELD_KEEP_LANE if lets_in else None)
+    asked = [event for event in events if event.actor_id == 3]
+    assert [(event.kind.value, event.detail["reason"]) for event in asked] == [("yield_requested", "lets_in")] * lets_in
+    assert all(
+        owner == Owner.SUMO for actor, owner in zip(commands.actor_id, commands.owner, strict=True) if actor == 3
+    )
+    assert steps(world, [cars[0], *cars[2:]], 2)[1].actor_id.tolist() == [], "nobody waits"
+    passed = [lab.Car(1, 0, 120, 10, (0,), AMBULANCE), lab.Car(2, 0, 160, 8, (0,)), cars[2]]
+    assert 3 not in modes(steps(world, passed, 1, state, 2)[1]), "released"
+
+
+def test_who_lets_another_one_in_reacts_after_the_delay_and_only_who_hears_the_siren(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 8, (0,)), lab.Car(3, 1, 79, 8, (0,))]
+    slow = replace(world.preset, reaction_delay_s=TruncatedNormal(0.5, 0.0, 0.5, 0.5))
+    late = replace(world, preset=slow)
+    begins = {event.actor_id: event.step for event in steps(late, cars, 40)[2] if event.kind.value == "yield_requested"}
+    assert (begins[2], begins[3]) == (0, 20), "half a second until the first one waits, and again until the second one"
+    never = replace(world, preset=replace(world.preset, compliance=ComplianceShares(0.0, 0.0, 1.0)))
+    state = steps(world, cars, 1)[0]
+    kept = replace(state, drivers={2: state.drivers[2]}, units={2: state.units[2]})
+    assert 3 not in modes(steps(never, cars, 2, kept, 1)[1])
+    assert 3 not in modes(steps(replace(world, av_id=3), cars, 2)[1])
 
 
 def test_right_side_is_preferred(lab):

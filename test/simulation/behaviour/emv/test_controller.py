@@ -11,7 +11,7 @@ from siren_ros.simulation.behaviour.driving.lane_change import forced_lane_chang
 from siren_ros.simulation.behaviour.driving.lane_path import path_on_lanes
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M, navigate
-from siren_ros.simulation.behaviour.driving.tracked_path import Curve, LaneEnd, TrackedPath
+from siren_ros.simulation.behaviour.driving.tracked_path import Curve, LaneEnd, TrackedPath, on_reference
 from siren_ros.simulation.behaviour.emv import controller
 from siren_ros.simulation.behaviour.emv.controller import OFF_PATH_M, EmvState, mode_of, step_emv, target_speed_mps
 from siren_ros.simulation.behaviour.emv.escape_search import STATION_M
@@ -224,6 +224,22 @@ def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(la
     path = state.units[1].navigator.path
     assert path.curve.points[-1, 0] > 150.0
     assert steps(world, [emv], 10, state, 1)[0].units[1].navigator.path is path
+
+
+@pytest.mark.parametrize(
+    ("others", "lane"),
+    [([], 0), ([(45.0, 12.0)], 1), ([(62.0, 0.0)], 1), ([(53.0, 0.0)], 0), ([(75.0, 10.0)], 0)],
+    ids=["free", "comes", "beside", "stands behind", "ahead"],
+)
+def test_after_an_escape_the_emv_stays_in_its_lane_while_others_are_in_the_way_back(lab, others, lane):
+    """It has come past in the left lane; the path of the escape belongs to the right one."""
+    cars = [lab.Car(number, 0, s, mps, (0,)) for number, (s, mps) in enumerate(others, 2)]
+    view = lab.view(lab.straight_road(), lab.L1, [lab.Car(1, 1, 62, 5, (0,), AMBULANCE), *cars])
+    ego = view.ego(0)
+    reference = path_on_lanes(view.world.network, (0,), LaneEnd.HORIZON, 0.0, 200.0)
+    path = on_reference(reference, ego.navigator_config, stop_at_end=False, shorten_m=0.0)
+    escaped = EmvUnit(1, navigator=NavigatorState().following(path, *ego.place))
+    assert controller.follow_route(escaped, ego)[0].navigator.lane == lane
 
 
 def test_removed_emv_is_forgotten(lab, emv):

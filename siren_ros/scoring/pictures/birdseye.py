@@ -13,12 +13,13 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from siren_ros.base.numerics.arrays import Points
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.interfaces.boxes import EMV_COLOUR, MODE_COLOURS
 from siren_ros.data.recording.episode_record import EpisodeRecord
@@ -29,7 +30,9 @@ from siren_ros.scoring.pictures.plot_parts import (
     EMV_EVENTS,
     EVENT_STYLES,
     FAINT_TEXT,
+    GROUND,
     KMH,
+    LANE_FILL,
     STATE_NAMES,
     TEXT,
     Box,
@@ -45,7 +48,7 @@ from siren_ros.scoring.pictures.plot_parts import (
     title_of,
     yielding_actors,
 )
-from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes
 from siren_ros.simulation.roads.site_finder import places_without_site
 from siren_ros.simulation.roads.sites import REQUIREMENTS, Lack, Site
@@ -274,9 +277,19 @@ _GOOD: Final = "#12855f"
 _LACKING: Final = ("#d9820f", "#c2185b", "#7b3fa0", "#1f77b4", "#8c5a2b", "#d4b106", "#3aa6a6", "#e0603c")
 """Colours of unsuitable places by what they lack; with more reasons the colours repeat."""
 _COLUMNS: Final = 2
-_PANEL_IN: Final = 8.0
-_LEAST_IN, _MOST_IN = 2.0, 11.0
-"""Limits of the height of a map."""
+_LEAST_PANEL_IN, _MOST_PANEL_IN = 8.0, 16.0
+_M_PER_IN: Final = 400.0
+"""Scale from which panels become larger: a block of 100 m is then a quarter of an inch long."""
+_LEAST_IN: Final = 2.0
+"""Least height of a map."""
+_HIGHEST: Final = 1.4
+"""Largest height of a map over its width."""
+_GOOD_PT: Final = 4.0
+"""Width of the line of a good site; others have half of it, and markers this size."""
+_GOOD_M: Final = 12.0
+"""Width of this line in the map, where that is thinner: a street. It has at least a third of its points."""
+_MOST_LABELLED: Final = 60
+"""Good sites of a panel that have their number; more would hide the map."""
 _TITLE_IN: Final = 0.75
 _LINE_IN: Final = 0.2
 _DPI: Final = 120
@@ -298,20 +311,21 @@ def draw_site_map(networks: Sequence[RoadNetwork], surveys: Sequence[Survey]) ->
     ``networks`` has the roads as each template uses them.
     """
     box = _box_around(networks)
+    panel_in = float(np.clip((box[1] - box[0]) / _M_PER_IN, _LEAST_PANEL_IN, _MOST_PANEL_IN))
     colours = [*map(_colours, networks, surveys)]
     legends = [*map(_legend, networks, surveys, colours)]
     columns = min(_COLUMNS, len(surveys))
     rows = -(-len(surveys) // columns)
     shape = (box[3] - box[2]) / (box[1] - box[0])
-    map_in = min(max(_PANEL_IN * shape, _LEAST_IN), _MOST_IN)
+    map_in = min(max(panel_in * shape, _LEAST_IN), _HIGHEST * panel_in)
     text_in = _TITLE_IN + _LINE_IN * (1 + max(map(len, legends)))
-    size_in = np.array([columns * _PANEL_IN, rows * (map_in + text_in)])
+    size_in = np.array([columns * panel_in, rows * (map_in + text_in)])
     figure = Figure(figsize=(float(size_in[0]), float(size_in[1])), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     for place, legend in enumerate(legends):
         row, column = divmod(place, columns)
-        corner_in = np.array([column * _PANEL_IN, size_in[1] - row * (map_in + text_in) - _TITLE_IN - map_in])
-        (left, bottom), (width, height) = corner_in / size_in, np.array([_PANEL_IN, map_in]) / size_in
+        corner_in = np.array([column * panel_in, size_in[1] - row * (map_in + text_in) - _TITLE_IN - map_in])
+        (left, bottom), (width, height) = corner_in / size_in, np.array([panel_in, map_in]) / size_in
         axes = figure.add_axes((left + _MARGIN * width, bottom, (1.0 - 2.0 * _MARGIN) * width, height))
         _draw_panel(axes, networks[place], surveys[place], colours[place], box)
         axes.legend(
@@ -322,30 +336,46 @@ def draw_site_map(networks: Sequence[RoadNetwork], surveys: Sequence[Survey]) ->
 
 def _draw_panel(axes: Axes, network: RoadNetwork, survey: Survey, colours: Mapping[str, str], box: Box) -> None:
     frame_box(axes, box)
-    draw_roads(axes, network, line_width=0.3)
+    axes.set_facecolor(GROUND)
     template, found = survey
+    pt_per_m = axes.bbox.width * 72.0 / axes.figure.dpi / np.ptp(axes.get_xlim())
+    lanes = [lane for lane in network.lanes if lane.kind in {LaneKind.SHOULDER, LaneKind.DRIVING, LaneKind.INTERNAL}]
+    look: dict[str, Any] = {"linewidths": [max(lane.width_m * pt_per_m, 0.6) for lane in lanes], "capstyle": "butt"}
+    look["colors"] = [LANE_FILL[lane.kind] for lane in lanes]
+    axes.add_collection(LineCollection([lane.centre.points for lane in lanes], zorder=1, **look))
+    good_pt = float(np.clip(_GOOD_M * pt_per_m, _GOOD_PT / 3.0, _GOOD_PT))
     good = [site for site, lacking in found.items() if not lacking]
-    for site, lacking in reversed([*found.items()]):
-        colour, width = (colours[lacking[0].text], 2.0) if lacking else (_GOOD, 4.0)
-        axes.plot(*_way_of(network, site).T, color=colour, linewidth=width, solid_capstyle="butt", zorder=4)
-    for place in places_without_site(network, template.site_kind):
-        x, y = driving_lanes(network, place.edge)[-1].centre.points[-1]
-        axes.plot(x, y, marker="x", markersize=4, color=colours[place.lacking], linestyle="none", zorder=3)
-    labels = LabelPlacer(axes, 7.0)
-    for number, site in enumerate(good, start=1):
-        x, y = _way_of(network, site)[-1].tolist()
+    aside_m = 0.6 * good_pt / pt_per_m * (1.0 if network.left_hand else -1.0)
+    ways = {site: _way_of(network, site, aside_m) for site in found}
+    for text in [*colours, ""]:
+        lines = [ways[site].points for site, lacks in found.items() if (lacks[0].text if lacks else "") == text]
+        colour, width = (colours[text], good_pt / 2.0) if text else (_GOOD, good_pt)
+        axes.add_collection(LineCollection(lines, colors=colour, linewidths=width, capstyle="butt", zorder=4))
+        places = [place.edge for place in places_without_site(network, template.site_kind) if place.lacking == text]
+        ends = np.array([driving_lanes(network, edge)[-1].centre.points[-1] for edge in places]).reshape(-1, 2)
+        axes.plot(*ends.T, marker="x", markersize=good_pt, color=colour, linestyle="none", zorder=3)
+    labels, shown = LabelPlacer(axes, 7.5, 28.0), [ways[site] for site in good[:_MOST_LABELLED]]
+    for way in shown:
+        for x, y in way.at(0.5 * way.length_m + np.arange(-32.0, 33.0, 8.0) / pt_per_m):
+            labels.block(x, y, 0.6 * good_pt)
+    for number, way in enumerate(shown, start=1):
+        x, y = way.at(0.5 * way.length_m).tolist()
         labels.place(x, y, str(number), _GOOD)
     draw_scale_bar(axes)
     count = f"{len(good)} good of {len(found)} sites" if found else "no site"
-    look: dict[str, Any] = {"transform": axes.transAxes, "va": "bottom"}
-    axes.text(0.0, 1.045, f"{template.template_id}: {count}", fontsize=11, fontweight="bold", color=TEXT, **look)
+    look = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(
+        f"{template.template_id}: {count}", xytext=(0, 22), fontsize=11, fontweight="bold", color=TEXT, **look
+    )
     needs = REQUIREMENTS[template.site_kind].removeprefix("a map with ")
-    axes.text(0.0, 1.01, f"It needs {needs}.", fontsize=7, color=FAINT_TEXT, **look)
+    axes.annotate(f"It needs {needs}.", xytext=(0, 6), fontsize=7, color=FAINT_TEXT, **look)
 
 
-def _way_of(network: RoadNetwork, site: Site) -> Points:
-    """Leftmost driving lanes of a site's stretch of road, shape ``(K, 2)``."""
-    return np.concatenate([driving_lanes(network, edge)[-1].centre.points for edge in site.stretch])
+def _way_of(network: RoadNetwork, site: Site, aside_m: float) -> Polyline:
+    """A line beside the leftmost driving lanes of a site's stretch of road, so that both directions are seen."""
+    points = np.concatenate([driving_lanes(network, edge)[-1].centre.points for edge in site.stretch])
+    way = Polyline.through(points)
+    return Polyline.through(way.offset_points(way.arc_m, aside_m))
 
 
 def _legend(network: RoadNetwork, survey: Survey, colours: Mapping[str, str]) -> list[Line2D]:

@@ -194,6 +194,8 @@ class LabelPlacer:
 
     axes: Axes
     font_size: float
+    farthest_pt: float = 64.0
+    """Labels are at most this far from their points."""
     taken: list[Bbox] = field(default_factory=list)
 
     def place(self, x_m: float, y_m: float, text: str, colour: str) -> bool:
@@ -202,7 +204,7 @@ class LabelPlacer:
         width, height = (_CHARACTER_WIDTH * len(text) + _PADDING) * self.font_size * dots, 1.5 * self.font_size * dots
         anchor_x, anchor_y = self.axes.transData.transform((x_m, y_m))
         frame = self.axes.bbox
-        for radius in (11.0, 19.0, 28.0, 38.0, 50.0, 64.0):
+        for radius in (radius for radius in (11.0, 19.0, 28.0, 38.0, 50.0, 64.0) if radius <= self.farthest_pt):
             for direction in (90, -90, 60, 120, -60, -120, 30, 150, -30, -150):
                 dx = radius * math.cos(math.radians(direction)) * 1.3
                 dy = radius * math.sin(math.radians(direction))

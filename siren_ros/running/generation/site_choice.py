@@ -25,8 +25,6 @@ from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPl
 from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass
 
-_LONG_ENOUGH_M: Final = 150.0
-"""Least length of good roads: 12 s at 45 km/h, to reach and pass five vehicles."""
 _RESCUE_M: Final = 6.6
 """Least width of two lanes with a rescue lane: an ambulance (2.1 m) with 0.2 m on each side, and two vans (2.02 m)."""
 _NO_BRIDGE_M: Final = 300.0
@@ -95,8 +93,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
         _prefer(found, _BRIDGE, lambda site: _far_from_bridges(network, site))
         _prefer(found, LITTLE_BEHIND, lambda site: _behind_m(network, site) >= EXIT_M - _JUNCTION_M)
     if template.site_kind is SiteKind.MULTI_LANE_ROAD:
-        enough_m = _LONG_ENOUGH_M
-        _prefer(found, _JOINED, lambda site: quiet_reach_m(network, site.approach_lane, enough_m) >= enough_m)
+        _prefer(found, _JOINED, lambda site: quiet_reach_m(network, site.approach_lane, needs_m) >= needs_m)
     return found
 
 
@@ -180,13 +177,19 @@ def needed_m(template: Template) -> float:
     """Length of road that a template needs for the rows of vehicles with which it begins, at its default values.
 
     Before a stop line these start between the line and the EMV. On a road they start ahead of the EMV, each vehicle
-    with its spacing, and with the mean length of the template's classes.
+    with its spacing, and with the mean length of the template's classes. Where the EMV has to pass some of those in its
+    lane, it needs the way on which it comes past them at its speed, while they drive at the limit.
     """
     groups = [group for group in template.demand.groups if group.anchor is GroupAnchor.EMV and not group.optional]
     if template.emv.start_from is StartReference.STOP_LINE:
         return max((-template.emv.start_m - group.first_gap_m for group in groups), default=0.0)
     mean_m = sum(share * _lengths_m()[member] for member, share in template.demand.classes)
-    rows_m = (group.first_gap_m + group.vehicles * (group.spacing_m + mean_m) for group in groups)
+    rows_m = [group.first_gap_m + group.vehicles * (group.spacing_m + mean_m) for group in groups]
+    passed, emv_mps = template.predicate.thresholds.get("passed_min", 0.0), template.emv.speed_mps
+    closing_mps = emv_mps - template.demand.speed_factor * template.demand.speed_limit_mps
+    for group in groups if passed and closing_mps > 0.0 else ():
+        ahead_m = group.first_gap_m + passed * mean_m + (passed - 1.0) * group.spacing_m
+        rows_m += [ahead_m * emv_mps / closing_mps] * (group.placement is Placement.EMV_LANE)
     return template.emv.start_m + max(rows_m, default=0.0)
 
 
@@ -205,8 +208,8 @@ def has_shoulder(network: RoadNetwork, site: Site) -> bool:
     return any(lane.kind is LaneKind.SHOULDER for lane in lanes)
 
 
-def _long_enough(_: RoadNetwork, site: Site, __: Template) -> bool:
-    return site.kind is not SiteKind.MULTI_LANE_ROAD or site.length_m >= _LONG_ENOUGH_M
+def _road_fits(_: RoadNetwork, site: Site, template: Template) -> bool:
+    return site.kind is not SiteKind.MULTI_LANE_ROAD or site.length_m >= needed_m(template)
 
 
 def _queues_fit(network: RoadNetwork, site: Site, template: Template) -> bool:
@@ -288,7 +291,7 @@ def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
 
 
 _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
-    f"less than {_LONG_ENOUGH_M:.0f} m of road without a junction or a turning lane": _long_enough,
+    "less than {needed_m:.0f} m of road without a signal or a stop sign": _road_fits,
     "less than {needed_m:.0f} m of road without a junction or a turning lane on the left": _queues_fit,
     "less than {needed_m:.0f} m on which nobody joins or leaves": _jam_fits,
     f"less than {_RESCUE_M:.1f} m on its two leftmost lanes": _has_rescue_lane,
@@ -306,7 +309,7 @@ _BRIDGE: Final = f"a bridge less than {_NO_BRIDGE_M:.0f} m away, and others have
 WEAKER: Final = "a weaker control, and others have a stronger one"
 _ONE_LANE: Final = "one lane leads on, and others have a second one"
 _SHOULDER: Final = "a shoulder, and others have none"
-_JOINED: Final = f"a junction in its first {_LONG_ENOUGH_M:.0f} m, and others have none"
+_JOINED: Final = "a junction on the way on which vehicles change lanes, and others have none"
 
 
 def _usable_m(network: RoadNetwork, site: Site) -> float:

@@ -39,6 +39,7 @@ from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.scenario import Placement, Template
 from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand.plan import TrafficPlan, load_drivers
+from siren_ros.simulation.world.actors import ActorClass
 
 DIMENSIONS = {
     kind: (vehicle.length_m, vehicle.width_m, vehicle.height_m) for kind, vehicle in load_vehicle_parameters().items()
@@ -230,6 +231,20 @@ def test_the_needed_length_follows_from_the_rows_of_a_template() -> None:
     assert needed_m(jam) == pytest.approx(
         jam.emv.start_m + group.first_gap_m + group.vehicles * (group.spacing_m + car_m)
     )
+
+
+def test_a_road_is_long_enough_to_pass_the_vehicles_that_the_predicate_asks_for() -> None:
+    """The EMV at 12 m/s comes past the second of vehicles at 8 m/s, whose front is 30 m ahead, after 90 m."""
+    template = load_template("S2")
+    emv = replace(template.emv, start_m=10.0, speed_mps=12.0)
+    sedan_m = load_vehicle_parameters()[ActorClass.SEDAN].length_m
+    row = replace(template.demand.groups[0], first_gap_m=30.0 - 2.0 * sedan_m - 9.0, spacing_m=9.0, vehicles=3)
+    demand = replace(template.demand, groups=(row,), classes=((ActorClass.SEDAN, 1.0),), speed_limit_mps=8.0)
+    passed = replace(template.predicate, thresholds={"lane_changes_min": 2, "passed_min": 2})
+    template = replace(template, emv=emv, demand=demand, predicate=passed)
+    assert needed_m(template) == pytest.approx(10.0 + 90.0)
+    slow = replace(template, emv=replace(emv, speed_mps=8.0))
+    assert needed_m(slow) == pytest.approx(10.0 + row.first_gap_m + 3 * (9.0 + sedan_m))
 
 
 def test_the_seed_draws_each_good_site(town: RoadNetwork) -> None:

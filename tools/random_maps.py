@@ -147,22 +147,23 @@ def short_episode(request: EpisodeRequest) -> EpisodeFigures:
     return figures_of(record, request, float("nan"))
 
 
-def attempts(calls: Mapping[Key, tuple[Callable[..., Any], Any]], workers: int) -> Mapping[Key, Any]:
-    """Results of functions with one argument each, in processes of their own, or the errors that they raise."""
-    with ProcessPool(workers, fresh=True, preload=READY) as pool:
+def attempts(calls: Mapping[Key, tuple[Callable[..., Any], Any]], pool: ProcessPool, workers: int) -> Mapping[Key, Any]:
+    """Results of functions with one argument each, of a pool's processes, or the errors that they raise."""
 
-        def attempt(function: Callable[..., Any], argument: Any) -> Any:
-            try:
-                return pool.call(function, argument)
-            except SirenError as error:
-                return error
+    def attempt(function: Callable[..., Any], argument: Any) -> Any:
+        try:
+            return pool.call(function, argument)
+        except SirenError as error:
+            return error
 
-        return side_by_side({key: partial(attempt, *call) for key, call in calls.items()}, workers, pool.stop)
+    return side_by_side({key: partial(attempt, *call) for key, call in calls.items()}, workers, pool.stop)
 
 
-def try_nets(nets: Mapping[int, Path], templates: Sequence[str], episodes_of: int, workers: int) -> Iterator[Outcome]:
+def try_nets(
+    nets: Mapping[int, Path], templates: Sequence[str], episodes_of: int, pool: ProcessPool, workers: int = 1
+) -> Iterator[Outcome]:
     """Look for sites on all nets and make episodes on some; yields what was tried, how it ended, and what is wrong."""
-    sites = attempts({seed: (good_sites_of, net) for seed, net in nets.items()}, workers)
+    sites = attempts({seed: (good_sites_of, net) for seed, net in nets.items()}, pool, workers)
     for seed, found in sites.items():
         wrong = found if isinstance(found, SirenError) and not isinstance(found, MapError) else ""
         yield Outcome(nets[seed].name, type(found).__name__ if isinstance(found, SirenError) else "read", str(wrong))
@@ -175,7 +176,8 @@ def try_nets(nets: Mapping[int, Path], templates: Sequence[str], episodes_of: in
         for name in templates
         if found[name]
     }
-    for tried, figures in attempts({key: (short_episode, one) for key, one in requests.items()}, workers).items():
+    episodes = {key: (short_episode, one) for key, one in requests.items()}
+    for tried, figures in attempts(episodes, pool, workers).items():
         error = str(figures) if isinstance(figures, SirenError) else figures.error
         wrong = error or "; ".join(figures.violations)
         yield Outcome(tried, error.partition(":")[0] if error else "unsound" if wrong else "sound", wrong)
@@ -190,13 +192,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--folder", type=Path, help="where the nets stay")
     options = parser.parse_args(argv)
-    with tempfile.TemporaryDirectory() as made:
+    pool = ProcessPool(options.workers, fresh=True, preload=READY)
+    with tempfile.TemporaryDirectory() as made, pool:
         folder = options.folder or Path(made)
         folder.mkdir(parents=True, exist_ok=True)
         nets = {seed: random_net(seed, folder) for seed in options.seeds}
         there = {seed: net for seed, net in nets.items() if net.is_file()}
         counts: Counter[str] = Counter()
-        for outcome in try_nets(there, options.templates, options.episodes_of, options.workers):
+        for outcome in try_nets(there, options.templates, options.episodes_of, pool, options.workers):
             counts[outcome.end] += 1
             if outcome.wrong:
                 print(f"{outcome.tried}: {outcome.wrong}", flush=True)

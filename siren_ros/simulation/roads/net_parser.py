@@ -399,7 +399,7 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
             from_lane=from_lane,
             to_lane=to_lane,
             via=tuple(index_of[step] for step in via),
-            direction=element.get("dir", "s"),
+            direction=element.get("dir", "s").replace("T", "t"),  # SUMO writes T in nets with left-hand traffic
             signal_id=signal,
             signal_link=link,
             must_stop=element.get("state") in _STOP_STATES and signal is None,

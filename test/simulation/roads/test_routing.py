@@ -8,6 +8,7 @@ import pytest
 from hand_made_record import BESIDE, EAST, STRAIGHT, crossing
 from hand_made_record import SOUTH as SOUTH_ARM
 from hand_made_record import STRAIGHT_LEFT as STRAIGHT_IN_LEFT
+from made_crossing import ARMS, CROSSING, made_net
 from made_streets import (
     A_LEFT,
     A_RIGHT,
@@ -31,6 +32,7 @@ from made_streets import (
 
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads import routing
+from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.routing import (
     comes_from_the_side,
@@ -334,6 +336,18 @@ def test_a_route_is_as_long_as_its_edges_and_the_straight_lines_between_them():
     assert (graph.successors[B], graph.predecessors[D], graph.successors[C]) == ((C, D), (B, N), ())
     turning = replace(NETWORK, connections=(replace(NETWORK.connections[4], direction="t"),))
     assert routing.EdgeGraph.of(turning).successors[B] == (), "nobody turns round"
+
+
+@pytest.mark.parametrize("options", [(), ("--lefthand",)])
+def test_nobody_turns_round_at_the_dead_ends_of_a_net(tmp_path, options):
+    """SUMO has another letter for turnarounds in nets with left-hand traffic."""
+    net = parse_road_network(made_net(tmp_path, CROSSING, ARMS, "--no-turnarounds", "false", *options))
+    graph = routing.EdgeGraph.of(net)
+    for arm in "nesw":
+        into, out = (net.edge_by_id[name].index for name in (f"{arm}_c", f"c_{arm}"))
+        assert net.connections_from[net.edges[out].lanes[-1]], "SUMO's net leads back"
+        assert graph.successors[out] == ()
+        assert len(graph.successors[into]) == 3
 
 
 def test_the_edges_of_a_lane_follow_a_way_as_far_as_the_lane_leads_along_it():

@@ -327,18 +327,19 @@ PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
 """Peak curvature of a quintic blend with level ends, times length² over lateral distance."""
 
 
-def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats:
+def quintic_offsets(u: Floats, start: float, slope: float, end: float, bend: float = 0.0) -> Floats:
     """Lateral offsets of a transition between two straight lines; at its end it is parallel to the reference.
 
     It is the quintic polynomial of the place ``u`` along the blend (0–1; beyond 1 the end value) with the given offsets
-    at both ends and the given slope at 0, with no slope at 1 and no second derivative at both ends.
+    at both ends and the given slope and second derivative (``bend``) at 0, with neither of them at 1.
     """
     u = np.clip(u, 0.0, 1.0)
     cubic = u**3
     change = end - start
     rise = cubic * (10.0 - 15.0 * u + 6.0 * u * u)
     lead = u - cubic * (6.0 - 8.0 * u + 3.0 * u * u)
-    return start + change * rise + slope * lead
+    turn = 0.5 * u * u - cubic * (1.5 - 1.5 * u + 0.5 * u * u)
+    return start + change * rise + slope * lead + bend * turn
 
 
 _WINDING: Final = 40.0

@@ -159,22 +159,41 @@ _SAME_OFFSET_M: Final = 0.5
 """Corridors nearer to each other than this lead to the same place."""
 
 
+_ON_PATH_M: Final = 0.3
+"""Distance from the present path within which tracking brings the EMV back to it."""
+
+
+def _begin(unit: EmvUnit, ego: Ego) -> tuple[float, float, float, float | None]:
+    """Place, heading and curvature with which a new path begins: those of the present one, where the EMV is on it.
+
+    Plans that begin at the EMV itself, one after the other, forget how far it lags behind, and it drifts out of bends.
+    """
+    path, place = unit.navigator.path, ego.place
+    if path is not None and unit.corridor_planned_step >= 0:
+        progress_m, left_m = path.curve.nearest_to(unit.navigator.progress_m, *place)
+        if abs(left_m) < _ON_PATH_M:
+            return path.curve.place(progress_m)
+    return *place, ego.pose[2], None
+
+
 def along_corridor(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """Give the EMV the corridor relative to a lane as path."""
     config = ego.emv_driver.corridor
     reference = ego.line_along(lane, _CORRIDOR_M, 2.0, length_m=_CORRIDOR_M + 2.0)
-    s0, d0 = reference.curve.project_one(*ego.place)
+    x, y, yaw, bend_1pm = _begin(unit, ego)
+    s0, d0 = reference.curve.project_one(x, y)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
     target = corridor_offsets(reference, s, ego, straight_on_m=d0 if straight_on else None)
-    heading = float(reference.curve.heading_at(np.array([s0]))[0])
-    slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
+    _, _, heading, curvature_1pm = reference.curve.place(s0)
+    slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
     # A vehicle that points elsewhere must turn back, too; this counts like a lateral distance.
     aside = abs(d0 - float(target[0])) + _MERGE_MIN_M * abs(slope)
     blend = blend_length_m(aside, ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
     merge = max(_MERGE_MIN_M, min(blend, _merging_m(unit, reference, s, target, _SAME_OFFSET_M)))
-    offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
+    bend = (bend_1pm - curvature_1pm) * merge**2 if bend_1pm is not None else 0.0
+    offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0, bend)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
     path = along_reference(curve, reference, s, ego.navigator_config, merge, stop)

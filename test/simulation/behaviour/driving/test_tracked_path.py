@@ -152,14 +152,15 @@ def test_a_path_without_a_lateral_move_is_settled_from_its_beginning():
 REFERENCE = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], [120.0, 0.0]])), LaneEnd.ROUTE)
 
 
-@given(start=st.floats(-5, 5), slope=st.floats(-5, 5), end=st.floats(-5, 5))
-def test_quintic_meets_its_boundary_conditions(start, slope, end):
+@given(start=st.floats(-5, 5), slope=st.floats(-5, 5), end=st.floats(-5, 5), bend=st.floats(-5, 5))
+def test_quintic_meets_its_boundary_conditions(start, slope, end, bend):
     h = 1e-4
-    d = quintic_offsets(np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7]), start, slope, end)
+    d = quintic_offsets(np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7]), start, slope, end, bend)
     assert (d[0], d[5], d[6]) == (pytest.approx(start), pytest.approx(end), pytest.approx(end))
     assert (d[1] - d[0]) / h == pytest.approx(slope, abs=1e-2)
     assert (d[5] - d[4]) / h == pytest.approx(0.0, abs=1e-2)
-    assert (d[2] - 2 * d[1] + d[0]) / h**2 == pytest.approx(0.0, abs=0.5)
+    assert (d[2] - 2 * d[1] + d[0]) / h**2 == pytest.approx(bend, abs=0.5)
+    assert (d[5] - 2 * d[4] + d[3]) / h**2 == pytest.approx(0.0, abs=0.5)
 
 
 def test_peak_curvature_of_a_level_blend():

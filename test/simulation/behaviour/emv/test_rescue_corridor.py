@@ -415,3 +415,34 @@ def test_out_of_town_only_slow_traffic_ahead_forms_a_corridor(lab, limit_mps, ow
     cars = [lab.Car(1, 0, 100.0, own_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, place_m, other_mps, (0,))]
     unit, _ = corridor_mode(EmvUnit(1), lab.view(network, lab.L3, cars, advice={"rescue_count": 1}).ego(0))
     assert unit.corridor is entered
+
+
+def test_the_corridor_is_followed_through_a_bend_at_the_bends_speed(lab):
+    """A bend to the right with a radius of 12 m, whose middle is the corridor on a road of one lane."""
+    angle = np.linspace(0.0, np.pi / 2.0, 40)
+    bend = np.stack((60.0 + 12.0 * np.sin(angle), -12.0 + 12.0 * np.cos(angle)), axis=-1)
+    network = lab.RoadBuilder().edge([[0.0, 0.0], *bend, [72.0, -150.0]], 1, ("A", "B")).built()
+    cars = [lab.Car(1, 0, 20, 8, (0,), ActorClass.AMBULANCE)]
+    loop = lab.Loop(lab.world_of(network, lab.L3), cars, lambda _: {"rescue_count": 1}).run(240)
+    poses = np.array([row[1][:4] for row in loop.log])
+    s_m, left_m = network.lanes[0].centre.project(poses[:, :2])
+    assert s_m[-1] > 100.0
+    assert np.abs(left_m).max() < 0.4
+    slowest_mps = np.sqrt(loop.world.config.emv_driver.driving.lateral_accel_mps2 * 12.0)
+    assert poses[:, 3].min() > 0.75 * slowest_mps
+
+
+@pytest.mark.parametrize(("aside_m", "on_path"), [(0.0, True), (0.25, True), (0.35, False)])
+def test_a_new_path_begins_on_the_present_one_while_the_emv_is_on_it(lab, aside_m, on_path):
+    """The EMV points 0.05 rad to the left of its path."""
+    view = view_at(lab)
+    unit = along_corridor(on_route(view), view.ego(0), 0, straight_on=False)
+    pose = np.array([[110.0, view.ego(0).place[1] + aside_m, 0.05, 8.0]])
+    path = unit.navigator.path
+    progress_m, off_m = path.curve.nearest_to(10.0, *pose[0, :2])
+    pose[0, 1] += aside_m - off_m
+    later = view_at(lab, step=10, poses=pose)
+    again = along_corridor(unit, later.ego(0), 0, straight_on=False).navigator.path.curve
+    x, y, yaw, _ = again.place(0.0)
+    assert np.hypot(x - pose[0, 0], y - pose[0, 1]) == pytest.approx(aside_m if on_path else 0.0, abs=0.02)
+    assert yaw == pytest.approx(path.curve.place(progress_m)[2] if on_path else 0.05, abs=0.015)

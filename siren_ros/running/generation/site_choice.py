@@ -75,6 +75,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
     * No other road lies over it: drivers can make way for each other there, but not for the EMV, too.
     * Roads are long enough and do not end at a stop sign, from which one vehicle after the other would go.
     * Queues are on a road that is long enough without a junction and without a turning lane, which would stay empty.
+      Beside a shoulder, a signal or a stop sign holds them.
     * Roads and queues without a shoulder are taken alone where there are any; so are roads that are long enough without
       a junction, from which others join and to which drivers who make way cannot turn.
     """
@@ -290,6 +291,13 @@ def _ends_free(network: RoadNetwork, site: Site, _: Template) -> bool:
     return site.kind is not SiteKind.MULTI_LANE_ROAD or not any(stopping)
 
 
+def _holds_queue(network: RoadNetwork, site: Site, _: Template) -> bool:
+    lanes = driving_lanes(network, site.site_edge)
+    ways = [way for lane in lanes for way in network.connections_from.get(lane.index, ())]
+    waits = any(way.must_stop or (way.signal_id is not None and way.alternates) for way in ways)
+    return waits or site.kind is not SiteKind.SHOULDER_RIGHT_TURN
+
+
 _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] = {
     "less than {needed_m:.0f} m of road without a signal or a stop sign": _road_fits,
     "less than {needed_m:.0f} m of road without a junction or a turning lane on the left": _queues_fit,
@@ -303,6 +311,7 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "a turn, where the EMV has to go straight on": _goes_straight_on,
     "no stop sign, and no traffic of the template to give way to": _is_judged,
     "a stop sign at its end": _ends_free,
+    "no signal or stop sign, at which a queue would wait beside the shoulder": _holds_queue,
 }
 """Conditions of good sites, by the text that says what is lacking; ``needed_m`` is that of the template."""
 _BRIDGE: Final = f"a bridge less than {_NO_BRIDGE_M:.0f} m away, and others have none"

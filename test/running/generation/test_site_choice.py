@@ -437,16 +437,22 @@ def test_one_lane_is_enough_for_traffic_of_the_same_direction_unless_others_have
     )
 
 
-CORNER = {"a": (0, 0), "n": (0, 300), "s": (0, -300), "w": (-300, 0), "e": (300, 0)}
+CORNER = {"n": (0, 300), "s": (0, -300), "w": (-300, 0), "e": (300, 0)}
+
+
+def corner_net(folder: Path, middle: str) -> bytes:
+    """A crossing of wide roads; the middle ``c`` has a signal, others have no control."""
+    return made_net(folder, {middle: (0, 0), **CORNER}, tuple(f"{middle} {end}" for end in CORNER))
 
 
 @pytest.mark.parametrize(
-    ("name", "addition"), [("S1", "signal:a"), ("S3", "signal:a"), ("S5", "all_way_stop:a"), ("S7", "shoulder:")]
+    ("name", "middle", "addition"),
+    [("S1", "a", "signal:a"), ("S3", "a", "signal:a"), ("S5", "a", "all_way_stop:a"), ("S7", "c", "shoulder:")],
 )
-def test_what_is_proposed_gives_a_map_a_good_site(tmp_path: Path, name: str, addition: str) -> None:
-    """A crossing of wide roads without control; their ends are prolonged."""
+def test_what_is_proposed_gives_a_map_a_good_site(tmp_path: Path, name: str, middle: str, addition: str) -> None:
+    """The ends of the roads are prolonged. No queue waits beside a shoulder at a crossing without control."""
     file = tmp_path / "corner.net.xml"
-    file.write_bytes(made_net(tmp_path, CORNER, ("a n", "a e", "a s", "a w")))
+    file.write_bytes(corner_net(tmp_path, middle))
     net, template = compile_map(file, tmp_path / "cache").read_bytes(), load_template(name)
     assert good_sites(parse_road_network(net), template) == ()
     site, lacks, additions = proposed(net, template, "it")
@@ -459,8 +465,20 @@ def test_what_is_proposed_gives_a_map_a_good_site(tmp_path: Path, name: str, add
     plan_at_site(amended, sites_to_try(amended, template, 0, site, "it"), template, 0, load_drivers(), DIMENSIONS)
 
 
+def test_a_shoulder_without_a_queue_beside_it_is_no_good_site(tmp_path: Path) -> None:
+    file = tmp_path / "corner.net.xml"
+    file.write_bytes(corner_net(tmp_path, "a"))
+    net = compile_map(file, tmp_path / "cache").read_bytes()
+    assert proposed(net, load_template("S7"), "it") == ("", "", ())
+    network = parse_road_network(amended_map(net, ["shoulder:n_a", "shoulder:a_w"], "it"))
+    found = shortcomings(network, load_template("S7"))
+    lacking = Lack("no signal or stop sign, at which a queue would wait beside the shoulder")
+    assert found
+    assert all(lacking in texts for texts in found.values())
+
+
 def test_nothing_is_proposed_where_additions_do_not_help(tmp_path: Path) -> None:
     """Nothing turns a town's streets into a motorway."""
     file = tmp_path / "corner.net.xml"
-    file.write_bytes(made_net(tmp_path, CORNER, ("a n", "a e", "a s", "a w")))
+    file.write_bytes(corner_net(tmp_path, "a"))
     assert proposed(compile_map(file, tmp_path / "cache").read_bytes(), load_template("S8"), "it") == ("", "", ())

@@ -30,7 +30,7 @@ from siren_ros.simulation.conflicts.zones import (
 )
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.sites import overlaps
-from siren_ros.simulation.world.actors import Indices, TrafficState
+from siren_ros.simulation.world.actors import Indices, Owner, TrafficState
 
 # These are no parameters: compiled loops and caches contain the resolution and length of courses.
 SPACING_M: Final = 1.0
@@ -120,6 +120,8 @@ class Rights(NamedTuple):
     """Lane at each point of ``Ways.points``; −1 off the road."""
     overlying: Rows = _NO_PAIRS
     """Pairs of lanes that lie over each other in ways that SUMO does not know, shape ``(P, 2)``."""
+    privileged: Rows = _NONE
+    """Rows of the EMVs that SUMO does not drive: SUMO drives those without privilege."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +283,9 @@ class CourseBook:
                 for at in self._of_signal.get(signal, ()):
                     self._ranks.rows[at] = rank_of(self._movements[at], signals)
         movements = *courses.ends[2:], self._starts.rows, self._ranks.rows
-        return Rights(courses.limit_mps, *movements, courses.lanes, self._overlying)
+        emvs = np.isin(courses.traffic.actor_id, [emv.actor_id for emv in courses.traffic.emvs])
+        privileged = (emvs & (courses.traffic.owner != Owner.SUMO)).nonzero()[0]
+        return Rights(courses.limit_mps, *movements, courses.lanes, self._overlying, privileged)
 
 
 @compiled
@@ -450,7 +454,7 @@ def rank_at(ways: Ways, rights: Rights, row: int, way_m: float) -> int:
     for at in range(rights.first[row], rights.last[row]):
         if rights.start_m[at] <= front_m + way_m:
             rank, start_m = rights.rank[at], rights.start_m[at]
-    return rank_inside(rank) if front_m > start_m else rank
+    return rank_inside(rank, (rights.privileged == row).any()) if front_m > start_m else rank
 
 
 @compiled

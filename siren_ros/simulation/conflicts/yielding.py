@@ -55,9 +55,9 @@ _PRIORITY: Final = int(Rank.PRIORITY)
 
 
 @compiled
-def rank_inside(rank: int) -> int:
-    """Rank of a vehicle on the junction: others leave it clear, unless the vehicle gives way there."""
-    return rank if rank == _GIVES_WAY else _PRIORITY
+def rank_inside(rank: int, privileged: bool) -> int:
+    """Rank of a vehicle on the junction: others leave it clear, unless it gives way there and has no privilege."""
+    return rank if rank == _GIVES_WAY and not privileged else _PRIORITY
 
 
 # These are no parameters: they keep quotients finite.

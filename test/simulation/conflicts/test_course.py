@@ -13,7 +13,14 @@ from siren_ros.simulation.conflicts.course import SPACING_M, Course, CourseBook,
 from siren_ros.simulation.conflicts.yielding import Rank
 from siren_ros.simulation.conflicts.zones import TRACK_M
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+from siren_ros.simulation.world.actors import (
+    NO_ACTOR,
+    TRAFFIC_STATE_DTYPES,
+    EmvAdvice,
+    Owner,
+    SignalState,
+    TrafficState,
+)
 
 
 def lane(index, edge, points, limit=13.89, position=0, kind=LaneKind.DRIVING):
@@ -206,6 +213,8 @@ class Traffic:
     actor_id: np.ndarray = field(default_factory=lambda: np.array([1, 2], dtype=np.uint32))
     route_offset: np.ndarray = field(default_factory=lambda: np.array([0, 2, 4], dtype=np.int32))
     route_edges: np.ndarray = field(default_factory=lambda: np.array([0, 2, 0, 2], dtype=np.int32))
+    emvs: tuple = ()
+    owner: np.ndarray = field(default_factory=lambda: np.zeros(2, np.uint8))
 
     def __len__(self):
         return len(self.lane)
@@ -214,8 +223,8 @@ class Traffic:
         return self.route_edges[self.route_offset[row] : self.route_offset[row + 1]]
 
 
-def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, **control):
-    """The second of two vehicles is the one looked at; the first stands elsewhere."""
+def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, owner=Owner.SUMO, emvs=(), **control):
+    """The second of two vehicles is the one looked at; the first stands elsewhere. ``emvs`` are ids."""
     x, y = rotate(np.array([front_m - 4.0, left]), turn)
     traffic = Traffic(
         lane=np.array([2, lane], np.int32),
@@ -225,6 +234,8 @@ def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, **control):
         y_m=np.array([0.0, y]),
         yaw_rad=np.array([0.0, turn]),
         signals=(SignalState("S", state),) if state else (),
+        emvs=tuple(EmvAdvice(emv, 0, NO_ACTOR, 0.0, 0.0, 0) for emv in emvs),
+        owner=np.array([Owner.SUMO, owner], np.uint8),
     )
     return Outlook(traffic, CourseBook(network_of_outlook(turn, **control)), HALF_LENGTH, HALF_WIDTH)
 
@@ -271,6 +282,21 @@ def test_whose_front_is_on_the_junction_already_is_let_off_it(front, rank):
     outlook = outlook_of(0, front, state="Gr", signal_id="S", signal_link=1)
     assert outlook.rank(1, 5.0) is rank
     assert outlook_of(0, front, state="GG", signal_id="S", signal_link=1).rank(1, 5.0) is Rank.PRIORITY
+
+
+@pytest.mark.parametrize(
+    ("front", "owner", "emvs", "rank"),
+    [
+        (99.9, Owner.ROS, (2,), Rank.GIVES_WAY),
+        (100.1, Owner.ROS, (2,), Rank.PRIORITY),
+        (100.1, Owner.SUMO, (2,), Rank.GIVES_WAY),
+        (100.1, Owner.ROS, (1,), Rank.GIVES_WAY),
+        (100.1, Owner.ROS, (), Rank.GIVES_WAY),
+    ],
+)
+def test_only_an_emv_with_privilege_is_let_off_a_junction_where_it_gives_way(front, owner, emvs, rank):
+    """SUMO drives the EMV without privilege; no civilian has any."""
+    assert outlook_of(0, front, owner=owner, emvs=emvs, gives_way=True).rank(1, 5.0) is rank
 
 
 def test_on_the_junctions_own_lane_the_movement_is_known():
@@ -321,6 +347,7 @@ def step_of(rows):
         actor_id=np.array(ids, np.uint32),
         route_offset=np.array([0, *np.cumsum([len(route) for route in routes])], np.int32),
         route_edges=np.array([edge for route in routes for edge in route], np.int32),
+        owner=np.zeros(n, np.uint8),
     )
 
 

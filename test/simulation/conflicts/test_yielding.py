@@ -57,9 +57,11 @@ def test_signs_decide_without_a_signal():
 
 
 def test_the_junction_is_left_clear_for_who_is_on_it():
-    assert rank_inside(int(Rank.RED)) == Rank.PRIORITY
-    assert rank_inside(int(Rank.STOP_SIGN)) == Rank.PRIORITY
-    assert rank_inside(int(Rank.GIVES_WAY)) == Rank.GIVES_WAY
+    for privileged in (False, True):
+        assert rank_inside(int(Rank.RED), privileged) == Rank.PRIORITY
+        assert rank_inside(int(Rank.STOP_SIGN), privileged) == Rank.PRIORITY
+    assert rank_inside(int(Rank.GIVES_WAY), False) == Rank.GIVES_WAY
+    assert rank_inside(int(Rank.GIVES_WAY), True) == Rank.PRIORITY
 
 
 @pytest.mark.parametrize(

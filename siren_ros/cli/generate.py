@@ -117,7 +117,7 @@ def add_sites(verb: Command) -> None:
         "Lists the sites of a map for each template, the best first. A seed draws one of the good ones; a name "
         "pins the site: -p site:=NAME, or siren generate --sites NAME. The last column says what the others lack. For "
         "several maps, it counts their sites, and the places that lack something. Where a map has no good site for a "
-        "template, a command is proposed that adds what it lacks."
+        "template, a command is proposed that adds what it lacks; on a city, for templates that are named."
     )
     verb.add_argument(
         "maps", nargs="*", metavar="MAP", help=f"map file, folder with map files, or {BUILT_IN} (default: town)"
@@ -158,12 +158,15 @@ def list_sites(arguments: argparse.Namespace) -> int:
         from siren_ros.scoring.pictures.birdseye import save_site_map  # noqa: PLC0415 - matplotlib takes as long as the table
 
         print(save_site_map(networks, found, arguments.out))
-    rows = tuple(_proposal_row(net, file, template) for template, sites in found if all(sites.values()))
+    soon = arguments.templates or len(net) <= _SOON_BYTES
+    rows = tuple(_proposal_row(net, file, template) for template, sites in found if soon and all(sites.values()))
     if rows := tuple(filter(None, rows)):
         print("", *Table("proposals", "", _PROPOSALS_HEAD, rows).text(), sep="\n")
     return EXIT_OK
 
 
+_SOON_BYTES: Final = 5_000_000
+"""Size of a net up to which additions are tried for all templates: some seconds for each; a city of 3 km² is larger."""
 _PROPOSALS_HEAD: Final = ("template", "site", "lacks", "what adds it")
 
 

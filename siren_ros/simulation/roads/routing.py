@@ -6,7 +6,7 @@ or more in one direction, as soon as traffic goes at walking pace or stands: bet
 its right.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import groupby, pairwise
@@ -62,15 +62,30 @@ def movement_turn_rad(network: RoadNetwork, connection: Connection) -> float:
 
 def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
     """Indices of the junction's civilian movements from other approaches whose paths cross this movement's path."""
-    path = _trimmed(movement_path(network, connection))
-    approach = network.lanes[connection.from_lane].edge
-    return tuple(
-        index
-        for index, other in network.connections_at[connection.junction]
-        if network.lanes[other.from_lane].edge != approach
-        and network.is_civilian(other)
-        and paths_cross(path, _trimmed(movement_path(network, other)))
-    )
+    path_of = _trimmed_paths(network)
+    path, (left, low, right, high) = path_of(connection)
+    approach, crossing = network.lanes[connection.from_lane].edge, []
+    for index, other in network.connections_at[connection.junction]:
+        if network.lanes[other.from_lane].edge != approach and network.is_civilian(other):
+            its_path, box = path_of(other)
+            near = box[0] <= right and left <= box[2] and box[1] <= high and low <= box[3]
+            crossing += [index] if near and paths_cross(path, its_path) else []
+    return tuple(crossing)
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def _trimmed_paths(network: RoadNetwork) -> Callable[[Connection], tuple[Points, list[float]]]:
+    """For each movement the path on which others may cross it, and the corners of the box around that."""
+    known: dict[tuple[int, int, tuple[int, ...]], tuple[Points, list[float]]] = {}
+
+    def path_of(connection: Connection) -> tuple[Points, list[float]]:
+        key = connection.from_lane, connection.to_lane, connection.via
+        if key not in known:
+            path = _trimmed(movement_path(network, connection))
+            known[key] = path, [*path.min(axis=0).tolist(), *path.max(axis=0).tolist()]
+        return known[key]
+
+    return path_of
 
 
 def comes_from_the_side(network: RoadNetwork, connection: Connection, other: Connection) -> bool:

@@ -3,7 +3,6 @@
 A traversal is a vehicle's way over a junction: its movement, and the steps inside the junction, from its poses alone.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows
-from siren_ros.base.numerics.geometry import wrap_angle
+from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.data.tracks import Drive, LanePlaces, places_of
@@ -249,29 +248,34 @@ def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
     A vehicle that stands behind another one at the line does not count as stopping for the sign; from the moment
     at which the way to the line is free it does.
     """
-    return min([traversal.enter_speed_mps, *_free_speeds_mps(record, traversal, range(traversal.enter_step))])
+    return min([traversal.enter_speed_mps, *_free_speeds_mps(record, traversal, range(traversal.enter_step), None)])
 
 
-def _free_speeds_mps(record: EpisodeRecord, traversal: Traversal, steps: range) -> list[float]:
-    """Speeds at these steps on the last 15 m before a stop line, while no vehicle is ahead in the lane."""
+def _free_speeds_mps(record: EpisodeRecord, traversal: Traversal, steps: range, over: Polyline | None) -> list[float]:
+    """Speeds at these steps on the last 15 m before a stop line, while no vehicle is ahead in the lane.
+
+    With the way ``over`` the junction those between line and exit instead, while nobody except EMVs is ahead.
+    """
     track = record.track(traversal.actor_id)
-    enter = int(np.searchsorted(track.step, traversal.enter_step))
+    enter, leave = np.searchsorted(track.step, (traversal.enter_step, traversal.leave_step)).tolist()
     driven = track.driven_m
     first = int(np.searchsorted(driven, driven[min(enter, len(driven) - 1)] - APPROACH_M))
-    rows = [row for row in range(first, enter) if int(track.step[row]) in steps]
-    return [float(track.speed_mps[row]) for row in rows if not _is_blocked(record, traversal, int(track.step[row]))]
+    rows = [row for row in (range(first, enter) if over is None else range(enter, leave)) if track.step[row] in steps]
+    taken = [row for row in rows if not _is_blocked(record, traversal, int(track.step[row]), over)]
+    return [float(track.speed_mps[row]) for row in taken]
 
 
-def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int) -> bool:
-    """Whether another vehicle is ahead in its approach lane at a step."""
+def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int, over: Polyline | None) -> bool:
+    """Whether another vehicle is ahead in its approach lane at a step; on its way ``over`` the junction no EMV is."""
     states = record.states[step - record.states[0].step]
     lane = record.network.lanes[record.network.connections[traversal.connection].from_lane]
-    s_m, left_m = lane.centre.project(np.column_stack((states.x_m, states.y_m)))
+    way, end_m = (lane.centre, lane.length_m) if over is None else (over, over.length_m)
+    s_m, left_m = way.project(np.column_stack((states.x_m, states.y_m)))
     row = int(np.searchsorted(states.actor_id, traversal.actor_id))
     half_m = np.array([0.5 * record.actors[int(actor)].length_m for actor in states.actor_id])
-    ahead = (s_m > s_m[row]) & (s_m - half_m < lane.length_m) & (np.abs(left_m) < 0.5 * lane.width_m)
+    ahead = (s_m > s_m[row]) & (s_m - half_m < end_m) & (np.abs(left_m) < 0.5 * lane.width_m)
     ahead[row] = False
-    return bool(ahead.any())
+    return bool(ahead.any() if over is None else ahead[~np.isin(states.actor_id, record.emv_ids)].any())
 
 
 def red_same_direction(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
@@ -337,7 +341,7 @@ def _precedence(
     """Condition where no sign makes the EMV stop: somebody with the right of way stops for it and goes later.
 
     A driver who gives way holds up nobody. Those count who are slower than the threshold on the last 15 m before their
-    line while the EMV is inside, with nobody ahead of them in the lane.
+    line with nobody ahead in the lane, or inside with nobody else ahead, while the EMV is inside, and who leave later.
     """
     network, movement = record.network, record.network.connections[traversal.connection]
     if speed_min_mps is None or movement.must_stop:
@@ -347,11 +351,23 @@ def _precedence(
     held = [
         other
         for other in civilians
-        if other.connection in crossing and other.enter_step > traversal.enter_step
+        if other.connection in crossing
+        if other.enter_step > traversal.enter_step and other.leave_step > traversal.leave_step
         if has_right_of_way(network, movement, network.connections[other.connection])
-        if min(_free_speeds_mps(record, other, inside), default=math.inf) <= speed_min_mps
+        if any(
+            speed_mps <= speed_min_mps
+            for way in (None, _way_over(network, other))
+            for speed_mps in _free_speeds_mps(record, other, inside, way)
+        )
     ]
     return (_count("went_before", traversal, held),)
+
+
+def _way_over(network: RoadNetwork, traversal: Traversal) -> Polyline:
+    """The approach lane, the way over the junction, and 15 m of the exit lane."""
+    movement = network.connections[traversal.connection]
+    approach, out = (network.lanes[lane].centre for lane in (movement.from_lane, movement.to_lane))
+    return Polyline.joined([approach, movement_path(network, movement), out.cut(0.0, min(APPROACH_M, out.length_m))])
 
 
 def _at_the_line(record: EpisodeRecord, traversal: Traversal, speed_min_mps: float | None) -> Part:

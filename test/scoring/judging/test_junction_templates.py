@@ -294,11 +294,13 @@ def test_the_other_way_has_no_stop_line():
     assert stop_crossing(record, STOP_THRESHOLDS).parts[0].value == 0.0
 
 
-def _at_give_way(control: str, kind: JunctionKind, held: np.ndarray, junction: str = "J") -> Verdict:
+def _at_give_way(
+    control: str, kind: JunctionKind, held: np.ndarray, junction: str = "J", first: np.ndarray = INSIDE
+) -> Verdict:
     """The EMV passes a line without a sign while one vehicle crosses; another one comes to the crossing line."""
     network = crossing(kind)
     ways = tuple(replace(way, gives_way=index in {STRAIGHT, RIGHT}) for index, way in enumerate(network.connections))
-    vehicles = {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, INSIDE), 3: Driven(EASTBOUND, held)}
+    vehicles = {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, first), 3: Driven(EASTBOUND, held)}
     record = hand_made(replace(network, connections=ways), vehicles)
     site = {"junction": junction, "control": control}
     return stop_crossing(replace(record, description=replace(record.description, site=site)), STOP_THRESHOLDS)
@@ -319,6 +321,16 @@ def test_without_a_sign_somebody_with_the_right_of_way_has_to_stop_for_the_emv()
     later = _at_give_way("give_way", JunctionKind.PRIORITY, COMES_LATER)
     assert not later.holds
     assert [part.name for part in later.failing] == ["went_before"]
+
+
+def test_who_stops_for_the_emv_behind_its_own_line_counts_unless_a_civilian_is_ahead():
+    """It enters after the EMV, at 3.2 s, and stands inside from 4 s to 6.5 s."""
+    stops = np.concatenate((np.linspace(89.0, 99.0, 80), np.full(50, 99.0), 99.0 + 0.4 * np.arange(70)))
+    verdict = _at_give_way("give_way", JunctionKind.PRIORITY, stops, first=at_speed(92.0, 10.0, 200))
+    assert verdict.holds
+    assert verdict.parts[2].moments[0].actor_id == 3
+    behind = _at_give_way("give_way", JunctionKind.PRIORITY, stops)
+    assert [part.name for part in behind.failing] == ["went_before"]
 
 
 def test_who_comes_from_the_left_has_no_right_of_way_without_any_control():

@@ -5,6 +5,7 @@ Pages of episodes lie in a folder next to it, for the moments that it links to.
 
 import base64
 import io
+import os
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -181,7 +182,8 @@ class EpisodePages:
                 return ""
             self._asked[bag] = self.folder / f"{bag.name}.html"
         actor = "" if actor_id is None else f"&v={actor_id}"
-        return f"{url_quote(self.folder.name)}/{url_quote(self._asked[bag].name)}#t={time_s:g}{actor}"
+        names = (url_quote(os.fsencode(path.name)) for path in (self.folder, self._asked[bag]))  # of any bytes
+        return f"{'/'.join(names)}#t={time_s:g}{actor}"
 
     def write(self, jobs: int) -> tuple[int, int, tuple[str, ...]]:
         """Write the pages in parallel processes; returns their number, total size, and reasons of missing pages."""

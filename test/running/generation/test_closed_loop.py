@@ -188,7 +188,7 @@ def test_the_templates_at_stop_signs_run_on_openstreetmap(template: str) -> None
 
 
 def test_a_map_without_a_site_is_named_with_what_it_lacks() -> None:
-    with pytest.raises(MapError, match=r"bends\.xodr.*stop sign"):
+    with pytest.raises(MapError, match=r"bends\.xodr.*has to stop or to give way"):
         drive("S5", "bends.xodr", 1)
 
 

@@ -155,7 +155,8 @@ def apply(self, vehicles):
         told.append(behind)
 
 BehindBuses.apply = apply
-make_episode(EpisodeRequest(template="S1", seed=0, duration_s=2.0), "counted")
+values = "demand.district_per_lane_km=15"  # enough vehicles that some follow a bus
+make_episode(EpisodeRequest(template="S1", seed=0, duration_s=2.0, values=values), "counted")
 print(sum(told), "of", len(told))
 """
 

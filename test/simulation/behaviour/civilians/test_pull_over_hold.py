@@ -179,14 +179,19 @@ def test_released_from_the_hold_by_way_of_the_lane(lab, world):
     assert len(commands) == 0
 
 
-def test_takes_over_where_it_stands_when_the_way_back_is_blocked(lab, world):
+def test_stays_where_it_stands_until_nobody_is_in_its_way_back(lab, world):
+    """SUMO, which does not look, would drive it into the vehicle ahead."""
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, _, _ = steps(world, cars)
     held = [lab.Car(2, 0, 90, 0, (0,), left=-0.735), lab.Car(3, 0, 96, 0, (0,))]
     known = lab.traffic_of(world.network, held, step=1).spawned
     state = replace(state, actors=state.actors.of({**state.actors.by_id, **{a.actor_id: a for a in known}}))
     state, _, _ = steps(world, [cars[0], *held], 1, state, 1)
-    _, commands, events = steps(world, [emv_at(lab, 110.0), *held], 45, state, 2)
+    state, commands, events = steps(world, [emv_at(lab, 110.0), *held], 45, state, 2)
+    assert kinds([event for event in events if event.actor_id == 2]) == []
+    assert 2 in commands.actor_id.tolist()
+    gone = [held[0], lab.Car(3, 0, 140, 5, (0,))]
+    _, commands, events = steps(world, [emv_at(lab, 150.0), *gone], 45, state, 47)
     assert kinds([event for event in events if event.actor_id == 2]) == ["yield_released"]
     assert 2 not in commands.actor_id.tolist()
 

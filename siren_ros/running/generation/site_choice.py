@@ -160,9 +160,11 @@ def _good_after(
     net: bytes, additions: Sequence[str], template: Template, shown: str
 ) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """The names of the good sites of an amended map, each with those of its junction and of the edges on its way."""
+    if not additions:
+        return ()
     try:
-        network = right_hand_image(parse_road_network(amended_map(net, additions, shown) if additions else b""))
-    except MapError:  # nothing is added, or netconvert refuses it
+        network = right_hand_image(parse_road_network(amended_map(net, additions, shown)))
+    except MapError:  # netconvert refuses it
         return ()
     found = []
     for site in good_sites(network, template):

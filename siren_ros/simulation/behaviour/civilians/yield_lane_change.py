@@ -354,9 +354,10 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     config = ego.civilian_driver.yielding
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     lane = lane_of(unit, ego)
-    blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(ego, lane))
-    ends = (blocked or unit.navigator.done) and not _comes_too_near(ego, lane)
-    if ends or lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+    if lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+        return _hand_back(unit, ego)
+    blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and _straight(ego, lane)
+    if (blocked or unit.navigator.done) and not _comes_too_near(ego, lane):
         return _hand_back(unit, ego)
     navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.world.civilian_navigator)
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
@@ -364,8 +365,8 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
 
 def _comes_too_near(ego: Ego, lane: int) -> bool:
     """Whether SUMO, which does not look, would drive a vehicle into somebody ahead on the way into its lane."""
-    shift_m = 0.0 if lane == NO_LANE else kept_offset_m(ego, lane) - offset_in_lane(ego, lane)[0]
-    return lane != NO_LANE and sweeps_somebody(ego, shift_m, LEAST_SIDEWAYS_M)
+    shift_m = kept_offset_m(ego, lane) - offset_in_lane(ego, lane)[0]
+    return sweeps_somebody(ego, shift_m, LEAST_SIDEWAYS_M)
 
 
 def is_over_red_line(ego: Ego) -> bool:
@@ -471,10 +472,10 @@ def may_enter(ego: Ego, movement: Connection, front_m: float, *, urgent: bool) -
     Where it is urgent it also may while nobody comes, if it could not reach over the line far enough without blocking
     others.
     """
-    if may_cross(ego, movement, front_m) or not urgent:
-        return may_cross(ego, movement, front_m)
+    if may_cross(ego, movement, front_m):
+        return True
     short = room_beyond_line_m(ego, movement) < ego.civilian_driver.pull_over.room_over_line_m
-    return short and math.isinf(room_beyond_line_m(ego, movement, urgent=True))
+    return urgent and short and math.isinf(room_beyond_line_m(ego, movement, urgent=True))
 
 
 _IN_THE_WAY_M: Final = 2.0

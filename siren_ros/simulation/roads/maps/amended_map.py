@@ -124,8 +124,6 @@ def _add_shoulders(root: Element, names: Collection[str]) -> None:
         shoulder.set("shape", text_of(centre.offset_points(centre.arc_m, -apart_m)))
         edges[name].attrib.pop("shape", None)  # netconvert takes it from the lanes, so that the others stay in place
         insert_lane(edges[name], first[name], shoulder)
-        for lane in edges[name].iterfind("lane"):
-            lane.set("id", f"{name}_{lane.attrib['index']}")
     renumber_lanes(root, first)
     shoulders = {
         (name, int(lane.attrib["index"]))

@@ -469,11 +469,13 @@ def with_cycle_lanes(files: Mapping[str, bytes]) -> Mapping[str, bytes]:
 
 
 def insert_lane(edge: Element, place: int, lane: Element) -> int:
-    """Puts a lane into an edge, and numbers all lanes anew; returns their number."""
+    """Puts a lane into an edge, and numbers all lanes anew, also in the ids of a net's; returns their number."""
     edge.insert([*edge].index(edge.findall("lane")[place]), lane)
     lanes = edge.findall("lane")
     for index, numbered in enumerate(lanes):
         numbered.set("index", str(index))
+        if "id" in numbered.attrib:
+            numbered.set("id", f"{edge.attrib['id']}_{index}")
     return len(lanes)
 
 

@@ -18,9 +18,11 @@ from siren_ros.simulation.roads.maps.map_formats import OPEN_SHOULDER_WIDTH_M, m
 from siren_ros.simulation.roads.maps.map_source import SourceKind, read_map_source
 from siren_ros.simulation.roads.maps.netconvert import (
     document,
+    insert_lane,
     mended_lanes,
     normal_edges,
     points_of,
+    renumber_lanes,
     text_of,
 )
 from siren_ros.simulation.roads.net_parser import DEFAULT_LANE_WIDTH_M, is_left_hand, permissions_on
@@ -59,11 +61,15 @@ def with_space(compiled: CompiledMap, space: str, source: Path | None) -> Compil
         MapError: netconvert refuses the net.
         InputError: The cache folder cannot be written.
     """
-    ways: Mapping[str, Mapping[str, str]] = {}
-    if compiled.kind is SourceKind.OPENSTREETMAP and source is not None:
-        osm = fromstring(read_map_source(source).content, forbid_dtd=True)
-        ways = {way.get("id", ""): tags_of(way) for way in osm.iterfind("way")}
-    return changed_map(compiled, f"space 3 {space}", lambda net: _opened(net, space, ways), space)
+
+    def changed(net: bytes) -> bytes:
+        ways: Mapping[str, Mapping[str, str]] = {}
+        if compiled.kind is SourceKind.OPENSTREETMAP and source is not None:
+            osm = fromstring(read_map_source(source).content, forbid_dtd=True)
+            ways = {way.get("id", ""): tags_of(way) for way in osm.iterfind("way")}
+        return _opened(net, space, ways)
+
+    return changed_map(compiled, f"space 3 {space}", changed, space)
 
 
 def _opened(net: bytes, space: str, ways: Mapping[str, Mapping[str, str]], outer: str = "right") -> bytes:
@@ -81,10 +87,7 @@ def _opened(net: bytes, space: str, ways: Mapping[str, Mapping[str, str]], outer
             moved |= {name: number} if len(edge.findall("lane")) > count else {}
     if not opened:
         return net
-    for movement in root.iterfind("connection"):
-        for end, lane in (("from", "fromLane"), ("to", "toLane")):
-            if (place := int(movement.attrib[lane])) >= moved.get(movement.attrib[end], place + 1):
-                movement.set(lane, str(place + 1))
+    renumber_lanes(root, moved)
     for movement, ends in [*shoulder_movements(root, opened, into_lanes=True)]:
         SubElement(root, "connection", {**movement.attrib, **ends}).attrib.pop("via", None)
     return _redrawn(root, space)
@@ -138,7 +141,9 @@ def _open_beside(net: Element, edge: Element, space: str, stated_m: float) -> in
         _grow(net, edge, width_m)
     if width_m < OPEN_SHOULDER_WIDTH_M:
         return None
-    beside = _put_beside(edge, first, width_m) if beside is None else beside
+    if beside is None:
+        beside = Element("lane", {**lanes[first].attrib, "width": f"{width_m:g}"})
+        insert_lane(edge, first, beside)
     beside.attrib.pop("disallow", None)
     beside.set("allow", "bicycle emergency" if space == "cycle_lane" else "emergency")
     beside.set("speed", lanes[first].attrib["speed"])
@@ -160,13 +165,3 @@ def _is_space(lane: Element, space: str) -> bool:
 
 def _width_m(lane: Element) -> float:
     return float(lane.get("width", DEFAULT_LANE_WIDTH_M))
-
-
-def _put_beside(edge: Element, first: int, width_m: float) -> Element:
-    """Puts a lane on the right of a road's right driving lane."""
-    lanes = edge.findall("lane")
-    space = Element("lane", {**lanes[first].attrib, "width": f"{width_m:g}"})
-    edge.insert([*edge].index(lanes[first]), space)
-    for number, lane in enumerate(edge.iterfind("lane")):
-        lane.attrib.update(index=str(number), id=f"{edge.attrib['id']}_{number}")
-    return space

@@ -70,14 +70,14 @@ class OwnDemand:
             raise BagError("demand of the episode", f"the fields {', '.join(OwnDemand.__annotations__)}") from error
 
 
-def _contents(path: Path) -> tuple[list[bytes], dict[str, str]]:
-    """The contents of the user's files, the given one first, and the options of a configuration."""
+def _contents(path: Path) -> tuple[list[tuple[bytes, Element]], dict[str, str]]:
+    """The user's files, the given one first, each with its root element, and the options of a configuration."""
     content, root = _read(path)
     if root.tag not in {"configuration", "sumoConfiguration"}:
-        return [content], {}
+        return [(content, root)], {}
     options = {one.tag: one.attrib["value"] for one in root.iter() if "value" in one.attrib}
     names = ",".join(options.pop(key, "") for key in ("additional-files", "route-files")).split(",")
-    return [content, *(_read(path.parent / name.strip())[0] for name in names if name.strip())], options
+    return [(content, root), *(_read(path.parent / name.strip()) for name in names if name.strip())], options
 
 
 def _read(path: Path) -> tuple[bytes, Element]:
@@ -92,7 +92,11 @@ def _read(path: Path) -> tuple[bytes, Element]:
 
 def sha256_of_demand(path: Path) -> str:
     """``OwnDemand.sha256`` of a file; raises InputError where one cannot be read."""
-    return hashlib.sha256(b"".join(_contents(path)[0])).hexdigest()
+    return _sha256_of(_contents(path)[0])
+
+
+def _sha256_of(files: Iterable[tuple[bytes, Element]]) -> str:
+    return hashlib.sha256(b"".join(content for content, _ in files)).hexdigest()
 
 
 def read_demand(path: Path, network: RoadNetwork, lasting_s: float, begin_s: float = 0.0) -> OwnDemand:
@@ -104,8 +108,8 @@ def read_demand(path: Path, network: RoadNetwork, lasting_s: float, begin_s: flo
         InputError: A file cannot be used, names a type or a route that it does not have, or has no vehicle that can
             drive on these roads at this time.
     """
-    contents, options = _contents(path)
-    elements = [one for content in contents[len(contents) > 1 :] for one in fromstring(content, forbid_dtd=True)]
+    files, options = _contents(path)
+    elements = [one for _, root in files[len(files) > 1 :] for one in root]
     notes: defaultdict[str, list[str]] = defaultdict(list)
     begin_s = begin_s or _seconds(options.pop("begin", ""), 0.0)
     begin_s = begin_s or max(min((_begin_s(one) for one in elements if one.tag in _DEPARTURES), default=0.0), 0.0)
@@ -129,7 +133,7 @@ def read_demand(path: Path, network: RoadNetwork, lasting_s: float, begin_s: flo
     kept = [one for one in elements if one.tag in _STANDING | _TYPES]
     kept += [one for one in elements if one.tag in _ROUTES and (one.tag != "route" or one.get("id") in named)]
     xml = "".join(tostring(one, encoding="unicode") for one in (*kept, *taken))
-    return OwnDemand(path.name, sha256_of_demand(path), begin_s, lines, xml)
+    return OwnDemand(path.name, _sha256_of(files), begin_s, lines, xml)
 
 
 def _routes_in(element: Element) -> list[str]:

@@ -65,7 +65,7 @@ from siren_ros.simulation.roads.road_network import OTHER_SIDE, RoadNetwork
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "11"
+_RECIPE: Final = "12"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _PEOPLE_RECIPE: Final = f"{_RECIPE} people 4"
 """The same part of the key for maps with ways for people."""

@@ -208,7 +208,8 @@ _ONE_LENGTH_SHARE: Final = 0.1
 change lanes, SUMO takes places with equal lengths for places side by side. A lane that differs more has its own: on it
 a bus of 12 m would become shorter, for SUMO, by most of the 2 m that it keeps behind it."""
 _STEP_BACK_M: Final = 1.0
-"""Only shorter sides are removed where a line goes back; longer ones lead somewhere."""
+"""Only shorter sides are removed where a line goes back; longer ones lead somewhere. Where a path across a junction
+goes back by more, its lane ends earlier."""
 _LEAST_SIDE_M: Final = 0.05
 _SHORTEST_M: Final = 0.1
 """netconvert's own least length of a lane."""
@@ -312,13 +313,47 @@ def rounded(points: Points) -> Points:
 
 
 def mend_junction_paths(net: Element) -> None:
-    """Gives the paths with corners at their ends the shape of a Bézier curve, in place; heights stay linear."""
+    """Gives the paths with corners at their ends the shape of a Bézier curve, in place; heights stay linear.
+
+    A lane whose path would lead back, because it goes beyond the begin of the next one, ends earlier: no vehicle can
+    follow such a path.
+    """
     lanes = {lane.attrib["id"]: lane for lane in net.iter("lane") if lane.get("shape")}
+    across = []
     for movement in paths_across(net):
         source, target = lanes.get(movement.source), lanes.get(movement.target)
         path = [lanes[lane] for lane in movement.via if lane in lanes]
         if path and source is not None and target is not None:
-            _mend_path(source, path, target)
+            across.append((source, path, target))
+    for source, path, target in across:
+        cut_m = _beyond_m(source, path, target)
+        if cut_m > 0.0:
+            _end_earlier(source, cut_m, path[0], [other[0] for lane, other, _ in across if lane is source])
+    for source, path, target in across:
+        _mend_path(source, path, target)
+
+
+def _beyond_m(source: Element, path: Sequence[Element], target: Element) -> float:
+    """Length at the end of a lane without which its path leads ahead by as much as it is long now; 0 if it does."""
+    ends, begins = (points_of(lane.attrib["shape"])[:, :2] for lane in (source, target))
+    enters, leaves, way = _direction(ends[-2:]), _direction(begins), begins[0] - ends[-1]
+    back_m = float(-enters @ way)
+    leads_back = len(path) == 1 and back_m > _STEP_BACK_M and enters @ leaves > 0.0 and permissions_on(target).civilian
+    return back_m + float(np.hypot(*way)) if leads_back else 0.0
+
+
+def _end_earlier(lane: Element, cut_m: float, back: Element, paths: Sequence[Element]) -> None:
+    """Cuts the end of a lane off, where it is long enough; the path that led back becomes straight, others longer."""
+    points = points_of(lane.attrib["shape"])[:, :2]
+    arc_m = np.cumsum([0.0, *np.linalg.norm(np.diff(points, axis=0), axis=1)])
+    at_m = arc_m[-1] - cut_m
+    if at_m < _SHORTEST_PATH_M:
+        return
+    end, gone = np.array([np.interp(at_m, arc_m, column) for column in points.T]), points[arc_m > at_m]
+    lane.set("shape", text_of(np.stack((*points[arc_m < at_m], end))))
+    for path in paths:
+        shape = points_of(path.attrib["shape"])[:, :2]
+        path.set("shape", text_of(np.stack((end, shape[-1]) if path is back else (end, *gone[:-1], *shape))))
 
 
 def _mend_path(source: Element, path: list[Element], target: Element) -> None:

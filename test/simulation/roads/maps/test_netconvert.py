@@ -288,6 +288,24 @@ def test_paths_without_corners_and_short_ones_stay(path):
     assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
 
 
+@pytest.mark.parametrize(("long_m", "cut_m"), [(50.0, 6.0), (7.0, 0.0)])
+def test_a_lane_ends_before_the_begin_of_the_next_one(long_m, cut_m):
+    """No vehicle follows a path that leads back by metres; a lane that is too short for the cut stays."""
+    net = fromstring(
+        f"""<net><edge id=":J_0" function="internal"><lane id=":J_0_0" shape="0,0 -3,0"/></edge>
+        <edge id=":J_1" function="internal"><lane id=":J_1_0" shape="0,0 12,0"/></edge>
+        <edge id="a"><lane id="a_0" shape="{-long_m},0 -1,0 0,0"/></edge>
+        <edge id="b"><lane id="b_0" shape="-3,0 50,0"/></edge><edge id="c"><lane id="c_0" shape="12,0 50,0"/></edge>
+        <connection from="a" to="b" fromLane="0" toLane="0" via=":J_0_0"/>
+        <connection from="a" to="c" fromLane="0" toLane="0" via=":J_1_0"/></net>"""
+    )
+    mend_junction_paths(net)
+    ends = {lane.attrib["id"]: points_of(lane.attrib["shape"])[[0, -1], 0] for lane in net.iter("lane")}
+    assert ends["a_0"] == pytest.approx([-long_m, -cut_m])
+    assert ends[":J_0_0"] == pytest.approx([-cut_m, -3.0])
+    assert ends[":J_1_0"] == pytest.approx([-cut_m, 12.0])
+
+
 @pytest.mark.parametrize(("begins_m", "path"), [(-0.09, "-0.19,0,4 -0.09,0,4"), (0.09, "0,0,1 0.09,0,4")])
 def test_a_joint_leads_ahead_where_its_roads_overlap(begins_m, path):
     """A short way back would turn SUMO's vehicles round, and put who drives on the right there on the left."""

@@ -364,8 +364,6 @@ def _strictest_waits(
             wait = _wait_behind(speed_mps[row], lead_mps, blocked - _BEHIND_M)
             if wait[_FREE] > 0.0 and wait[_BRAKE] <= (_GENTLE_MPS2 if held[row] else _FIRM_MPS2):
                 continue
-        elif drivers.holds[other] and blocked == np.inf:
-            continue
         else:
             own_in = blocked if drivers.holds[other] else own_in
             zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)

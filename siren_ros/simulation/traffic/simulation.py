@@ -271,8 +271,9 @@ class SumoSimulation:
         SumoSimulation._running = True
 
     def _warm_up(self) -> None:
-        if self._plan.signal is not None:
-            time_signal(self._plan.signal, self._plan.warm_up_steps * STEP_S)
+        for timing in (self._plan.signal, *self._plan.signals_behind):
+            if timing is not None:
+                time_signal(timing, self._plan.warm_up_steps * STEP_S)
         self._population.enter_background()
         for _ in range(self._plan.warm_up_steps):
             self._step_sumo()

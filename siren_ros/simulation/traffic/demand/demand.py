@@ -6,7 +6,7 @@ One civilian becomes the AV under test where an episode has one.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import compress, takewhile
+from itertools import compress, pairwise, takewhile
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import driving_lanes, path_centre, route_path
+from siren_ros.simulation.roads.routing import civilian_movements, driving_lanes, path_centre, route_path
 from siren_ros.simulation.roads.sites import Site, overlaps
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
@@ -62,6 +62,8 @@ _EDGES_AHEAD: Final = 4
 """Number of edges of a vehicle's route whose bends limit its first speed."""
 
 
+_COORDINATED_M: Final = 800.0
+"""Way along a road within which signals are coordinated: half a mile (MUTCD 2009, 4D.01)."""
 EMV_ROUTE_SLACK_S: Final = 5.0
 """The EMV's route is this much longer than the episode takes at its target speed."""
 
@@ -166,6 +168,7 @@ class _Planner:
             warm_up_steps=steps_from_s(self._template.warm_up_s),
             response_distance_m=self._template.response.response_distance_m,
             signal=self._signal(groups),
+            signals_behind=self._signals_behind(),
             crossed=crossed,
             jam=self._jam(groups),
             duty=bool(self._template.response.duty),
@@ -238,6 +241,24 @@ class _Planner:
         red_from_s = max((red_from_s, *(time_s + RED_BEHIND_S for time_s in self._too_near_to_stop_s(platoon))))
         names = tuple(vehicle.name for vehicle in platoon)
         return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, names, emv="emv0")
+
+    def _signals_behind(self) -> tuple[SignalTiming, ...]:
+        """Plans when the signals behind the end of a road turn red: as that at its end, as the EMV's arrival there."""
+        demand, site, route = self._template.signal, self._site, self._start.route
+        if demand is None or site.junction is not None or site.stretch[-1] not in route:
+            return ()
+        known = {self._network.connections[index].signal_id for index in site.connections}
+        timings: list[SignalTiming] = []
+        last = route.index(site.stretch[-1])
+        for edge, following in pairwise(route[last + 1 :]):
+            if self._factory.length_m(route[last + 1 : route.index(edge)]) > _COORDINATED_M:
+                break
+            for movement in civilian_movements(self._network, edge, following)[-1:]:
+                if movement.signal_id is not None and movement.alternates and movement.signal_id not in known:
+                    red_from_s = self._arrival_s(edge) - demand.red_before_arrival_s
+                    timings.append(SignalTiming(movement.signal_id, movement.signal_link, red_from_s))
+                    known.add(movement.signal_id)
+        return tuple(timings)
 
     def _too_near_to_stop_s(self, vehicles: Sequence[PlannedVehicle]) -> list[float]:
         """Times at which vehicles pass the stop line that start too near to it to stop gently for a red."""

@@ -287,6 +287,8 @@ class TrafficPlan:
     """Distance at which drivers hear the siren."""
     signal: SignalTiming | None = None
     """Timing of the signal on the EMV's way; None where all signals run as the map says."""
+    signals_behind: tuple[SignalTiming, ...] = ()
+    """Timings of the signals behind the end of a road, which are coordinated with it."""
     crossed: str = ""
     """Junction at which further EMVs cross the way of the first; empty where none does."""
     jam: JamHead | None = None

@@ -25,7 +25,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph
+from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, driving_lanes
 from siren_ros.simulation.roads.site_finder import require_site
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
@@ -262,6 +262,28 @@ def test_the_signal_at_the_end_of_the_road_of_s2_turns_red_behind_the_emv(networ
     arrival_s = (site.length_m - emv.spot.front_m) / template.emv.speed_mps
     assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s, abs=3.0)
     assert traffic.signal.red_from_s > arrival_s + 10.0
+
+
+def test_the_signals_behind_that_road_turn_red_behind_the_emv_too() -> None:
+    network = load_map(None)[1]
+    traffic, template = plan_s2(network)
+    (emv,), signal, demand = traffic.emvs, traffic.signal, template.signal
+    assert signal is not None
+    assert demand is not None
+    edges = [network.edge_by_id[edge].index for edge in emv.route]
+    lengths_m = [driving_lanes(network, edge)[-1].length_m for edge in edges]
+    arrivals_s = (np.cumsum(lengths_m) - emv.spot.front_m) / template.emv.speed_mps
+    links = [
+        {(way.signal_id, way.signal_link) for way in civilian_movements(network, *pair)} for pair in pairwise(edges)
+    ]
+    assert traffic.signals_behind
+    for timing in traffic.signals_behind:
+        place = next(n for n, link in enumerate(links) if (timing.signal_id, timing.link) in link)
+        assert timing.red_from_s == pytest.approx(arrivals_s[place] - demand.red_before_arrival_s, abs=3.0)
+        assert timing.red_from_s > signal.red_from_s
+    ids = [timing.signal_id for timing in (signal, *traffic.signals_behind)]
+    assert len(set(ids)) == len(ids)
+    assert plan_of("S1", network)[0].signals_behind == ()
 
 
 def test_queues_of_s7_stand_in_all_driving_lanes_the_emvs_among_them(network: RoadNetwork) -> None:

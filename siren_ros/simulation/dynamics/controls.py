@@ -236,7 +236,9 @@ def _steer(
     gap_x = goal_x - x_m + reach * (np.cos(goal_yaw) - np.cos(yaw))
     gap_y = goal_y - y_m + reach * (np.sin(goal_yaw) - np.sin(yaw))
     offset = gap_y * np.cos(heading) - gap_x * np.sin(heading)
-    rate = gains.lateral_per_s * min(gains.town_mps / max(abs(speed), _SLOWEST_MPS), 1.0)
+    # No correction is quicker than the wheels turn to half of their lock: those of a bus would swing it to both sides.
+    rate = min(gains.lateral_per_s, gains.quickness * vehicle.max_steer_rate_radps / (0.5 * vehicle.max_steer_rad))
+    rate *= min(gains.town_mps / max(abs(speed), _SLOWEST_MPS), 1.0)
     correction = np.arctan2(rate * offset, abs(speed) + gains.lateral_soft_mps)
     share = gains.swerve_share if speed <= gains.town_mps else gains.grip_share
     grip = share * GRAVITY_MPS2 * vehicle.friction_coefficient

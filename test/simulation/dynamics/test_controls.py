@@ -699,3 +699,24 @@ def test_people_who_pass_each_other_touch_nobody(parameters: Mapping[ActorClass,
         events += happened
     assert not [event for event in events if event.kind is EventKind.COLLISION]
     assert state.stopped == ()
+
+
+def test_a_bus_does_not_swing_behind_lanes_that_shift():
+    """Lanes shift by 3.2 m on 8 m; SUMO has front and tail of the bus on them."""
+    bus, speed = load_vehicle_parameters()[ActorClass.BUS], 4.5
+    table = ParameterTable.of([ActorClass.BUS], load_vehicle_parameters())
+
+    def lane(s):
+        return np.array([s, 3.2 * (0.5 - 0.5 * np.cos(np.pi * np.clip(s / 8.0, 0.0, 1.0)))])
+
+    body, tracker = BodyState.moving(row(-6.0), row(0.0), row(0.0), row(speed)), TrackerState.at(*map(row, (-6, 0, 0)))
+    offsets_m = []
+    for front_m in np.arange(0.0, 60.0, speed * STEP_S):
+        front, tail = lane(front_m), lane(front_m - bus.length_m)
+        centre, (dx, dy) = 0.5 * (front + tail), front - tail
+        reference = Reference(*map(row, (*centre, np.arctan2(dy, dx), speed, 0.0)))
+        controls, tracker = track(body, tracker, reference, table, STEP_S)
+        body = step_bodies(body, controls, table, STEP_S)
+        offsets_m.append(float(np.hypot(body.x_m[0] - centre[0], body.y_m[0] - centre[1])))
+    assert max(offsets_m) < 1.2
+    assert max(offsets_m[-100:]) < 0.1

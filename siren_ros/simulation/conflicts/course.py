@@ -15,7 +15,7 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import Flags, Floats, Ids, Points, Rows
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.geometry import Polyline
-from siren_ros.simulation.conflicts.yielding import Rank, rank_inside, rank_of
+from siren_ros.simulation.conflicts.yielding import Rank, rank_inside, rank_of, tight_lanes
 from siren_ros.simulation.conflicts.zones import (
     CUT,
     HALF_LENGTH,
@@ -122,6 +122,8 @@ class Rights(NamedTuple):
     """Pairs of lanes that lie over each other in ways that SUMO does not know, shape ``(P, 2)``."""
     privileged: Rows = _NONE
     """Rows of the EMVs that SUMO does not drive: SUMO drives those without privilege."""
+    tight: Rows = _NO_PAIRS
+    """Pairs of lanes as in ``tight_lanes``, shape ``(P, 2)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +203,7 @@ class CourseBook:
         self._courses: list[Course] = []
         self._points, self._limits, self._lanes = _Stack(2), _Stack(), _Stack(dtype=np.intp)
         self._overlying = np.array(list(overlaps(network)), np.intp).reshape(-1, 2)
+        self._tight = np.array(sorted(tight_lanes(network)), np.intp).reshape(-1, 2)
         self._ends, self._spacing = _Stack(4, dtype=np.intp), _Stack()
         self._starts, self._ranks = _Stack(), _Stack(dtype=np.intp)
         self._movements: list[Connection] = []
@@ -285,7 +288,7 @@ class CourseBook:
         movements = *courses.ends[2:], self._starts.rows, self._ranks.rows
         emvs = np.isin(courses.traffic.actor_id, [emv.actor_id for emv in courses.traffic.emvs])
         privileged = (emvs & (courses.traffic.owner != Owner.SUMO)).nonzero()[0]
-        return Rights(courses.limit_mps, *movements, courses.lanes, self._overlying, privileged)
+        return Rights(courses.limit_mps, *movements, courses.lanes, self._overlying, privileged, self._tight)
 
 
 @compiled
@@ -465,23 +468,23 @@ def limit_at_mps(ways: Ways, rights: Rights, row: int, way_m: float) -> float:
 
 
 @compiled
-def lie_over_each_other(ways: Ways, rights: Rights, bodies: tuple[int, int], ways_m: tuple[float, float]) -> bool:
-    """Whether two bodies, after these ways, are in lanes that lie over each other, which SUMO does not know."""
+def are_in(ways: Ways, rights: Rights, pairs: Rows, bodies: tuple[int, int], ways_m: tuple[float, float]) -> bool:
+    """Whether two bodies, after these ways, are in lanes of one of the pairs, ``(P, 2)``."""
     (row, other), (own_m, other_m) = bodies, ways_m
-    for p in range(len(rights.overlying)):
-        lane, over = rights.overlying[p]
+    for p in range(len(pairs)):
+        lane, over = pairs[p]
         if _is_in(ways, rights, row, own_m, STEP_M, lane) and _is_in(ways, rights, other, other_m, STEP_M, over):
             return True
     return False
 
 
 @compiled
-def come_to_overlaps(ways: Ways, rights: Rights, ahead_m: Floats) -> Flags:
-    """Which bodies are in a lane that lies over another one, or come there within ``ahead_m``, shape ``(N,)``."""
+def come_to(ways: Ways, rights: Rights, pairs: Rows, ahead_m: Floats) -> Flags:
+    """Which bodies are in the first lane of a pair, ``(P, 2)``, or come there within ``ahead_m``, shape ``(N,)``."""
     found = np.zeros(len(ahead_m), np.bool_)
     for row in range(len(ahead_m)):
-        for p in range(len(rights.overlying)):
-            found[row] = found[row] or _is_in(ways, rights, row, 0.0, ahead_m[row], rights.overlying[p, OWN])
+        for p in range(len(pairs)):
+            found[row] = found[row] or _is_in(ways, rights, row, 0.0, ahead_m[row], pairs[p, OWN])
     return found
 
 

@@ -4,9 +4,12 @@ It also tells how far a vehicle may go onto a junction before it blocks vehicles
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from enum import IntEnum
+from functools import lru_cache
+from itertools import permutations, product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,8 +17,9 @@ import numpy as np
 from siren_ros.base.numerics import braking
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.compiled import compiled
-from siren_ros.simulation.conflicts.zones import SAME_DIRECTION, STEP_M, Zone
-from siren_ros.simulation.roads.road_network import Connection, RoadNetwork
+from siren_ros.base.numerics.geometry import Polyline
+from siren_ros.simulation.conflicts.zones import MET, SAME_DIRECTION, STEP_M, Way, Ways, Zone, search_among
+from siren_ros.simulation.roads.road_network import MAPS_KEPT, Connection, RoadNetwork
 from siren_ros.simulation.roads.routing import movement_path
 from siren_ros.simulation.scenario.driver_parameters import ConflictConfig
 
@@ -362,3 +366,50 @@ class JunctionRoom:
         apart_m = np.linalg.norm(own.points[:, None] - its.points[None], axis=-1).min(axis=1)
         near = np.flatnonzero(apart_m < 0.5 * self._network.lanes[other.to_lane].width_m + _CLEAR_M)
         return float(own.arc_m[near[0]]) if len(near) else math.inf
+
+
+_BUS_M: Final = 12.0, 2.55
+"""Length and width of the largest vehicles (Directive 96/53/EC)."""
+
+
+@lru_cache(maxsize=MAPS_KEPT)
+def tight_lanes(network: RoadNetwork) -> frozenset[tuple[int, int]]:
+    """Pairs of lanes, both ways round, that lead side by side across a junction, and in which two buses would touch.
+
+    SUMO takes bodies in them for apart. In a swerve such lanes are nearer to each other than they are wide, and the
+    tail of a bus cuts it.
+    """
+    beside = defaultdict(list)
+    for way in network.connections:
+        if way.via and network.is_civilian(way):
+            beside[network.lanes[way.from_lane].edge, network.lanes[way.to_lane].edge].append(way)
+    tight: set[tuple[int, int]] = set()
+    for ways in beside.values():
+        pairs = [
+            (at, other)
+            for at, other in permutations(range(len(ways)), 2)
+            if ways[at].from_lane != ways[other].from_lane and ways[at].to_lane != ways[other].to_lane
+        ]
+        if pairs:
+            zones = search_among(Ways.of([_bus_on(network, way) for way in ways]), np.array(pairs))
+            for number in np.flatnonzero(zones[:, MET]).tolist():
+                (via, onto), (other_via, other_onto) = ((ways[way].via, ways[way].to_lane) for way in pairs[number])
+                tight.update(product((*via, onto), (*other_via, other_onto)))
+                tight.remove((onto, other_onto))
+    return frozenset(tight)
+
+
+def _bus_on(network: RoadNetwork, way: Connection) -> Way:
+    """A bus that comes to a junction and leaves it."""
+    (length_m, width_m), (before, after) = _BUS_M, (network.lanes[way.from_lane], network.lanes[way.to_lane])
+    across, centre = movement_path(network, way), before.centre
+    line = Polyline.joined(
+        [
+            *(centre.cut(max(centre.length_m - length_m, 0.0), centre.length_m), across),
+            after.centre.cut(0.0, min(after.length_m, length_m)),
+        ]
+    ).resampled(STEP_M)
+    start_m = min(length_m, centre.length_m) - 0.5 * length_m
+    pose = (*line.at(max(start_m, 0.0)).tolist(), float(line.heading_rad(max(start_m, 0.0))))
+    spacing_m = line.length_m / (len(line.points) - 1)
+    return Way(line.points, spacing_m, start_m, 0.0, pose, across.length_m + length_m, 0.5 * length_m, 0.5 * width_m)

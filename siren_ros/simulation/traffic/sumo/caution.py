@@ -21,8 +21,8 @@ from siren_ros.simulation.conflicts.course import (
     CourseBook,
     Outlook,
     Rights,
-    come_to_overlaps,
-    lie_over_each_other,
+    are_in,
+    come_to,
     limit_at_mps,
     rank_at,
 )
@@ -161,8 +161,9 @@ def cautions(
     ids = traffic.actor_id
     inside = traffic.owner == _BY_SUMO
     counts = ~inside | ((traffic.flags & _ON_JUNCTION) != 0)
-    if len(outlook.rights.overlying):
-        counts |= come_to_overlaps(outlook.ways, outlook.rights, WAYS_AHEAD_S * traffic.speed_mps + WAYS_MORE_M)
+    for lanes in (outlook.rights.overlying, outlook.rights.tight):
+        if len(lanes):
+            counts |= come_to(outlook.ways, outlook.rights, lanes, WAYS_AHEAD_S * traffic.speed_mps + WAYS_MORE_M)
     poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
     speed_mps = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
     holds = ~inside & (speed_mps < ROLLING_MPS) & ~_flags(ids, [emv.actor_id for emv in traffic.emvs])
@@ -278,6 +279,19 @@ def _look_where_they_point(ways: Ways, pairs: Rows, zones: Floats, inside: Flags
 
 
 @compiled
+def _cross_where_tight(ways: Ways, rights: Rights, pairs: Rows, zones: Floats, inside: Flags) -> None:
+    """Lets ways in tight lanes count as ways that cross: behind the place where they meet they are apart again."""
+    if len(rights.tight) == 0:
+        return
+    for p in range(len(pairs)):
+        row, other = pairs[p, OWN], pairs[p, OTHER]
+        meeting = zones[p, OWN_IN], zones[p, OTHER_IN]
+        merges = zones[p, MET] > 0.0 and zones[p, ALONG] > SAME_DIRECTION
+        if merges and inside[other] and are_in(ways, rights, rights.tight, (row, other), meeting):
+            zones[p, ALONG] = 0.0
+
+
+@compiled
 def _agree_on_entries(pairs: Rows, zones: Floats, inside: Flags) -> None:
     """Puts each driver's own way to a zone where the other one, who crosses it, has to know it.
 
@@ -344,6 +358,7 @@ def _strictest_waits(
     inside, speed_mps = drivers.inside, drivers.speed_mps
     widened, pairs = _widened(ways, drivers), near_pairs(drivers, order)
     zones = search_among(widened, pairs)
+    _cross_where_tight(ways, rights, pairs, zones, inside)
     _agree_on_entries(pairs, zones, inside)
     _look_where_they_point(widened, pairs, zones, inside, speed_mps**square / (2.0 * _FIRM_MPS2) + _BEHIND_M + _LOOK_M)
     found, waits, count = np.empty((n, 2), np.intp), np.empty((n, 3)), 0
@@ -353,7 +368,7 @@ def _strictest_waits(
         leads, merges, ridden = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION, rides[row] or rides[other]
         leads = leads or (merges and blocked < np.inf and ridden)
         unknown, meeting = inside[other] and (merges or leads), (blocked, 0.0) if leads else (own_in, other_in)
-        unknown = unknown and lie_over_each_other(ways, rights, (row, other), meeting)
+        unknown = unknown and are_in(ways, rights, rights.overlying, (row, other), meeting)
         if unknown and blocked <= 0.0 and _is_ahead(ways, row, other):
             continue
         sumos = merges and inside[other] and not ridden and not unknown

@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import dataclass, replace
+from itertools import permutations, product
 from types import SimpleNamespace
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
@@ -13,8 +15,11 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
 from siren_ros.simulation.conflicts.junction_approach import outlines_of, people_at
-from siren_ros.simulation.conflicts.yielding import Margins
+from siren_ros.simulation.conflicts.yielding import Margins, tight_lanes
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.roads.maps.map_compiler import converted
+from siren_ros.simulation.roads.maps.netconvert import document, mended_lanes
+from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.traffic.demand.road_users import LONG_VEHICLE_RADIUS_M
 from siren_ros.simulation.traffic.sumo import caution as caution_module
@@ -336,6 +341,30 @@ def test_of_two_that_touch_on_such_roads_the_one_ahead_goes_on() -> None:
     for ahead, behind in ((1, 2), (2, 1)):
         cars = [Car(0, 101.5 if ahead == 1 else 100.0, 0.0), Car(1, 101.5 if ahead == 2 else 100.0, 0.0)]
         assert [caution.actor_id for caution in beside(1.5, *cars)] == [behind]
+
+
+def shifting(aside_m: float) -> RoadNetwork:
+    """A road with two lanes that go aside on 10 m between its two pieces."""
+    ends = {"a": (0.0, 0.0), "j": (105.0, 0.5 * aside_m), "b": (210.0, aside_m)}
+    shapes = {"aj": "0,0 100,0", "jb": f"110,{aside_m} 210,{aside_m}"}
+    nodes = [Element("node", id=name, x=str(x_m), y=str(y_m)) for name, (x_m, y_m) in ends.items()]
+    edges = [Element("edge", {"id": way, "from": way[0], "to": way[1], "numLanes": "2", "shape": shape})
+             for way, shape in shapes.items()]  # fmt: skip
+    files = {"--node-files": document("nodes", nodes), "--edge-files": document("edges", edges)}
+    return parse_road_network(mended_lanes(converted("made", ("--offset.disable-normalization",), files)))
+
+
+@pytest.mark.parametrize(("aside_m", "waits"), [(0.0, False), (14.0, True)])
+def test_side_by_side_in_a_swerve_one_waits_until_the_other_is_through(aside_m: float, waits: bool) -> None:
+    roads = shifting(aside_m)
+    right, left = (way.via[0] for way in sorted(roads.connections, key=lambda way: way.from_lane))
+    assert tight_lanes(roads) == (
+        {pair for way, other in permutations(roads.connections)
+         for pair in product((*way.via, way.to_lane), (*other.via, other.to_lane)) if {*pair} & {right, left}}
+        if waits else set()
+    )  # fmt: skip
+    found = seen(traffic_of([Car(left, 3.0, 6.0), Car(right, 0.5, 6.0)], roads), roads)
+    assert [(caution.actor_id, caution.other_id) for caution in found] == ([(2, 1)] if waits else [])
 
 
 @pytest.mark.parametrize(("kind", "apart_m"), [(ActorClass.SEDAN, 1.8), (ActorClass.BICYCLE, 2.2)])

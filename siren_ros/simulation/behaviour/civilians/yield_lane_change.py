@@ -181,7 +181,8 @@ def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
     path = lane_change_path(query, reference, stop_at_end=True)
     navigator, side = NavigatorState().following(path, *ego.place), query.side
     phase = Mode.YIELD_LANE_CHANGE
-    unit = changed(unit, phase=phase, side=side, change_step=ego.step, deferred="", seek=0, navigator=navigator)
+    begun = {"change_step": ego.step, "deferred": "", "seek": 0, "stopped_steps": 0}
+    unit = changed(unit, phase=phase, side=side, navigator=navigator, **begun)
     started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=side, from_lane=lane, to_lane=query.target)
     return drive(unit, ego, speed).preceded_by(started)
 
@@ -252,17 +253,24 @@ def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
 
 
 def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
-    """Drive the lane change until the vehicle is completely in its new lane, or is released."""
+    """Drive the lane change until the vehicle is completely in its new lane, or is released.
+
+    A driver who stands on the way as long as a gap is sought goes back to the lane, and tries again.
+    """
     lane = lane_of(unit, ego)
     if entered_lane(ego, lane):
         done = yield_event(unit, ego, EventKind.YIELD_COMPLETED, lane=lane)
         kept = changed(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
         return YieldStep(kept, None, (done,))
-    ended = unit.navigator.done and standing(ego)
-    if release_reason(emv) or ended:
-        reason = "lane_ended" if ended and not emv.passed else release_reason(emv)
+    unit = changed(unit, stopped_steps=unit.stopped_steps + 1 if standing(ego) else 0)
+    ended = unit.navigator.done and unit.stopped_steps > 0
+    blocked = unit.stopped_steps >= steps_from_s(ego.civilian_driver.yielding.seek_for_s)
+    if release_reason(emv) or ended or blocked:
+        reason = release_reason(emv) or ("lane_ended" if ended else "blocked")
         cancelled = yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason)
-        return rejoin(changed(unit, phase=Mode.REJOIN, stopped_steps=0), ego).preceded_by(cancelled)
+        navigator = NavigatorState() if reason == "blocked" else unit.navigator
+        back = changed(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0)
+        return rejoin(back, ego).preceded_by(cancelled)
     return drive(unit, ego, 0.0 if _others_come(ego, lane) else yield_speed_mps(ego, lane))
 
 

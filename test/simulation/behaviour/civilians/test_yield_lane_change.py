@@ -296,6 +296,19 @@ def test_a_change_is_cancelled_and_the_way_back_counts_its_standstill_anew(lab, 
     assert (outcome.unit.phase, outcome.unit.stopped_steps) == (Mode.REJOIN, 0)
 
 
+@pytest.mark.parametrize(("stood", "phase"), [(78, Mode.YIELD_LANE_CHANGE), (79, Mode.REJOIN)])
+def test_who_stands_on_the_way_for_4_s_goes_back_to_the_lane(lab, stood, phase):
+    unit = replace(start_lane_change(NEW_UNIT, view_at(lab).ego(1)).unit, stopped_steps=stood)
+    network = lab.straight_road(3)
+    cars = [lab.Car(1, 1, 50, 0, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 84, 0, (0,), left=-1.0)]
+    outcome = change_lane(unit, lab.view(network, lab.L2, cars, step=300).ego(1), NEAR)
+    assert outcome.unit.phase is phase
+    if phase is Mode.REJOIN:
+        assert outcome.events[0].detail["reason"] == "blocked"
+        path = outcome.unit.navigator.path
+        assert path.lane_at(path.length_m) == 1
+
+
 @pytest.mark.parametrize(("passed", "reason"), [(False, "lane_ended"), (True, "emv_passed")])
 def test_who_stands_at_the_end_of_its_path_has_no_lane_left(lab, passed, reason):
     view = view_at(lab, speed=0.0)

@@ -14,12 +14,18 @@ from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.maps.amended_map import amended_map, places_for
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork, right_hand_image
-from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, quiet_reach_m
+from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, driving_lanes, quiet_reach_m
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Control, Lack, Site, SiteKind, bridges, overlaps
 from siren_ros.simulation.scenario.scenario import EmvDemand, GroupAnchor, Placement, StartReference, Template
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
-from siren_ros.simulation.traffic.demand.emv_start import LITTLE_BEHIND, Approach, approach_to
+from siren_ros.simulation.traffic.demand.emv_start import (
+    LEAST_QUEUE_M,
+    LITTLE_BEHIND,
+    Approach,
+    approach_to,
+    stays_inside,
+)
 from siren_ros.simulation.traffic.demand.group_demand import connection_from
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
 from siren_ros.simulation.traffic.demand.road_users import Dimensions
@@ -34,6 +40,7 @@ _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
+_CROSSED: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
     * Under a signal it goes straight on. In a turn it meets oncoming vehicles, too, and waits for them inside.
     * Another lane leads on beside its own, where vehicles of the template drive there. Vehicles that need only have its
       direction drive ahead of it where no site of the map has a second lane.
+    * The junction is so large that who passes at the end of the green is inside when the EMV comes. No signal or stop
+      sign right behind it holds up those who pass. Both hold where a map has such a site.
     * Where nobody has to stop, the EMV uses its right only before traffic that the template brings. Of all-way stops,
       two-way stops, give-way lines and junctions without any control, the first kind that a map has is taken.
     * No other road crosses a motorway on a bridge: vehicles of both would meet, since the world is flat.
@@ -86,6 +95,9 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
         found[site] = tuple(dict.fromkeys(filter(None, (approach.flaw, *lacks))))
     if _has_group(template, Placement.SAME_DIRECTION):
         _prefer(found, _ONE_LANE, lambda site: len(site.connections) > 1)
+        _prefer(found, _SMALL, lambda site: all(stays_inside(network, site, group) for group in template.demand.groups))
+    if template.site_kind in _CROSSED:
+        _prefer(found, _HELD_UP, lambda site: _exit_m(network, site) >= LEAST_QUEUE_M)
     for control in Control:
         _prefer(found, WEAKER, partial(_is_controlled, control))
     if template.site_kind in _NO_SHOULDER:
@@ -268,6 +280,17 @@ def _behind_m(network: RoadNetwork, site: Site) -> float:
     return sum(driving_lanes(network, edge)[-1].length_m for edge in after)
 
 
+def _exit_m(network: RoadNetwork, site: Site) -> float:
+    """Length of road behind a site's junction up to the next signal or stop sign."""
+    length_m, after = 0.0, site.beyond
+    for edge, following in zip(after, (*after[1:], None), strict=True):
+        length_m += driving_lanes(network, edge)[-1].length_m
+        ways = () if following is None else civilian_movements(network, edge, following)
+        if length_m >= LEAST_QUEUE_M or any(way.must_stop or way.signal_id is not None for way in ways):
+            break
+    return length_m
+
+
 def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
     least = 2 if _has_group(template, Placement.ADJACENT_LANE) else site.kind is not SiteKind.MOTORWAY_STRETCH
     return len(site.connections) >= least
@@ -319,6 +342,8 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
 _BRIDGE: Final = f"a bridge less than {_NO_BRIDGE_M:.0f} m away, and others have none"
 WEAKER: Final = "a weaker control, and others have a stronger one"
 _ONE_LANE: Final = "one lane leads on, and others have a second one"
+_SMALL: Final = "a junction that vehicles leave before the EMV comes, and others have a larger one"
+_HELD_UP: Final = f"a signal or stop sign less than {LEAST_QUEUE_M:.0f} m behind it, and others have none"
 _SHOULDER: Final = "a shoulder, and others have none"
 _JOINED: Final = "a junction on the way on which vehicles change lanes, and others have none"
 

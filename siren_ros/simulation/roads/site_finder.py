@@ -404,6 +404,8 @@ def _crossed(
         if side_m < _CROSSING_LEAST_M:
             from_side += [index for index in crossing if index not in from_side]
         site = junction_site(graph, kind, movements, (edge,))
+        own = crossing_connections(network, movements[-1])  # the EMV's; some cross only the movements beside it
+        crossing_it = tuple(index for index in from_side if index in own)
         quality = (
             2.0 * (turn_of(network, edge, way) == "s")
             + 2.0 * min(lanes_through(network, edge, way), 2)
@@ -415,7 +417,7 @@ def _crossed(
             + min(len({network.lanes[lane].edge for lane in side_lanes}), 2)
             + 1.0 * (site.route[-1] in lasting)
         )
-        yield replace(site, crossing=tuple(from_side), score=site.score + quality)
+        yield replace(site, crossing=crossing_it or tuple(from_side), score=site.score + quality)
 
 
 def _shoulder_m(network: RoadNetwork, lane: Lane, end: Literal["from_lane", "to_lane"]) -> float:

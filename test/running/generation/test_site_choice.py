@@ -152,6 +152,25 @@ def test_a_grid_without_all_way_stops_has_sites_of_its_own_control(tmp_path: Pat
     assert bool(good_sites(network, load_template("S5"))) == (control is Control.TWO_WAY_STOP)
 
 
+@pytest.mark.parametrize(("name", "length_m", "held_up"), [("S3", 14.0, True), ("S4", 14.0, True), ("S4", 16.0, False)])
+def test_a_signal_right_behind_a_site_holds_up_those_who_pass(
+    town: RoadNetwork, name: str, length_m: float, held_up: bool
+) -> None:
+    site = good_sites(town, load_template(name))[0]
+    after = site.beyond[0]
+    lanes = [
+        replace(lane, centre=lane.centre.cut(0.0, length_m)) if lane.edge == after else lane for lane in town.lanes
+    ]
+    ways = [
+        replace(way, signal_id="S", signal_link=0) if town.lanes[way.from_lane].edge == after else way
+        for way in town.connections
+    ]
+    found = shortcomings(replace(town, lanes=tuple(lanes), connections=tuple(ways)), load_template(name))
+    lacking = next(texts for other, texts in found.items() if other.name == site.name)
+    text = Lack("a signal or stop sign less than 15 m behind it, and others have none")
+    assert lacking == ((text,) if held_up else ())
+
+
 def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
     template = load_template("S2")
     good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]

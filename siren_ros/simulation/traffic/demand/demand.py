@@ -27,6 +27,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     EmvStart,
     arrival_s,
     behind_queue_mps,
+    bound_s_of,
     crossing_start,
     crossing_ways,
     depart_speed_mps,
@@ -152,6 +153,8 @@ class _Planner:
         volume = demand.background_vehicles + groups.on_top - len(groups.vehicles)
         background = self._scattered("background", volume, near, self._overlapping, disjoint=True)
         background += self._scattered("district", around, district, self._overlapping, disjoint=True)
+        lanes, beside = [*near, *district], self._beside_way()
+        elsewhere = self._enough([lane for lane in lanes if all(lane.index != area.lane for area in beside)]) or lanes
         walkers, walkers_kept = plan_walkers(
             *(self._network, self._around_way, demand.people.pedestrians),
             *(_PEOPLE_RESERVE_FACTOR, self._seed, self._factory),
@@ -160,10 +163,8 @@ class _Planner:
             emvs=emvs,
             groups=groups.vehicles,
             background=background,
-            reserve=self._scattered(
-                "reserve", spares, [*near, *district], (*stage, *self._overlapping), disjoint=False
-            ),
-            stage=stage,
+            reserve=self._scattered("reserve", spares, elsewhere, (*stage, *self._overlapping), disjoint=False),
+            stage=tuple(dict.fromkeys((*stage, *beside))),
             civilians=civilians,
             warm_up_steps=steps_from_s(self._template.warm_up_s),
             response_distance_m=self._template.response.response_distance_m,
@@ -230,7 +231,8 @@ class _Planner:
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
         if demand is None or movement is None or movement.signal_id is None or not movement.alternates:
             return None
-        red_from_s = self._arrival_s(site.stretch[-1]) - demand.red_before_arrival_s
+        arrives_s = self._arrival_s(site.stretch[-1], bound_s_of(site, self._template))
+        red_from_s = arrives_s - demand.red_before_arrival_s
         ways = (self._network.connections[index] for index in groups.crossing)
         bound = [way for way in ways if way.signal_id == movement.signal_id]
         # Where left turns get green first, most of the crossing queue still waits, so the other movements count.
@@ -240,7 +242,10 @@ class _Planner:
         platoon = [vehicle for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams)]
         red_from_s = max((red_from_s, *(time_s + RED_BEHIND_S for time_s in self._too_near_to_stop_s(platoon))))
         names = tuple(vehicle.name for vehicle in platoon)
-        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, names, emv="emv0")
+        link, soonest_s = movement.signal_link, self._arrival_s(site.stretch[-1])
+        along = tuple(g.name for g in self._template.demand.groups if g.placement is Placement.SAME_DIRECTION)
+        beside = tuple(v.name for v in groups.vehicles if along and v.name.startswith(along) and v not in platoon)
+        return SignalTiming(movement.signal_id, link, red_from_s, crossing, names, "emv0", soonest_s, beside)
 
     def _signals_behind(self) -> tuple[SignalTiming, ...]:
         """Plans when the signals behind the end of a road turn red: as that at its end, as the EMV's arrival there."""
@@ -272,9 +277,9 @@ class _Planner:
                 times_s.append(max(way_m, 0.0) / spot.speed_mps)
         return times_s
 
-    def _arrival_s(self, edge: int) -> float:
+    def _arrival_s(self, edge: int, bound_s: float = 0.0) -> float:
         """Time at which the first EMV would reach the end of an edge of its way on a free road."""
-        return arrival_s(self._network, self._site, self._start, edge, self._template.emv)
+        return arrival_s(self._network, self._site, self._start, edge, self._template.emv, bound_s)
 
     def _crossing(self, placed: Sequence[PlannedVehicle]) -> tuple[list[EmvStart], str]:
         """Places the EMVs that cross the first one's way, and names the junction where they cross."""
@@ -353,6 +358,12 @@ class _Planner:
         lanes = self._start.lanes_to_site
         return tuple(LaneInterval(lane, 0.0, self._network.lanes[lane].length_m) for lane in lanes)
 
+    def _beside_way(self) -> tuple[LaneInterval, ...]:
+        """The lanes beside these: vehicles would change from there into the EMV's lane, and stand ahead of it."""
+        edges = dict.fromkeys(self._network.lanes[area.lane].edge for area in self._way_to_site())
+        lanes = (lane for edge in edges for lane in driving_lanes(self._network, edge))
+        return tuple(LaneInterval(lane.index, 0.0, lane.length_m) for lane in lanes)
+
     def _scattered(
         self,
         purpose: str,
@@ -425,9 +436,12 @@ class _Planner:
     @cached_property
     def _near_lanes(self) -> list[Lane]:
         """The lanes on which the background volume starts: those near the EMV's way, or all where these are short."""
-        near = self._lanes_within(NEIGHBOURHOOD_M)
+        return self._enough(self._lanes_within(NEIGHBOURHOOD_M)) or self._leading_on
+
+    def _enough(self, lanes: list[Lane]) -> list[Lane]:
+        """The lanes, or none where they are too short for the background volume."""
         needed_m = self._template.demand.background_vehicles * BACKGROUND_SPACING_M
-        return near if sum(lane.length_m for lane in near) >= needed_m else self._leading_on
+        return lanes if sum(lane.length_m for lane in lanes) >= needed_m else []
 
     def _way_points(self, after_m: float) -> npt.NDArray[np.float64]:
         """Points of the EMV's way from its start to beyond the site, shape ``(N, 2)``."""

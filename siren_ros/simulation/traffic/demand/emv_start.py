@@ -27,8 +27,16 @@ from siren_ros.simulation.roads.routing import (
 )
 from siren_ros.simulation.roads.site_finder import junction_site
 from siren_ros.simulation.roads.sites import Lack, Site, SiteKind, way_back
-from siren_ros.simulation.scenario.scenario import DemandGroup, EmvDemand, StartReference
-from siren_ros.simulation.traffic.demand.plan import RED_BEHIND_S, YELLOW_DRIVEN_S, PlannedVehicle, chain_along
+from siren_ros.simulation.scenario.driver_parameters import JunctionEntryConfig
+from siren_ros.simulation.scenario.presets import Attention
+from siren_ros.simulation.scenario.scenario import DemandGroup, EmvDemand, GroupAnchor, StartReference, Template
+from siren_ros.simulation.traffic.demand.plan import (
+    BEFORE_EMV_S,
+    RED_BEHIND_S,
+    YELLOW_DRIVEN_S,
+    PlannedVehicle,
+    chain_along,
+)
 from siren_ros.simulation.traffic.demand.road_users import VehicleFactory
 
 # These are no parameters, because they decide which places of a map serve a template; a site must be the same in every
@@ -49,7 +57,7 @@ ONTO_SHOULDER_M: Final = 40.0
 """Length of the way on which the EMV changes to the shoulder behind a queue."""
 SHORT_QUEUE_M: Final = 50.0
 """Length that a queue next to a shoulder gets even where that way is missing."""
-_LEAST_QUEUE_M: Final = 15.0
+LEAST_QUEUE_M: Final = 15.0
 """Least road between the previous junction and the stop line: two cars can wait on it."""
 _LEAST_EXIT_M: Final = 100.0
 """Least road behind the site. With less the EMV soon stands at the end of its route: 7 s at 50 km/h."""
@@ -174,9 +182,12 @@ def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
     return network.length_m(start.lanes_to_site) - start.front_m
 
 
-def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> float:
-    """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends."""
-    way_m, speed = _speeds_mps(network, start, emv)
+def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, bound_s: float = 0.0) -> float:
+    """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends.
+
+    And for the line itself, if others have the right of way there from ``bound_s`` before the arrival on.
+    """
+    way_m, speed = _speeds_mps(network, start, emv, bound_s)
     driven_m = np.minimum(SAMPLE_M, way_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
     return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
 
@@ -217,16 +228,33 @@ _EMV_LATERAL_ACCEL_MPS2: Final = 3.0
 """Lateral acceleration of an EMV in bends, in the same estimate."""
 
 
-def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand) -> tuple[float, Floats]:
+_AT_LINE: Final = JunctionEntryConfig()
+_LINE_MPS: Final = Attention().emv_line_mps.mean
+
+
+def bound_s_of(site: Site, template: Template) -> float:
+    """Time before the EMV's arrival at the line from which on others have the right of way there."""
+    if site.kind is SiteKind.STOP_JUNCTION:
+        return math.inf
+    return template.signal.red_before_arrival_s if template.signal and site.kind in _CONFLICT_POINTS else 0.0
+
+
+def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, bound_s: float = 0.0) -> tuple[float, Floats]:
     """Length of the lanes to the stop line, and the largest speeds at samples of the way from the start on.
 
     They keep the target speed and the limits of lateral acceleration, speeding up and braking; none beyond the line.
+    Towards a line they are those of an EMV that slows down as soon as others have the right of way there.
     """
     way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
     if start.front_m >= way.length_m:
         return way.length_m, np.empty(0)
     ahead = way.cut(start.front_m, way.length_m)
-    speed = with_braking(np.minimum(emv.speed_mps, bend_speeds_mps(ahead, _EMV_LATERAL_ACCEL_MPS2)), _EMV_BRAKE_MPS2)
+    left_m = ahead.length_m - np.arange(0.0, ahead.length_m, SAMPLE_M)
+    seen_m = emv.speed_mps * bound_s - left_m
+    eased = np.sqrt(np.maximum(emv.speed_mps**2 - 2.0 * _AT_LINE.ease_off_mps2 * np.maximum(seen_m, 0.0), 0.0))
+    line = np.maximum(eased, np.sqrt(_LINE_MPS**2 + 2.0 * _AT_LINE.brake_mps2 * left_m))
+    bends = np.minimum(line, bend_speeds_mps(ahead, _EMV_LATERAL_ACCEL_MPS2))
+    speed = with_braking(np.minimum(emv.speed_mps, bends), _EMV_BRAKE_MPS2)
     return way.length_m, with_accelerating(speed, emv.depart_speed_mps, EMV_ACCEL_MPS2)
 
 
@@ -263,11 +291,11 @@ def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
         return _flawed(3, "more road for the EMV's start", missing_m)
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv), SAMPLE_M)
-    queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
+    queue_m = quiet_reach_m(network, travel_lane(network, site).index, LEAST_QUEUE_M)
     exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
     at_entry = start.front_m < min(ENTRY_M, network.lanes[start.lane].length_m)
     flaws = (
-        (queue_m < _LEAST_QUEUE_M, _flawed(2, f"a junction less than {_LEAST_QUEUE_M:.0f} m before it")),
+        (queue_m < LEAST_QUEUE_M, _flawed(2, f"a junction less than {LEAST_QUEUE_M:.0f} m before it")),
         (exit_m < _LEAST_EXIT_M, _flawed(2, LITTLE_BEHIND)),
         (pace_mps < _LEAST_PACE * emv.speed_mps, _flawed(2, "sharp bends on the way to it")),
         (at_entry, _flawed(2, "an approach without space for the EMV at its start")),
@@ -304,18 +332,31 @@ _INSIDE_M: Final = 8.0
 the line."""
 
 
-def early_m_of(network: RoadNetwork, site: Site, group: DemandGroup, red_before_s: float) -> float:
+def early_m_of(network: RoadNetwork, site: Site, group: DemandGroup) -> float:
     """By how much a stream's last vehicle is nearer to the EMV than its gap says; negative where it is farther away.
 
-    It has to be inside when the EMV comes to the line, ``red_before_s`` after the red. Where the yellow is longer than
-    usual, it has passed the line before the red by what the yellow is longer than the time in which drivers drive on.
+    It has to be inside when the EMV comes to the line, and its light red by then.
+    """
+    inside_m, least_m = _gaps_m(network, site, group)
+    return group.first_gap_m - max(min(group.first_gap_m, inside_m), least_m)
+
+
+def stays_inside(network: RoadNetwork, site: Site, group: DemandGroup) -> bool:
+    """Whether the last vehicle of a stream can be inside the junction when the EMV comes; true of other groups."""
+    inside_m, least_m = _gaps_m(network, site, group)
+    return inside_m >= least_m or group.anchor is not GroupAnchor.ARRIVAL or group.optional
+
+
+def _gaps_m(network: RoadNetwork, site: Site, group: DemandGroup) -> tuple[float, float]:
+    """Largest gap from a stream to the EMV at the line with which it is inside, and the least one with a red light.
+
+    The red begins behind the last vehicle; where the yellow is longer than usual, later by what it is longer than the
+    time in which drivers drive on.
     """
     ways = [network.connections[way] for way in site.connections]
-    inside_m = max(network.length_m(way.via) for way in ways) - _INSIDE_M
-    before_red_s, gap_m = ways[-1].yellow_s - YELLOW_DRIVEN_S, min(group.first_gap_m, inside_m)
-    if before_red_s > RED_BEHIND_S:
-        gap_m = max(gap_m, min(group.speed_mps * (before_red_s + red_before_s) - _CAR_M, inside_m))
-    return group.first_gap_m - gap_m
+    red_s = max(ways[-1].yellow_s - YELLOW_DRIVEN_S, RED_BEHIND_S) + BEFORE_EMV_S
+    least_m = group.speed_mps * red_s - _CAR_M if ways[-1].signal_id is not None else -math.inf
+    return max(network.length_m(way.via) for way in ways) - _INSIDE_M, least_m
 
 
 _NO_CROSSING: Final = "a side street at its junction with enough road for another EMV (emv.crossing is above 0)"
@@ -349,15 +390,17 @@ def prolonged(network: RoadNetwork, site: Site, approach_m: float) -> Site:
     return replace(site, route=(*before, *site.route), site_position=len(before) + site.site_position)
 
 
-def arrival_s(network: RoadNetwork, site: Site, start: EmvStart, edge: int, emv: EmvDemand) -> float:
-    """Time from step 0 to the end of an edge of the way through a site, on a free road."""
+def arrival_s(
+    network: RoadNetwork, site: Site, start: EmvStart, edge: int, emv: EmvDemand, bound_s: float = 0.0
+) -> float:
+    """Time from step 0 to the end of an edge of the way through a site, as ``unhindered_arrival_s`` gives it."""
     route = start.route
     last = route.index(edge)
     # On a long way, an EMV that starts behind the site's edge may come back to it.
     reached = route.index(site.site_edge) if site.site_edge in route[: last + 1] else 0
     further = route[reached + 1 : last + 1]
     way_m = sum(driving_lanes(network, beyond)[-1].length_m for beyond in further)
-    return unhindered_arrival_s(network, start, emv) + way_m / emv.speed_mps
+    return unhindered_arrival_s(network, start, emv, bound_s) + way_m / emv.speed_mps
 
 
 def crossing_ways(network: RoadNetwork, site: Site, start: EmvStart) -> tuple[tuple[Site, ...], int]:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
+from operator import itemgetter
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -14,7 +15,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes, edges_in_lane, quiet_reach_m
-from siren_ros.simulation.roads.sites import Site
+from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
 from siren_ros.simulation.traffic.demand.emv_start import (
@@ -22,6 +23,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     ONTO_SHOULDER_M,
     SHORT_QUEUE_M,
     EmvStart,
+    bound_s_of,
     early_m_of,
     travel_lane,
     unhindered_arrival_s,
@@ -44,14 +46,24 @@ _FOLLOWING_M: Final = 6.0
 _IN_TURN_M: Final = 8.0
 """Length by which every other queue at a stop sign begins farther back. Drivers who stop and go then drive by turns
 from the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
+_TURN_S: Final = 4.0
+"""That time: with one lane, so many leave before the EMV comes, and one more is left that it meets."""
 _OVERTAKEN: Final = 1.0 / 3.0
 """Share of the EMV's way to the stop line on which vehicles next to it start. At 30 km/h instead of 50 they do not come
 to a queue at red before the EMV has passed them, and change into its lane."""
 LATERAL_MPS2: Final = 3.0
 BRAKE_MPS2: Final = 1.5
 """Deceleration of traffic before bends and in them (``traffic/sumo/driving_corrections.py``)."""
-CROSSING_REACH_M: Final = 120.0
-"""Largest distance from the stop line at which crossing traffic is placed."""
+CROSSING_REACH_M: Final = 300.0
+"""Largest distance from the stop line at which crossing traffic is placed: 20 s at 50 km/h."""
+_SATURATION_S: Final = 2.0
+"""Time between two vehicles of a dense stream or of a queue that drives off (HCM: 1,900 vehicles per hour and lane)."""
+_DRIVE_OFF_S: Final = 1.6
+"""Time that a driver loses who comes to 30 km/h with 2.6 m/s² (SUMO's acceleration of cars)."""
+_CAR_M: Final = 5.0
+"""Length of road that a car takes in a queue, without the gap."""
+_LEAST_IN_ROW: Final = 4
+"""Vehicles of the first crossing row, of as many as there are: they cross for 8 s. It lasts until the EMV comes."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +83,8 @@ class GroupRow:
     """No vehicle's front may be beyond this place."""
     movement: int | None = None
     """Index of the movement with which a crossing row goes over the junction."""
+    headway_s: float = 0.0
+    """Time between the fronts of vehicles of a group that would stand, but drive on this row; 0 where they stand."""
 
 
 def group_rows(
@@ -84,11 +98,13 @@ def group_rows(
 ) -> list[GroupRow]:
     """The rows of a group, in the order in which they are filled.
 
-    The foremost EMV begins at ``start`` and arrives unhindered at the stop line ``arrival_s`` after step 0,
-    ``red_before_s`` after its light turned red. ``rng`` draws the way on of crossing rows, where a lane has several.
+    The foremost EMV begins at ``start`` and arrives at the stop line ``arrival_s`` after step 0, ``red_before_s`` after
+    its light turned red. ``rng`` draws the way on of crossing rows, where a lane has several.
     """
     if group.placement is Placement.CROSSING:
-        return _crossing_rows(network, site, rng)
+        in_row = max(_LEAST_IN_ROW, math.ceil(red_before_s / _SATURATION_S))
+        rows = _crossing_rows(network, site, rng)[: max((group.vehicles - 1) // (in_row - 1), 1)]
+        return [_timed(network, row, group, arrival_s, len(rows)) for row in rows]
     if site.junction is None or site.site_edge not in start.route:
         return [
             GroupRow(chain_along(network, lane, start.route), start.route, start.front_m, forwards=True)
@@ -112,8 +128,8 @@ def group_rows(
         anchors_m = [row.anchor_m - way_m for row in rows]
     else:  # beyond the stop line a stream would only hold up vehicles of its own that follow
         most_m = 0.0
-        early_m = 0.0 if group.optional else early_m_of(network, site, group, red_before_s)
-        anchors_m = [_together_m(network, row, start, group.speed_mps, arrival_s, early_m) for row in rows]
+        early_m = 0.0 if group.optional else early_m_of(network, site, group)
+        anchors_m = [_together_m(network, row, start, group, arrival_s, early_m) for row in rows]
     return [
         replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
         for row, anchor_m in zip(rows, anchors_m, strict=True)
@@ -121,7 +137,7 @@ def group_rows(
 
 
 def _together_m(
-    network: RoadNetwork, row: GroupRow, start: EmvStart, speed_mps: float, arrival_s: float, early_m: float
+    network: RoadNetwork, row: GroupRow, start: EmvStart, group: DemandGroup, arrival_s: float, early_m: float
 ) -> float:
     """Place on a row from which a vehicle comes to the stop line together with the EMV, less ``early_m``.
 
@@ -129,14 +145,41 @@ def _together_m(
     fans out on the way, the EMV comes up next to it before that distance is reached.
     """
     if {start.lane, start.lanes_to_site[-1]} <= set(row.chain.lanes):
-        return row.anchor_m - way_to_stop_line_m(network, start) - _FOLLOWING_M
+        nearer_m = min(_FOLLOWING_M, group.first_gap_m - EMV_CLEARANCE_M)
+        return row.anchor_m - way_to_stop_line_m(network, start) - nearer_m
+    return _reached_from_m(network, row, group.speed_mps, arrival_s) - early_m
+
+
+def _reached_from_m(network: RoadNetwork, row: GroupRow, speed_mps: float, arrival_s: float) -> float:
+    """Place on a row from which a vehicle comes to the row's anchor after a time; negative beyond the row's begin."""
     way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
     speed = np.minimum(speed_mps, bend_speeds_mps(way, LATERAL_MPS2))
     speed = with_braking(speed, BRAKE_MPS2)
     left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
     late = np.flatnonzero(left_s >= arrival_s)
-    together_m = float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - speed_mps * arrival_s
-    return together_m - early_m
+    return float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - speed_mps * arrival_s
+
+
+def _runs_free(movement: Connection) -> bool:
+    """Whether neither a signal nor a stop sign holds a queue at a movement's line."""
+    return not movement.must_stop and movement.signal_id is None
+
+
+def _timed(network: RoadNetwork, row: GroupRow, group: DemandGroup, arrival_s: float, rows: int) -> GroupRow:
+    """A crossing row at step 0: a queue at its line, or a stream in whose middle the EMV comes where nothing holds it.
+
+    On a street that is too short for the stream, the row is a queue that drives off as far back as it fits.
+    """
+    if row.movement is None or not _runs_free(network.connections[row.movement]):
+        return row
+    vehicles, limit = group.vehicles / rows, network.lanes[row.chain.lanes[-1]].speed_limit_mps
+    speed_mps, half_s = min(group.speed_mps, limit), 0.5 * _SATURATION_S * vehicles
+    first_m = _reached_from_m(network, row, speed_mps, max(arrival_s - half_s, 0.0))
+    if first_m >= 2.0 * half_s * speed_mps:
+        return replace(row, anchor_m=first_m, headway_s=_SATURATION_S)
+    queue_m = vehicles * (group.spacing_m + _CAR_M)
+    later_s = max(arrival_s - half_s - _DRIVE_OFF_S, 0.0)
+    return replace(row, anchor_m=min(max(_reached_from_m(network, row, speed_mps, later_s), queue_m), row.anchor_m))
 
 
 def _chosen(
@@ -178,20 +221,28 @@ def approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane) 
 
 
 def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -> list[GroupRow]:
+    """The rows of crossing lanes: first those to other roads than the EMV's, those straight on, each side in turn."""
+    exits = {network.lanes[network.connections[index].to_lane].edge for index in site.connections}
+
+    def merges(index: int) -> bool:
+        return network.lanes[network.connections[index].to_lane].edge in exits
+
     ways: dict[int, list[int]] = {}
     for index in site.crossing:
         ways.setdefault(network.connections[index].from_lane, []).append(index)
-    rows = []
+    rows: list[tuple[tuple[bool, bool, int], GroupRow]] = []
     approaches = list(dict.fromkeys(network.lanes[lane].edge for lane in ways))
     for lane, movements in ways.items():
         # A vehicle that leaves the map right behind the junction would disappear in view of the EMV.
         choices = [index for index in movements if _leads_on(network, network.connections[index].to_lane)] or movements
+        choices = [index for index in choices if not merges(index)] or choices
         movement = choices[int(rng.integers(len(choices)))]
+        free = _runs_free(network.connections[movement])
         lanes: tuple[int, ...] = (lane,)
         length_m = network.lanes[lane].length_m
         while length_m < CROSSING_REACH_M:
             before = _plain_connection_to(network, lanes[0])
-            if before is None or before.from_lane in lanes:
+            if before is None or before.from_lane in lanes or (free and before.gives_way):
                 break
             lanes = (before.from_lane, *before.via, *lanes)
             length_m += network.length_m((before.from_lane, *before.via))
@@ -200,8 +251,10 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
         way = (*dict.fromkeys(edges), beyond)
         stands_back_m = _IN_TURN_M * (approaches.index(network.lanes[lane].edge) % 2)
         anchor_m = length_m - (stands_back_m if network.connections[movement].must_stop else 0.0)
-        rows.append(GroupRow(chain_of(network, lanes), way, anchor_m, forwards=False, movement=movement))
-    return rows
+        row = GroupRow(chain_of(network, lanes), way, anchor_m, forwards=False, movement=movement)
+        beside = sum(other.chain.lanes[-1] in network.edges[edges[-1]].lanes for _, other in rows)
+        rows.append(((merges(movement), network.connections[movement].direction != "s", beside), row))
+    return [row for _, row in sorted(rows, key=itemgetter(0))]
 
 
 def _leads_on(network: RoadNetwork, lane: int) -> bool:
@@ -296,16 +349,21 @@ def plan_groups(
     crossing: dict[int, None] = {}
     heads: dict[int, str] = {}
     on_top = 0
-    arrival_s = unhindered_arrival_s(network, start, template.emv)
+    arrival_s = unhindered_arrival_s(network, start, template.emv, bound_s_of(site, template))
     red_before_s = template.signal.red_before_arrival_s if template.signal else 0.0
     for group in template.demand.groups:
         rng = random_stream(seed, f"demand/group/{group.name}")
         rows = group_rows(network, site, start, group, arrival_s, rng, red_before_s)
         every = group.placement is Placement.EVERY_LANE
         wanted = group.vehicles * (len(rows) if every else min(len(rows), 1))
+        if not rows and site.kind is SiteKind.STOP_JUNCTION:  # the queue of other lanes is behind the one in this lane
+            queue = [approach_row(network, site, start, travel_lane(network, site))]
+            wanted = max(min(group.vehicles, math.ceil(arrival_s / _TURN_S) + 1 - len(vehicles)), 0)
+        else:
+            queue = rows
         before = len(vehicles)
         for number in range(wanted):
-            row = rows[number % len(rows)]
+            row = queue[number % len(queue)]
             vehicle = planner.vehicle(group, number, row, rng)
             if vehicle is not None:
                 vehicles.append(vehicle)
@@ -380,6 +438,8 @@ class _GroupPlanner:
         length = self.factory.size(actor_class)[0]
         spacing = group.spacing_m * (1.0 + self.traffic.spacing_spread * rng.uniform(-1.0, 1.0))
         speed = group.speed_mps * (1.0 + self.traffic.speed_spread * rng.uniform(-1.0, 1.0))
+        pace = min(speed, self.network.lanes[row.chain.lanes[-1]].speed_limit_mps)
+        spacing = max(spacing, row.headway_s * pace - length)
         nearest = group.anchor is GroupAnchor.ARRIVAL
         place = self._place(row, group.first_gap_m, spacing, length, nearest=nearest)
         if place is None:
@@ -403,8 +463,10 @@ class _GroupPlanner:
         if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold up the EMV
             driver = replace(driver, speed_gain_eagerness=0.0)
         speed = min(speed, driver.speed_factor * limit)
-        route = self.factory.draw_route(edges, route_length_m(self.template), rng, lane, actor_class)
-        spot = Spot(lane, front, 0.0 if group.standing else speed)
+        # On a very long edge it would end before the site.
+        needed_m = max(route_length_m(self.template), front + ROUTE_SLACK_S * ROUTE_SPEED_MPS)
+        route = self.factory.draw_route(edges, needed_m, rng, lane, actor_class)
+        spot = Spot(lane, front, 0.0 if group.standing and not row.headway_s else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 
     def _classes(self, group: DemandGroup, row: GroupRow) -> Shares:

@@ -249,6 +249,9 @@ with 5 m/s². What a programme's yellow is longer stays between the last vehicle
 RED_BEHIND_S: Final = 1.2
 """Time from the last platoon vehicle's crossing of the stop line to the red. It is no parameter, but a usual time."""
 
+BEFORE_EMV_S: Final = 0.4
+"""Least time from the beginning of the red to the EMV's arrival, so that it meets a red however late the platoon is."""
+
 
 @dataclass(frozen=True)
 class SignalTiming:
@@ -265,6 +268,10 @@ class SignalTiming:
     """Vehicles for which the green is extended. It ends when a detector has seen the last of them (gap-out control)."""
     emv: str = ""
     """Vehicle before whose arrival the green ends in any case."""
+    emv_from_s: float = 0.0
+    """Time from step 0 on before which that vehicle cannot arrive."""
+    beside: tuple[str, ...] = ()
+    """Further vehicles that keep their lanes up to the signal, as the platoon does."""
 
 
 @dataclass(frozen=True)

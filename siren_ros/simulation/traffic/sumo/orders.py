@@ -28,6 +28,7 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import MapError
 from siren_ros.simulation.conflicts.yielding import time_to_go_s
 from siren_ros.simulation.traffic.demand.plan import (
+    BEFORE_EMV_S,
     RED_BEHIND_S,
     YELLOW_DRIVEN_S,
     JamHead,
@@ -43,8 +44,6 @@ _USUAL_CLEARANCE_S: Final = 1.5
 _LONGEST_CLEARANCE_S: Final = 4.0
 _LONGEST_GREEN_S: Final = 10.0
 """Longest extension of a green."""
-_BEFORE_EMV_S: Final = 0.4
-"""Least time from the beginning of the red to the EMV's arrival, so that it meets a red however late the platoon is."""
 _EMV_MPS2: Final = 2.0
 """Acceleration of an ambulance where others leave its lane before the line."""
 _CREEP_MPS: Final = 1.0
@@ -86,24 +85,30 @@ def _begins_s(phases: Sequence[SignalPhase]) -> list[float]:
     return [sum(phase.duration_s for phase in phases[:number]) for number in range(len(phases))]
 
 
-def crossing_begin_s(phases: Sequence[SignalPhase], link: int, crossing: Collection[int]) -> float | None:
-    """When in the cycle traffic begins to cross a link's movement: the begin of the red, or soon before the green.
+def crossing_first(phases: Sequence[SignalPhase], link: int, crossing: Collection[int]) -> list[SignalPhase]:
+    """A programme with the phases after a link's red began reordered, so that others cross soon after it began.
 
-    Where one approach after the other is green, the crossing movements may have to wait for long after the link's red
-    has begun. Their green then counts, less the usual time between a red and the next green. Where no link crosses or
-    all stay red, the begin of the red counts. None where the link is never or always red.
+    Where one approach after the other is green, the crossing movements may have to wait for long. The phases until then
+    come after theirs, as with a protected turn that lags instead of leading. Unchanged where no link crosses, all stay
+    red, or they begin within the usual time anyway.
     """
     red = red_interval_s(phases, link)
     if red is None:
-        return None
-    cycle_s = sum(phase.duration_s for phase in phases)
-    waits = [
-        (begin - red[0]) % cycle_s
-        for number, begin in enumerate(_begins_s(phases))
-        if any(_is_green(phases[number], other) and not _is_green(phases[number - 1], other) for other in crossing)
+        return list(phases)
+    first = _begins_s(phases).index(red[0])
+    cycle = [*phases[first:], *phases[:first]]
+    ends = next((at for at, phase in enumerate(cycle) if phase.state[link].lower() != "r"), len(cycle))
+    begins = [
+        at
+        for at in range(ends)
+        if any(_is_green(cycle[at], way) and not _is_green(cycle[at - 1], way) for way in crossing)
     ]
-    wait_s = min((wait for wait in waits if wait < red[1]), default=0.0)
-    return red[0] if wait_s <= _LONGEST_CLEARANCE_S else (red[0] + wait_s - _USUAL_CLEARANCE_S) % cycle_s
+    waiting = cycle[: min(begins, default=0)]
+    if _length_s(waiting) <= _LONGEST_CLEARANCE_S:
+        return list(phases)
+    clear = SignalPhase(_USUAL_CLEARANCE_S, "r" * len(phases[0].state))
+    before = replace(cycle[-1], state="".join("y" if letter in "gG" else letter for letter in cycle[-1].state))
+    return [clear, *cycle[len(waiting) : ends], *waiting, *cycle[ends:-1], before]
 
 
 def _is_green(phase: SignalPhase, link: int) -> bool:
@@ -129,11 +134,14 @@ def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
     """
     signal = timing.signal_id
     _fix_cycle(signal)
-    phases = _programme(signal)
-    begin_s = crossing_begin_s(phases, timing.link, timing.crossing)
-    if begin_s is None:
+    fixed = _programme(signal)
+    phases = crossing_first(fixed, timing.link, timing.crossing)
+    red = red_interval_s(phases, timing.link)
+    if red is None:
         raise MapError(f"signal {signal}", "a programme in which the EMV's movement has both green and red")
-    phase, left_s = place_in_cycle(phases, begin_s, warm_up_s + timing.red_from_s)
+    if phases != fixed:
+        _set_cycle(signal, phases)
+    phase, left_s = place_in_cycle(phases, red[0], warm_up_s + timing.red_from_s)
     libsumo.trafficlight.setPhase(signal, phase)
     libsumo.trafficlight.setPhaseDuration(signal, left_s)
 
@@ -162,6 +170,10 @@ def _fix_cycle(signal: str) -> None:
         phases = nema_cycle(parts, (ring1, ring2), (*ends, *(others if any(others) else coordinated)))
     else:
         phases = [phases[number] for number in _first_round([phase.next for phase in logic.phases])]
+    _set_cycle(signal, phases)
+
+
+def _set_cycle(signal: str, phases: Sequence[SignalPhase]) -> None:
     fixed = [libsumo.trafficlight.Phase(phase.duration_s, phase.state) for phase in phases]
     libsumo.trafficlight.setProgramLogic(signal, libsumo.trafficlight.Logic("fixed", _STATIC, 0, fixed))
 
@@ -270,8 +282,8 @@ class GapOut:
     def __init__(self, timing: SignalTiming) -> None:
         self._timing = timing
         self._waiting = bool(timing.platoon)
-        self._in_lane: dict[str, bool] = dict.fromkeys(timing.platoon, False)
-        """The platoon's vehicles before the line, and whether each has been told to keep its lane."""
+        self._in_lane: dict[str, bool] = dict.fromkeys((*timing.platoon, *timing.beside), False)
+        """Vehicles before the line, and whether each has been told to keep its lane."""
         self._steps = 0
 
     def apply(self, present: Collection[str]) -> None:
@@ -291,14 +303,14 @@ class GapOut:
             yellow = yellow_after(phases, number, link)
             if yellow is None:
                 self._waiting = False
-            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + _BEFORE_EMV_S:
+            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + BEFORE_EMV_S:
                 libsumo.trafficlight.setPhase(signal, yellow[0])
                 self._waiting = False
             elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
                 libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
 
     def _keep_lanes(self, present: Collection[str]) -> None:
-        """Lets the platoon keep its lanes up to the line: on the way to others it would drive in front of the EMV."""
+        """Lets vehicles keep their lanes up to the line: on the way to others they would drive in front of the EMV."""
         for name in [name for name in self._in_lane if name in present]:
             before = bool(_gaps_m(name, self._timing.signal_id))
             if before != self._in_lane[name]:
@@ -318,7 +330,8 @@ class GapOut:
         if leads and leads[0] and leads[1] < gaps_m[0]:
             return gaps_m[0] / mps
         most_mps = float(libsumo.vehicle.getAllowedSpeed(name))
-        return float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2))
+        soonest_s = self._timing.emv_from_s - self._steps * STEP_S
+        return max(float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2)), soonest_s)
 
 
 def _arrivals_s(name: str, signal: str) -> list[float]:

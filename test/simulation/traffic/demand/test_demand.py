@@ -39,7 +39,7 @@ from siren_ros.simulation.traffic.demand.demand import (
     sharing_junction_paths,
     way_to_lane,
 )
-from siren_ros.simulation.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
+from siren_ros.simulation.traffic.demand.emv_start import bound_s_of, emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.simulation.traffic.demand.group_demand import ROUTE_SLACK_S, ROUTE_SPEED_MPS, STAGE_BEHIND_M
 from siren_ros.simulation.traffic.demand.plan import (
     LaneInterval,
@@ -231,7 +231,7 @@ def test_crossing_queues_stand_at_their_stop_lines_and_cross_the_emvs_way(networ
 def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
     traffic, template, site = plan_of("S3", network)
     start = emv_start(network, site, start_m_of(network, site, template.emv))
-    arrival_s = unhindered_arrival_s(network, start, template.emv)
+    arrival_s = unhindered_arrival_s(network, start, template.emv, bound_s_of(site, template))
     last = traffic.groups[0]
     lane = network.lanes[last.spot.lane]
     assert lane.index in {network.connections[index].from_lane for index in site.connections}

@@ -207,7 +207,7 @@ def test_no_crossing_queue_stands_in_the_lane_of_an_emv_that_crosses(name: str) 
     before = chain[: next(at for at, lane in enumerate(chain) if setup.network.lanes[lane].kind is LaneKind.INTERNAL)]
     queue = [vehicle for vehicle in setup.plan.groups if vehicle.name.startswith("crossing")]
     assert queue
-    assert len(queue) < sum(vehicle.name.startswith("crossing") for vehicle in alone.plan.groups)
+    assert len(queue) <= sum(vehicle.name.startswith("crossing") for vehicle in alone.plan.groups)
     assert not {vehicle.spot.lane for vehicle in queue} & set(before)
     assert setup.plan.civilians == alone.plan.civilians
 
@@ -432,10 +432,13 @@ def test_background_vehicles_keep_their_gaps_on_a_full_map(monkeypatch: pytest.M
 
 
 def test_the_signal_turns_red_before_the_emv_arrives() -> None:
-    """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1."""
+    """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1.
+
+    Braking from 10 to 5.56 m/s with 1.2 m/s² takes 3.70 s over 28.8 m, which is 0.82 s more.
+    """
     crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
     traffic = plan(crossing, signal=SignalDemand(4.0)).signal
-    assert traffic == SignalTiming("J", 1, pytest.approx(11.0), (3,), (), "emv0")
+    assert traffic == SignalTiming("J", 1, pytest.approx(11.82, abs=0.05), (3,), (), "emv0", pytest.approx(15.0))
     assert plan(crossing, signal=None).signal is None
     stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
     timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal

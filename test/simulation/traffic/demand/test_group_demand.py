@@ -45,7 +45,7 @@ from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.demand.emv_start import EmvStart, early_m_of, lane_before
+from siren_ros.simulation.traffic.demand.emv_start import EmvStart, early_m_of, lane_before, stays_inside
 from siren_ros.simulation.traffic.demand.group_demand import (
     STAGE_BEHIND_M,
     GroupPlan,
@@ -132,18 +132,20 @@ def test_ahead_of_the_emv_the_row_grows_forwards() -> None:
 
 def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
     """At 8 m/s it comes 96 m far within 12 s."""
-    (stream,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL))
+    together = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), first_gap_m=10.0)
+    (stream,) = rows(together)
     assert stream.chain.lanes[0] == A_RIGHT
     assert stream.forwards
     assert STOP_LINE_M - stream.anchor_m == pytest.approx(8.0 * 12.0, abs=1.0)
     assert stream.most_m == pytest.approx(STOP_LINE_M)
-    (early,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), arrival_s=100.0)
+    (early,) = rows(together, arrival_s=100.0)
     assert early.anchor_m == pytest.approx(STOP_LINE_M - 800.0), "from before the row's beginning"
 
 
 def test_a_stream_that_the_emv_follows_keeps_its_distance_from_the_start_on() -> None:
-    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.ARRIVAL))
-    assert (row.anchor_m, row.most_m) == pytest.approx((90.0 - 6.0, STOP_LINE_M))
+    for first_gap_m, nearer_m in ((20.0, 6.0), (12.0, 2.0), (8.0, -2.0)):
+        (row,) = rows(replace(group(Placement.EMV_LANE, GroupAnchor.ARRIVAL), first_gap_m=first_gap_m))
+        assert (row.anchor_m, row.most_m) == pytest.approx((90.0 - nearer_m, STOP_LINE_M)), "10 m at least"
 
 
 def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
@@ -154,7 +156,7 @@ def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
     straight = Polyline.through([(-100.0, -5.25), (-18.85, -5.25)])
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], centre=Polyline.through(np.concatenate((straight.points, bend))))
     bent = replace(NETWORK, lanes=tuple(lanes))
-    fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0)
+    fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0, first_gap_m=12.0 * 1.6 - 4.5)
     (row,) = rows(fast, network=bent)
     (flat,) = rows(fast)
     assert flat.most_m - flat.anchor_m == pytest.approx(12.0 * 12.0, abs=1.0)
@@ -170,6 +172,30 @@ def test_crossing_rows_reach_back_over_plain_junctions() -> None:
     assert row.anchor_m == pytest.approx(190.0 + 10.0 + 100.0)
     assert row.edges == (M, N, D)
     assert (row.forwards, row.movement) == (False, CROSSING)
+
+
+def crossing(vehicles: int, spacing_m: float = 3.0) -> DemandGroup:
+    """Vehicles with 8 m/s."""
+    queue = group(Placement.CROSSING, GroupAnchor.STOP_LINE, standing=True)
+    return replace(queue, vehicles=vehicles, spacing_m=spacing_m)
+
+
+def test_a_crossing_row_that_nothing_holds_is_a_stream_in_whose_middle_the_emv_comes() -> None:
+    """Two pass it in 4 s, 2 s before the EMV and after; the street is 300 m long."""
+    free = with_connection(CROSSING, signal_id=None, must_stop=False)
+    (row,) = rows(crossing(2), network=free)
+    assert row.headway_s == 2.0
+    assert 300.0 - row.anchor_m == pytest.approx(8.0 * (12.0 - 2.0), abs=1.0)
+    (held,) = rows(crossing(2), network=with_connection(CROSSING, signal_id=None, must_stop=True))
+    assert (held.headway_s, held.anchor_m) == (0.0, pytest.approx(300.0))
+
+
+@pytest.mark.parametrize(("vehicles", "anchor_m"), [(22, 22 * 8.0), (40, 300.0)])
+def test_on_a_short_street_it_is_a_queue_as_far_back_as_it_fits(vehicles: int, anchor_m: float) -> None:
+    """The last of 22 vehicles would be 8 m/s · 34 s before the line, and 22 in a queue are 176 m long."""
+    free = with_connection(CROSSING, signal_id=None, must_stop=False)
+    (row,) = rows(crossing(vehicles), network=free, arrival_s=40.0)
+    assert (row.headway_s, row.anchor_m) == (0.0, pytest.approx(anchor_m))
 
 
 def test_crossing_rows_do_not_leave_the_map_behind_the_junction_where_another_way_leads_on() -> None:
@@ -212,7 +238,7 @@ def test_crossing_rows_go_back_straight_on_or_around_the_only_bend() -> None:
 
 def test_long_side_roads_are_enough_by_themselves() -> None:
     lanes = list(NETWORK.lanes)
-    lanes[NEAR] = replace(lanes[NEAR], centre=Polyline.through([(10.0, 140.0), (10.0, 10.0)]))
+    lanes[NEAR] = replace(lanes[NEAR], centre=Polyline.through([(10.0, 320.0), (10.0, 10.0)]))
     (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=replace(NETWORK, lanes=tuple(lanes)))
     assert row.chain.lanes == (NEAR,)
 
@@ -634,15 +660,34 @@ def test_a_stream_that_the_emv_comes_up_next_to_starts_where_it_comes_with_the_e
     assert row.anchor_m == pytest.approx(line_m - group.speed_mps * arrival_s - early_m, abs=1.0)
 
 
-@pytest.mark.parametrize(("yellow_s", "gap_m"), [(3.0, 20.0), (4.0, 8.0 * 3.1 - 4.5), (5.0, 22.0)])
-def test_a_long_yellow_lies_between_a_stream_and_the_emv(yellow_s: float, gap_m: float) -> None:
-    """A driver drives on 1.8 s after the yellow, and the EMV comes 0.9 s after the red; the junction is 30 m long."""
+@pytest.mark.parametrize(
+    ("first_gap_m", "yellow_s", "gap_m"),
+    [(20.0, 3.0, 20.0), (30.0, 3.0, 22.0), (20.0, 5.0, 8.0 * 3.6 - 4.5), (5.0, 2.0, 8.0 * 1.6 - 4.5)],
+)
+def test_the_red_lies_between_a_stream_and_the_emv(first_gap_m: float, yellow_s: float, gap_m: float) -> None:
+    """It begins 1.2 s behind the last vehicle, which drives on 1.8 s after the yellow, and 0.4 s before the EMV.
+
+    The junction is 30 m long.
+    """
     network = signal_crossing()
     ways = tuple(replace(way, yellow_s=yellow_s) for way in network.connections)
-    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), first_gap_m=20.0, speed_mps=8.0)
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), first_gap_m=first_gap_m, speed_mps=8.0)
     where = replace(signal_site(), connections=(NORTHBOUND_WAY,))
-    early_m = early_m_of(replace(network, connections=ways), where, stream, 0.9)
+    early_m = early_m_of(replace(network, connections=ways), where, stream)
     assert stream.first_gap_m - early_m == pytest.approx(gap_m)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "anchor", "stays"), [(16.0, "arrival", True), (17.0, "arrival", False), (17.0, "emv", True)]
+)
+def test_a_fast_stream_has_left_a_small_junction_before_the_emv_comes(
+    speed_mps: float, anchor: str, stays: bool
+) -> None:
+    """The last vehicle of 4.5 m is 1.6 s ahead of the EMV, and 8 m before the end of 30 m: at 16.6 m/s or less."""
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor(anchor)), speed_mps=speed_mps)
+    where = replace(signal_site(), connections=(NORTHBOUND_WAY,))
+    ways = tuple(replace(way, yellow_s=3.0) for way in signal_crossing().connections)
+    assert stays_inside(replace(signal_crossing(), connections=ways), where, stream) == stays
 
 
 def test_a_stream_in_the_emvs_only_lane_is_followed() -> None:
@@ -652,7 +697,7 @@ def test_a_stream_in_the_emvs_only_lane_is_followed() -> None:
     road.connect(0, 1)
     start = EmvStart(0, 10.0, (0, 1), (0,))
     (row,) = rows_of(road, road.site((0, 1), 0, (0,)), start, load_template("S3").demand.groups[0])
-    assert row.anchor_m == pytest.approx(10.0 - 6.0)
+    assert row.anchor_m == pytest.approx(10.0 - 2.5), "its gap of 12.5 m becomes one of 10 m"
 
 
 @pytest.mark.parametrize("line_m", [130.0, 140.0, 300.0])

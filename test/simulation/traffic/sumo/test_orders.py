@@ -24,7 +24,7 @@ from siren_ros.simulation.traffic.sumo.orders import (
     IgnoredFoes,
     JamOrders,
     SignalPhase,
-    crossing_begin_s,
+    crossing_first,
     detector_s,
     drivers_who_go,
     nema_cycle,
@@ -60,7 +60,7 @@ def test_of_several_reds_of_a_link_the_longest_counts_wherever_it_stands() -> No
 def test_links_without_change_have_no_red_interval() -> None:
     assert red_interval_s((SignalPhase(5.0, "r"), SignalPhase(5.0, "r")), 0) is None
     assert red_interval_s((SignalPhase(5.0, "G"), SignalPhase(5.0, "g")), 0) is None
-    assert crossing_begin_s((SignalPhase(5.0, "G"),), 0, ()) is None
+    assert crossing_first([SignalPhase(5.0, "G")], 0, ()) == [SignalPhase(5.0, "G")]
 
 
 def test_place_before_the_red_and_within_it() -> None:
@@ -69,23 +69,44 @@ def test_place_before_the_red_and_within_it() -> None:
     assert place_in_cycle(PHASES, 38.0, -3.0) == (0, 9.0)
 
 
-def test_the_begin_of_the_red_counts_where_the_crossing_green_follows_it() -> None:
-    assert crossing_begin_s(PHASES, 0, ()) == 38.0
-    assert crossing_begin_s(PHASES, 0, (1,)) == 38.0
+def test_a_programme_stays_where_the_crossing_green_follows_the_red() -> None:
+    assert crossing_first(PHASES, 0, ()) == [*PHASES]
+    assert crossing_first(PHASES, 0, (1,)) == [*PHASES]
 
 
-def test_a_crossing_green_that_comes_later_counts_instead_of_the_red() -> None:
-    one_by_one = (
-        *(SignalPhase(20.0, "Grr"), SignalPhase(5.0, "yrr")),
-        *(SignalPhase(20.0, "rGr"), SignalPhase(5.0, "ryr")),
-        *(SignalPhase(20.0, "rrG"), SignalPhase(5.0, "rry")),
-    )
-    assert red_interval_s(one_by_one, 0) == (25.0, 50.0)
-    assert crossing_begin_s(one_by_one, 0, (1,)) == 25.0
-    assert crossing_begin_s(one_by_one, 0, (2,)) == 48.5
-    assert crossing_begin_s(one_by_one, 0, (1, 2)) == 25.0, "the first of several counts"
-    assert crossing_begin_s(one_by_one, 0, (0,)) == 25.0, "its own green comes after its red"
-    assert crossing_begin_s(one_by_one, 2, (1,)) == 23.5, "over the end of the cycle"
+ONE_BY_ONE = (
+    *(SignalPhase(20.0, "Grr"), SignalPhase(5.0, "yrr")),
+    *(SignalPhase(20.0, "rGr"), SignalPhase(5.0, "ryr")),
+    *(SignalPhase(20.0, "rrG"), SignalPhase(5.0, "rry")),
+)
+
+
+@pytest.mark.parametrize(("link", "crossing"), [(0, (1,)), (0, (1, 2)), (0, (0,)), (2, (0,))])
+def test_a_programme_stays_where_the_first_of_several_crosses_at_once(link: int, crossing: tuple[int, ...]) -> None:
+    assert crossing_first(ONE_BY_ONE, link, crossing) == [*ONE_BY_ONE]
+
+
+@pytest.mark.parametrize(("link", "crossing"), [(0, 2), (2, 1), (1, 0)])
+def test_those_who_cross_late_in_the_red_go_first(link: int, crossing: int) -> None:
+    phases = crossing_first(ONE_BY_ONE, link, (crossing,))
+    at = next(number for number, phase in enumerate(phases) if phase.state == "rrr")
+    phases = [*phases[at:], *phases[:at]]
+    assert phases[0] == SignalPhase(1.5, "rrr")
+    assert phases[-1].state[link] == "y"
+    greens = [phase.state.index("G") for phase in phases if "G" in phase.state]
+    assert greens[0] == crossing
+    assert greens[-1] == link
+    assert sorted(phases[1:], key=lambda it: it.state) == sorted(ONE_BY_ONE, key=lambda it: it.state)
+
+
+def test_a_turn_that_stays_green_over_the_yellow_gets_one_of_its_own() -> None:
+    """The protected left turn leads in the programme, and lags after the change."""
+    leading = [
+        *(SignalPhase(20.0, "Ggr"), SignalPhase(3.0, "ygr"), SignalPhase(6.0, "rGr"), SignalPhase(3.0, "ryr")),
+        *(SignalPhase(20.0, "rrG"), SignalPhase(3.0, "rry")),
+    ]
+    states = [phase.state for phase in crossing_first(leading, 0, (2,))]
+    assert states == ["rrr", "rrG", "rry", "rGr", "ryr", "Ggr", "yyr"]
 
 
 @given(st.floats(-200.0, 200.0), st.integers(0, 1))
@@ -374,6 +395,22 @@ def test_the_platoon_keeps_its_lanes_up_to_the_line(signal: Signal) -> None:
         signal.arrivals_s, signal.modes = arrivals_s, []
         control.apply(BOTH)
         assert signal.modes == modes
+
+
+def test_vehicles_beside_the_emv_keep_their_lanes_and_the_green_does_not_wait_for_them(signal: Signal) -> None:
+    signal.arrivals_s = {"a": 0.1, "c": 20.0}
+    GapOut(SignalTiming("s", 1, 5.0, platoon=("a",), emv="e", beside=("c",))).apply({"a", "c"})
+    assert signal.modes == [("a", KEEP_LANE_CHANGE_MODE), ("c", KEEP_LANE_CHANGE_MODE)]
+    assert signal.asked == [("phase", 1)]
+
+
+@pytest.mark.parametrize(("emv_from_s", "asked"), [(3.3, [("phase", 1)]), (4.0, [])])
+def test_an_emv_is_not_there_before_bends_let_it(
+    signal: Signal, emv_from_s: float, asked: list[tuple[str, float]]
+) -> None:
+    signal.arrivals_s = {"a": 9.0, "e": 3.0}
+    GapOut(SignalTiming("s", 1, 5.0, platoon=("a",), emv="e", emv_from_s=emv_from_s)).apply({"a", "e"})
+    assert signal.asked == asked
 
 
 def test_a_red_is_waited_for(signal: Signal) -> None:

@@ -23,6 +23,8 @@ _TASKS: Final = {
         "the effect of siren and level: the same seeds at several levels",
         "yielding.add_counterfactual",
     ),
+    "sim-agents": ("models that simulate the civilians again, by the terms of WOSAC", "realism.add_sim_agents"),
+    "realism": ("how near traffic is to what was measured on streets", "realism.add_arguments"),
     "diversity": ("how different episodes are, and what more seeds would add", "yielding.add_diversity"),
     "detection": ("3-D detection: the nuScenes score of a detector's boxes", "detection.add_arguments"),
     "risk": (

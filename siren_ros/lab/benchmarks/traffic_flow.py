@@ -9,8 +9,8 @@ counts from its fourth vehicle on, at the stop line.
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Final
@@ -141,18 +141,6 @@ ALL: Final = "all"
 NOMINAL_S: Final = 90.0
 
 
-@dataclass(frozen=True)
-class FlowSamples:
-    """Samples of one episode."""
-
-    through_s: Floats
-    cars_s: Floats
-    """The part of ``through_s`` between passenger cars."""
-    turning_s: Floats
-    following_s: Floats
-    accel_mps2: Floats
-
-
 def record_at(request: EpisodeRequest, level: str = "") -> EpisodeRecord:
     """Record an episode without ROS and sensors; at L0 it lasts until the signal is green again."""
     asked = replace(request, level=level, duration_s=NOMINAL_S if level else 0.0)
@@ -160,19 +148,26 @@ def record_at(request: EpisodeRequest, level: str = "") -> EpisodeRecord:
     return record_of(setup, list(closed_loop(setup, setup.steps)))
 
 
-def measure(request: EpisodeRequest) -> FlowSamples:
-    """Measure the samples of an episode."""
+def measure(request: EpisodeRequest) -> dict[str, Floats]:
+    """Measure the samples of an episode by name; those of ``cars_s`` are among those of ``through_s``."""
     own, nominal = record_at(request), record_at(request, "L0")
     queues = discharge_headways(nominal)
     through_s, turning_s = queues.headway_s[~queues.turns], queues.headway_s[queues.turns]
     cars_s = queues.headway_s[~queues.turns & ~queues.heavy]
-    return FlowSamples(through_s, cars_s, turning_s, following_headways_s(own), civilian_accelerations_mps2(own))
+    return {
+        "through_s": through_s,
+        "cars_s": cars_s,
+        "turning_s": turning_s,
+        "following_s": following_headways_s(own),
+        "accel_mps2": civilian_accelerations_mps2(own),
+    }
 
 
-def summary(samples: Sequence[FlowSamples]) -> dict[str, float]:
+def summary(samples: Sequence[Mapping[str, Floats]]) -> dict[str, float]:
     """The figures over episodes; NaN without samples."""
     through, cars, turning, following, accel = (
-        np.concatenate([getattr(episode, field.name) for episode in samples]) for field in fields(FlowSamples)
+        np.concatenate([episode[name] for episode in samples])
+        for name in ("through_s", "cars_s", "turning_s", "following_s", "accel_mps2")
     )
     low, high = np.percentile(accel, CIVILIAN_PERCENTILES) if len(accel) else (np.nan, np.nan)
     return {

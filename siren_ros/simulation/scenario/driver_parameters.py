@@ -34,7 +34,7 @@ class NavigatorConfig:
 
     lateral_accel_mps2: float = number(3.0, 1, 5, "lateral acceleration in bends")
     """The comfort limit of urban driving."""
-    comfort_brake_mps2: float = number(3.0, 1, 6, "deceleration towards other vehicles")
+    comfort_brake_mps2: float = number(3.0, 1, 8, "deceleration towards other vehicles")
     path_brake_mps2: float = number(3.0, 0.5, 5, "deceleration before bends and stops")
     comfort_accel_mps2: float = number(2.5, 0.8, 4, "acceleration")
     ease_off_mps2: float = number(
@@ -317,7 +317,10 @@ class TrafficDrivers:
     headway_factor: float = number(1.0, 0.5, 3, "factor on the drivers' time headways (`tau_s` in `params/drivers`)")
     gap_factor: float = number(1.0, 0.5, 3, "factor on the standing distances of civilians (`min_gap_m` there)")
     accel_factor: float = number(1.0, 0.5, 2, "factor on the accelerations of civilians")
-    decel_factor: float = number(1.0, 0.5, 2, "factor on the comfortable decelerations of civilians")
+    decel_factor: float = number(1.0, 0.5, 3, "factor on the comfortable decelerations of civilians")
+    spread_factor: float = number(
+        1.0, 0, 2, "factor on how much drivers differ in wished speed, time headway and standing distance"
+    )
     waiting_pace: float = number(
         1.2, 0.8, 1.5, "share of the speed limit, at least, of a driver who waits for a gap to leave the EMV's lane"
     )

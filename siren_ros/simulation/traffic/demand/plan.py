@@ -107,7 +107,13 @@ class DriverPopulation:
             )
             for member, driving in self.classes.items()
         }
-        return replace(self, tau_s=self.tau_s.scaled(traffic.headway_factor), classes=classes, traffic=traffic)
+        speed_factor, tau_s, gap_share = (
+            replace(drawn, std=drawn.std * traffic.spread_factor)
+            for drawn in (self.speed_factor, self.tau_s.scaled(traffic.headway_factor), self.gap_share)
+        )
+        return replace(
+            self, speed_factor=speed_factor, tau_s=tau_s, gap_share=gap_share, classes=classes, traffic=traffic
+        )
 
     def draw(self, actor_class: ActorClass, rng: np.random.Generator, speed_scale: float = 1.0) -> "DriverModel":
         """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""

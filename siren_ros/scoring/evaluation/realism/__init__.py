@@ -1,0 +1,1 @@
+"""How near to what was measured on streets a study is: published figures, and tracks of ordinary traffic."""

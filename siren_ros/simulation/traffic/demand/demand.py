@@ -18,7 +18,7 @@ from siren_ros.base.numerics.braking import bend_speeds_mps, speed_before_mps, s
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.errors import MapError
-from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import civilian_movements, driving_lanes, path_centre, route_path
 from siren_ros.simulation.roads.sites import Site, overlaps
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
@@ -228,7 +228,7 @@ class _Planner:
     def _signal(self, groups: GroupPlan) -> SignalTiming | None:
         """Plans when the signal on the EMV's way turns red, and which movements get green then."""
         demand, site = self._template.signal, self._site
-        movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
+        movement = next(reversed(self._movements_at_end), None)
         if demand is None or movement is None or movement.signal_id is None or not movement.alternates:
             return None
         arrives_s = self._arrival_s(site.stretch[-1], bound_s_of(site, self._template))
@@ -247,12 +247,21 @@ class _Planner:
         beside = tuple(v.name for v in groups.vehicles if along and v.name.startswith(along) and v not in platoon)
         return SignalTiming(movement.signal_id, link, red_from_s, crossing, names, "emv0", soonest_s, beside)
 
+    @cached_property
+    def _movements_at_end(self) -> tuple[Connection, ...]:
+        """The EMV's movements at the site's junction, or at the end of its road, where the EMV may take another way."""
+        site, route = self._site, self._start.route
+        at = route.index(site.stretch[-1]) if site.junction is None and site.stretch[-1] in route else len(route)
+        if turning := route[at : at + 2][1:]:
+            return civilian_movements(self._network, site.stretch[-1], turning[0])
+        return tuple(self._network.connections[index] for index in site.connections)
+
     def _signals_behind(self) -> tuple[SignalTiming, ...]:
         """Plans when the signals behind the end of a road turn red: as that at its end, as the EMV's arrival there."""
         demand, site, route = self._template.signal, self._site, self._start.route
         if demand is None or site.junction is not None or site.stretch[-1] not in route:
             return ()
-        known = {self._network.connections[index].signal_id for index in site.connections}
+        known = {movement.signal_id for movement in self._movements_at_end}
         timings: list[SignalTiming] = []
         last = route.index(site.stretch[-1])
         for edge, following in pairwise(route[last + 1 :]):

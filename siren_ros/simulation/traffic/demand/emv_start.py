@@ -26,7 +26,7 @@ from siren_ros.simulation.roads.routing import (
     quiet_reach_m,
 )
 from siren_ros.simulation.roads.site_finder import junction_site
-from siren_ros.simulation.roads.sites import Lack, Site, SiteKind, way_back
+from siren_ros.simulation.roads.sites import SHORTEST_ROAD_M, Lack, Site, SiteKind, way_back
 from siren_ros.simulation.scenario.driver_parameters import JunctionEntryConfig
 from siren_ros.simulation.scenario.presets import Attention
 from siren_ros.simulation.scenario.scenario import DemandGroup, EmvDemand, GroupAnchor, StartReference, Template
@@ -304,13 +304,17 @@ def approach_to(network: RoadNetwork, site: Site, emv: EmvDemand) -> Approach:
     return next((approach for is_so, approach in flaws if is_so), Approach())
 
 
+_WORTH_M: Final = SHORTEST_ROAD_M
+"""A way on must be longer by this, the length of road on which an interaction finds place, to replace another one."""
+
+
 def long_enough_route(
     factory: VehicleFactory, route: tuple[int, ...], site: Site, needed_m: float, rng: np.random.Generator
 ) -> tuple[int, ...]:
     """The route; where it would leave the map too early, with another way on after the site.
 
     Of the ways on, those that keep most of the route come first; where none is long enough, the
-    longest way found is taken.
+    longest way found is taken. One that is hardly longer is not worth a turn.
     """
     # The stretch makes the interaction; at a junction the edge after the EMV's movement belongs to it, too.
     needed = (site.site_edge, *site.stretch, *(() if site.junction is None else site.beyond[:1]))
@@ -321,7 +325,7 @@ def long_enough_route(
             if best_m >= needed_m:
                 return best
             way = factory.draw_way(route[:kept], needed_m, rng)
-            if factory.length_m(way) > best_m:
+            if factory.length_m(way) > min(best_m + _WORTH_M, needed_m):
                 best, best_m = way, factory.length_m(way)
     return best
 

@@ -255,7 +255,9 @@ def test_a_signal_that_is_never_red_for_the_emv_is_left_alone(network: RoadNetwo
 def test_the_signal_at_the_end_of_the_road_of_s2_turns_red_behind_the_emv(network: RoadNetwork) -> None:
     traffic, template = plan_s2(network)
     site, (emv,) = require_site(network, template.site_kind), traffic.emvs
-    movement = network.connections[site.connections[-1]]
+    edges = [network.edge_by_id[edge].index for edge in emv.route]
+    at = edges.index(site.stretch[-1])
+    movement = civilian_movements(network, *edges[at : at + 2])[-1]
     assert traffic.signal is not None
     assert template.signal is not None
     assert (traffic.signal.signal_id, traffic.signal.link) == (movement.signal_id, movement.signal_link)

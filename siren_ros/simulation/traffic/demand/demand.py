@@ -245,7 +245,13 @@ class _Planner:
         link, soonest_s = movement.signal_link, self._arrival_s(site.stretch[-1])
         along = tuple(g.name for g in self._template.demand.groups if g.placement is Placement.SAME_DIRECTION)
         beside = tuple(v.name for v in groups.vehicles if along and v.name.startswith(along) and v not in platoon)
-        return SignalTiming(movement.signal_id, link, red_from_s, crossing, names, "emv0", soonest_s, beside)
+        ways = (
+            way
+            for lane in self._network.edges[site.stretch[-1]].lanes
+            for way in self._network.connections_from.get(lane, ())
+        )
+        approach = tuple(way.signal_link for way in ways if way.signal_id == movement.signal_id)
+        return SignalTiming(movement.signal_id, link, red_from_s, crossing, names, "emv0", soonest_s, approach, beside)
 
     @cached_property
     def _movements_at_end(self) -> tuple[Connection, ...]:

@@ -276,6 +276,8 @@ class SignalTiming:
     """Vehicle before whose arrival the green ends in any case."""
     emv_from_s: float = 0.0
     """Time from step 0 on before which that vehicle cannot arrive."""
+    approach: tuple[int, ...] = ()
+    """Links of the lanes on which the vehicles come; one signal may have others behind them. Empty for all."""
     beside: tuple[str, ...] = ()
     """Further vehicles that keep their lanes up to the signal, as the platoon does."""
 

@@ -42,6 +42,8 @@ from siren_ros.simulation.world.actors import Owner, TrafficFlags, TrafficState
 _USUAL_CLEARANCE_S: Final = 1.5
 """Time from the end of one movement's yellow to the green of the next."""
 _LONGEST_CLEARANCE_S: Final = 4.0
+_CROSS_S: Final = 4.0
+"""Time from a red until others are inside: the clearance, 1 s to react, and the way over the line from standstill."""
 _LONGEST_GREEN_S: Final = 10.0
 """Longest extension of a green."""
 _EMV_MPS2: Final = 2.0
@@ -282,6 +284,7 @@ class GapOut:
     def __init__(self, timing: SignalTiming) -> None:
         self._timing = timing
         self._waiting = bool(timing.platoon)
+        self._least_red_s = BEFORE_EMV_S + (_CROSS_S if timing.crossing else 0.0)
         self._in_lane: dict[str, bool] = dict.fromkeys((*timing.platoon, *timing.beside), False)
         """Vehicles before the line, and whether each has been told to keep its lane."""
         self._steps = 0
@@ -293,7 +296,7 @@ class GapOut:
             return
         signal, link = self._timing.signal_id, self._timing.link
         self._steps += 1
-        arrivals = [time for name in self._timing.platoon if name in present for time in _arrivals_s(name, signal)]
+        arrivals = [time for name in self._timing.platoon if name in present for time in self._arrivals_s(name)]
         overdue = self._steps * STEP_S > self._timing.red_from_s + _LONGEST_GREEN_S
         state = str(libsumo.trafficlight.getRedYellowGreenState(signal))
         if not arrivals or overdue:
@@ -303,7 +306,7 @@ class GapOut:
             yellow = yellow_after(phases, number, link)
             if yellow is None:
                 self._waiting = False
-            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + BEFORE_EMV_S:
+            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + self._least_red_s:
                 libsumo.trafficlight.setPhase(signal, yellow[0])
                 self._waiting = False
             elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
@@ -312,7 +315,7 @@ class GapOut:
     def _keep_lanes(self, present: Collection[str]) -> None:
         """Lets vehicles keep their lanes up to the line: on the way to others they would drive in front of the EMV."""
         for name in [name for name in self._in_lane if name in present]:
-            before = bool(_gaps_m(name, self._timing.signal_id))
+            before = bool(self._gaps_m(name))
             if before != self._in_lane[name]:
                 libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if before else DEFAULT_LANE_CHANGE_MODE)
                 self._in_lane[name] = before
@@ -322,7 +325,7 @@ class GapOut:
     def _emv_s(self, present: Collection[str]) -> float:
         """Least time in which the EMV reaches the signal, behind vehicles at its speed; infinite once it has passed."""
         name = self._timing.emv
-        gaps_m = _gaps_m(name, self._timing.signal_id) if name in present else []
+        gaps_m = self._gaps_m(name) if name in present else []
         if not gaps_m:
             return math.inf
         mps = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
@@ -333,15 +336,15 @@ class GapOut:
         soonest_s = self._timing.emv_from_s - self._steps * STEP_S
         return max(float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2)), soonest_s)
 
+    def _arrivals_s(self, name: str) -> list[float]:
+        """Time in which a vehicle reaches the signal at its present speed; empty once it has passed."""
+        speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+        return [gap_m / speed for gap_m in self._gaps_m(name)]
 
-def _arrivals_s(name: str, signal: str) -> list[float]:
-    """Time in which a vehicle reaches a signal at its present speed; empty once it has passed."""
-    speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
-    return [gap_m / speed for gap_m in _gaps_m(name, signal)]
-
-
-def _gaps_m(name: str, signal: str) -> list[float]:
-    return [float(gap_m) for ahead, _, gap_m, _ in libsumo.vehicle.getNextTLS(name)[:1] if ahead == signal]
+    def _gaps_m(self, name: str) -> list[float]:
+        signal, links = self._timing.signal_id, self._timing.approach
+        ahead = libsumo.vehicle.getNextTLS(name)[:1]
+        return [float(gap_m) for one, link, gap_m, _ in ahead if one == signal and (not links or link in links)]
 
 
 # This is no parameter: it decides where a driver begins to stop at the end of the road.

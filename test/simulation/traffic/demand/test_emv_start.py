@@ -438,7 +438,9 @@ def test_the_signal_turns_red_before_the_emv_arrives() -> None:
     """
     crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
     traffic = plan(crossing, signal=SignalDemand(4.0)).signal
-    assert traffic == SignalTiming("J", 1, pytest.approx(11.82, abs=0.05), (3,), (), "emv0", pytest.approx(15.0))
+    assert traffic == SignalTiming(
+        "J", 1, pytest.approx(11.82, abs=0.05), (3,), (), "emv0", pytest.approx(15.0), (0, 2, 1)
+    )
     assert plan(crossing, signal=None).signal is None
     stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
     timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal

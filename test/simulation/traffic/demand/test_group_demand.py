@@ -156,7 +156,7 @@ def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
     straight = Polyline.through([(-100.0, -5.25), (-18.85, -5.25)])
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], centre=Polyline.through(np.concatenate((straight.points, bend))))
     bent = replace(NETWORK, lanes=tuple(lanes))
-    fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0, first_gap_m=12.0 * 1.6 - 4.5)
+    fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0, first_gap_m=12.0)
     (row,) = rows(fast, network=bent)
     (flat,) = rows(fast)
     assert flat.most_m - flat.anchor_m == pytest.approx(12.0 * 12.0, abs=1.0)
@@ -662,10 +662,10 @@ def test_a_stream_that_the_emv_comes_up_next_to_starts_where_it_comes_with_the_e
 
 @pytest.mark.parametrize(
     ("first_gap_m", "yellow_s", "gap_m"),
-    [(20.0, 3.0, 20.0), (30.0, 3.0, 22.0), (20.0, 5.0, 8.0 * 3.6 - 4.5), (5.0, 2.0, 8.0 * 1.6 - 4.5)],
+    [(20.0, 3.0, 20.0), (30.0, 3.0, 22.0), (15.0, 5.0, 8.0 * (5.0 - 7.0 / 3.0 + 0.4) - 4.5), (5.0, 2.0, 5.0)],
 )
 def test_the_red_lies_between_a_stream_and_the_emv(first_gap_m: float, yellow_s: float, gap_m: float) -> None:
-    """It begins 1.2 s behind the last vehicle, which drives on 1.8 s after the yellow, and 0.4 s before the EMV.
+    """It begins 0.4 s before the EMV comes. The last vehicle drives on 1 s + 8 / (2 · 3) s after the yellow began.
 
     The junction is 30 m long.
     """

@@ -323,7 +323,7 @@ def _signal(monkeypatch: pytest.MonkeyPatch) -> Signal:
 
 
 def gap_out(red_from_s: float = 5.0, platoon: tuple[str, ...] = ("a", "b")) -> GapOut:
-    return GapOut(SignalTiming(signal_id="s", link=1, red_from_s=red_from_s, crossing=(0,), platoon=platoon, emv="e"))
+    return GapOut(SignalTiming(signal_id="s", link=1, red_from_s=red_from_s, platoon=platoon, emv="e"))
 
 
 BOTH = {"a", "b"}
@@ -395,6 +395,28 @@ def test_the_platoon_keeps_its_lanes_up_to_the_line(signal: Signal) -> None:
         signal.arrivals_s, signal.modes = arrivals_s, []
         control.apply(BOTH)
         assert signal.modes == modes
+
+
+@pytest.mark.parametrize(("emv_s", "asked"), [(7.41, []), (7.39, [("phase", 1)])])
+def test_crossing_traffic_is_inside_when_the_emv_comes_however_late_the_platoon_is(
+    signal: Signal, emv_s: float, asked: list[tuple[str, float]]
+) -> None:
+    """It needs 4 s more than the EMV that only has to meet a red."""
+    signal.arrivals_s = {"a": 9.0, "e": emv_s}
+    GapOut(SignalTiming("s", 1, 5.0, crossing=(0,), platoon=("a",), emv="e")).apply({"a", "e"})
+    assert signal.asked == asked
+
+
+@pytest.mark.parametrize(("approach", "kept"), [((), True), ((1, 2), True), ((2,), False)])
+def test_who_comes_to_another_link_of_the_signal_has_passed(
+    signal: Signal, approach: tuple[int, ...], kept: bool
+) -> None:
+    """One signal may stand at several junctions, one behind the other."""
+    signal.arrivals_s = {"a": 1.0}
+    control = GapOut(SignalTiming("s", 1, 5.0, platoon=("a",), emv="e", approach=approach))
+    control.apply({"a"})
+    assert signal.modes == ([("a", KEEP_LANE_CHANGE_MODE)] if kept else [])
+    assert signal.asked == ([("phase", 1)] if kept else []), "nobody is waited for"
 
 
 def test_vehicles_beside_the_emv_keep_their_lanes_and_the_green_does_not_wait_for_them(signal: Signal) -> None:

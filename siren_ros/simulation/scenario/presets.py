@@ -92,6 +92,12 @@ class DriverPreset:
     oncoming: OncomingResponse = OncomingResponse()
     pedestrian_distance_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
     """Distance to an EMV with a siren at which a pedestrian waits at the kerb, or hurries over a crossing."""
+    rescue_at_once: float = 1.0
+    """Share of the drivers in a motorway's jam who form the rescue lane unasked."""
+    rescue_late: float = 0.0
+    """Share of those who form it only when an EMV with a siren comes; the others do not, unless they yield to it."""
+    rescue_near_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
+    """Distance to that EMV at which they do."""
     filtering: float = 0.0
     """Share of the motorcyclists who follow an EMV through the rescue lane."""
     drivers: Mapping[str, float] = field(default_factory=dict)
@@ -132,12 +138,22 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
     if top.has("pedestrian_distance_m"):
         distance = read_distribution(top.mapping("pedestrian_distance_m"), 0.0, 300.0)
         preset = replace(preset, pedestrian_distance_m=distance)
+    if top.has("rescue_lane"):
+        preset = _with_rescue_lane(preset, top.mapping("rescue_lane"))
     if top.has("filtering"):
         preset = replace(preset, filtering=top.number("filtering", 0.0, 1.0))
     if top.has("drivers"):
         preset = replace(preset, drivers=_drivers(top.mapping("drivers")))
     top.finish()
     return preset
+
+
+def _with_rescue_lane(preset: DriverPreset, section: StrictMapping) -> DriverPreset:
+    at_once = section.number("at_once", 0.0, 1.0)
+    late = section.number("late", 0.0, 1.0 - at_once)
+    near = read_distribution(section.mapping("near_m"), 0.0, 1000.0)
+    section.finish()
+    return replace(preset, rescue_at_once=at_once, rescue_late=late, rescue_near_m=near)
 
 
 def _drivers(section: StrictMapping) -> dict[str, float]:

@@ -90,6 +90,13 @@ def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path):
         load_preset(str(file))
 
 
+def test_only_in_the_paper_everybody_forms_the_rescue_lane() -> None:
+    paper, realistic = load_preset("paper"), load_preset("realistic")
+    assert (paper.rescue_at_once, paper.rescue_late) == (1.0, 0.0)
+    assert (realistic.rescue_at_once, realistic.rescue_late) == (0.4, 0.45)
+    assert realistic.rescue_near_m == TruncatedNormal(100.0, 30.0, 30.0, 200.0)
+
+
 def test_a_distribution_is_scaled_and_shifted_as_its_values_are():
     drawn = TruncatedNormal(4.0, 1.0, 2.0, 7.0)
     assert drawn.scaled(1.5) == TruncatedNormal(6.0, 1.5, 3.0, 10.5)

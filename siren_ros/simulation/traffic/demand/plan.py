@@ -214,6 +214,8 @@ class PlannedVehicle:
     """Whether the driver sees an EMV that crosses against a signal or sign."""
     oncoming_share: float = 1.0
     """Share of the wished speed to which the driver slows down for an EMV from ahead; 1 for no reaction."""
+    rescue_m: float = math.inf
+    """Distance to an EMV with a siren within which the driver forms a rescue lane; infinite for who does unasked."""
     filters: bool = False
     """Whether a motorcyclist follows an EMV through the rescue lane."""
 
@@ -345,6 +347,7 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
                 vehicle,
                 attentive=among(attentive, f"attention/{purpose}", index),
                 oncoming_share=oncoming.speed_share if among(oncoming.share, f"oncoming/{purpose}", index) else 1.0,
+                rescue_m=_rescue_m(preset, seed, purpose, index) if plan.duty else vehicle.rescue_m,
             )
             for index, vehicle in enumerate(getattr(plan, purpose))
         )
@@ -361,6 +364,16 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
     background, reserve = drawn("background"), drawn("reserve")
     plan = replace(plan, walkers=walkers, riders=riders, attention=(seed, attentive, oncoming))
     return replace(plan, groups=drawn("groups"), background=background, reserve=reserve)
+
+
+def _rescue_m(preset: DriverPreset, seed: int, purpose: str, index: int) -> float:
+    if preset.rescue_at_once >= 1.0:
+        return math.inf
+    rng = random_stream(seed, f"rescue_lane/{purpose}", index)
+    share = rng.random() - preset.rescue_at_once
+    if share < 0.0:
+        return math.inf
+    return preset.rescue_near_m.draw(rng) if share < preset.rescue_late else 0.0
 
 
 def with_emv_drivers(plan: TrafficPlan, sumo: SumoEmvDriver) -> TrafficPlan:

@@ -174,11 +174,20 @@ def coming_to_jam(x_m: Floats, y_m: Floats, angle_deg: Floats, speed_mps: Floats
     return comes
 
 
+def forming(x_m: Floats, y_m: Floats, within_m: Floats, sirens: Flags) -> Flags:
+    """Which drivers form the lane: unasked, with an infinite distance ``within_m``, or with a siren within it."""
+    forms = np.isinf(within_m)
+    for row in np.flatnonzero(sirens).tolist():
+        forms |= np.hypot(x_m - x_m[row], y_m - y_m[row]) < within_m
+    return forms
+
+
 class RescueLane:
     """Tells SUMO which drivers keep to the side."""
 
-    def __init__(self, network: RoadNetwork, *, filtering: bool) -> None:
-        """Takes the road network and whether a motorcyclist of the episode may filter (``filtering``)."""
+    def __init__(self, network: RoadNetwork, *, filtering: bool, siren: bool) -> None:
+        """Takes the road network, whether a motorcyclist may filter, and whether EMVs sound a siren."""
+        self._siren = siren
         self._side_of_lane = np.append(rescue_sides(network), np.int8(0))
         """By lane; the last one is that off the road."""
         self._kept: dict[str, int] = {}
@@ -198,6 +207,9 @@ class RescueLane:
         numbers = columns.numbers
         comes = coming_to_jam(numbers[X], numbers[Y], numbers[ANGLE], numbers[SPEED], side != 0)
         sides = kept_sides(side, before, numbers[SPEED], comes)
+        within_m = np.array([vehicles[name].rescue_m if name in vehicles else np.inf for name in names])
+        sirens = columns.which(emvs if self._siren else ())
+        sides[(before == 0) & ~forming(numbers[X], numbers[Y], within_m, sirens)] = 0
         sides[outside | columns.which(emvs)] = 0
         if self._riders is not None:
             sides = np.where(self._riders.apply(columns, vehicles, sides != 0, emvs), -sides, sides)
@@ -418,7 +430,7 @@ def _rescue_lane(setting: Setting) -> Act | None:
     if not setting.plan.duty:
         return None
     filtering = any(vehicle.filters for vehicle in (*setting.plan.groups, *setting.plan.riders))
-    lane, emvs = RescueLane(setting.network, filtering=filtering), setting.emvs
+    lane, emvs = RescueLane(setting.network, filtering=filtering, siren=setting.policy.siren), setting.emvs
     return lambda road: lane.apply(road.columns, road.vehicles, road.outside, emvs)
 
 

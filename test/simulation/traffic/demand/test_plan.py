@@ -147,6 +147,19 @@ def test_the_share_is_met_and_the_emv_is_not_drawn() -> None:
     assert attentive(with_responses(plan(50, 5), responding(0.0), 0).groups) == [False] * 5
 
 
+def test_drivers_in_a_jam_form_the_rescue_lane_at_once_late_or_not() -> None:
+    preset = load_preset("realistic")
+    reach_m = np.array([car.rescue_m for car in with_responses(replace(plan(2000), duty=True), preset, 3).background])
+    assert 0.37 < np.mean(np.isinf(reach_m)) < 0.43
+    assert 0.12 < np.mean(reach_m == 0.0) < 0.18
+    late_m = reach_m[np.isfinite(reach_m) & (reach_m > 0.0)]
+    assert 30.0 <= late_m.min() < 60.0
+    assert 95.0 < late_m.mean() < 105.0
+    assert 150.0 < late_m.max() <= 200.0
+    for unasked in (with_responses(plan(9), preset, 3), with_responses(replace(plan(9), duty=True), responding(), 3)):
+        assert all(np.isinf(car.rescue_m) for car in unasked.background)
+
+
 def test_each_driver_has_a_draw_of_its_own() -> None:
     few, many = with_responses(plan(10, 3), responding(0.5), 4), with_responses(plan(30, 5), responding(0.5), 4)
     assert attentive(many.background)[:10] == attentive(few.background)

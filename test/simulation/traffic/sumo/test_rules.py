@@ -1,5 +1,6 @@
 """Which rules an episode has, and what those about making way do."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,7 @@ from siren_ros.simulation.traffic.sumo.rules import (
     acts_of,
     coming_to_jam,
     filter_speeds_mps,
+    forming,
     kept_sides,
 )
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Owner, TrafficState, rows_of_ids
@@ -240,6 +242,16 @@ NOBODY = np.zeros(3, np.bool_)
 
 def sides(*values: int) -> np.ndarray:
     return np.array(values, np.int8)
+
+
+def test_who_forms_the_lane_unasked_late_or_not_at_all() -> None:
+    x_m, within_m = np.array([0.0, 50.0, 50.0, 90.0, 50.0]), np.array([math.inf, math.inf, 60.0, 60.0, 0.0])
+    emv, nobody = np.array([True, False, False, False, False]), np.zeros(5, np.bool_)
+    assert forming(x_m, np.zeros(5), within_m, emv).tolist() == [True, True, True, False, False]
+    assert forming(x_m, np.zeros(5), within_m, nobody).tolist() == [True, True, False, False, False]
+    last = np.array([False, False, False, False, True])
+    both = forming(x_m, np.array([0.0, 0.0, 100.0, 0.0, 0.0]), within_m, emv | last)
+    assert both.tolist() == [True, True, False, True, False]  # the second EMV counts as the first does
 
 
 @pytest.mark.parametrize("side", [LEFT, RIGHT])

@@ -86,7 +86,7 @@ class Interval:
 
     def __format__(self, spec: str) -> str:
         """``2.28 [2.10, 2.43]``; ``2.28 [–]`` without bounds; a dash without a value."""
-        return f"{self.value:{spec}} {Bounds(self):{spec}}" if self.valid else NONE
+        return f"{self.value:{_spec_for(spec, self.value)}} {Bounds(self):{spec}}" if self.valid else NONE
 
     def scaled(self, factor: float) -> "Interval":
         """The interval in another unit, such as percent; the factor is positive."""
@@ -112,7 +112,16 @@ class Bounds:
         """``[2.10, 2.43]``; ``[–]`` for a value without bounds; a dash without a value."""
         if not self.interval.bounded:
             return f"[{NONE}]" if self.interval.valid else NONE
-        return f"[{self.interval.low:{spec}}, {self.interval.high:{spec}}]"
+        low, high = (f"{end:{_spec_for(spec, end)}}" for end in (self.interval.low, self.interval.high))
+        return f"[{low}, {high}]"
+
+
+_HUGE: Final = 1e12
+
+
+def _spec_for(spec: str, value: float) -> str:
+    """The format of a number; huge ones, which only errors of a program give, have few digits and an exponent."""
+    return ".3g" if abs(value) >= _HUGE and spec.endswith("f") else spec
 
 
 NOTHING: Final = Interval(0.0, 0.0, 0.0, 0)
@@ -291,6 +300,8 @@ def shown(cell: Cell, spec: str = ".2f") -> str:
         return NONE
     if isinstance(cell, str):
         return shown_text(cell)
+    if isinstance(cell, float):
+        return f"{cell:{_spec_for(spec, cell)}}"
     return f"{cell:,}" if isinstance(cell, int) else f"{cell:{spec}}"
 
 

@@ -1,21 +1,25 @@
 """``siren leaderboard TASK FOLDER``: submissions ranked on the same episodes or videos, with paired tests."""
 
 import argparse
+import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+import siren_ros
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.base.tables import text_of
+from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_processes, processes_of
 from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
-from siren_ros.data.recording.bag_reader import bags_among
-from siren_ros.errors import EXIT_OK, InputError, shown_text, write_text
+from siren_ros.data.recording.bag_reader import bags_among, read_episode
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError, shown_text, write_text
 from siren_ros.scoring.evaluation.detection.frames import frames_of, read_frames
 from siren_ros.scoring.evaluation.detection.result_files import read_detections
 from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, mean_ap_of_episodes
@@ -25,6 +29,7 @@ from siren_ros.scoring.evaluation.risk.scoring import checked_answers, correct_b
 from siren_ros.scoring.evaluation.risk.video_set import read_set
 from siren_ros.scoring.evaluation.scores import leaderboard, standings
 from siren_ros.scoring.evaluation.statistics import BlockSums, block_sums
+from siren_ros.simulation.scenario.episode import EpisodeIdentity, split_of
 
 Submissions = Mapping[str, Path]
 
@@ -127,13 +132,73 @@ def submissions_in(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Scores and ranks every submission."""
+    """Scores and ranks every submission that can be scored; the others are named, and the exit code is then 1."""
     task = TASKS[arguments.task]
-    sums = task.sums(arguments, submissions_in(arguments.folder, task.suffixes))
+    files = submissions_in(arguments.folder, task.suffixes)
+    sums, refused = _scored(partial(task.sums, arguments), files)
     rows = standings(sums, task.score, less_is_better=task.less_is_better)
     print("\n".join(text_of((leaderboard(rows, task.blocks),))))
+    for name, error in refused.items():
+        complain(f"siren leaderboard: {name} is not ranked: {error}")
     if arguments.out is not None:
         values, differences = ([row.json() for row in rows if bool(row.against) == asked] for asked in (False, True))
-        content = {"task": arguments.task, "rows": values, "differences": differences}
+        content = {
+            "task": arguments.task,
+            "version": siren_ros.__version__,
+            "rows": values,
+            "differences": differences,
+            "refused": {name: str(error) for name, error in refused.items()},
+            "submissions": {name: _sha256(path) for name, path in files.items()},
+            "scored_on": _set_of(arguments) if arguments.task == "risk" else _bags_of(arguments),
+        }
         write_text(arguments.out, json.dumps(content, indent=1) + "\n")
-    return EXIT_OK
+    return EXIT_FAILED if refused else EXIT_OK
+
+
+def _scored(
+    sums: Callable[[Submissions], dict[str, BlockSums]], files: Submissions
+) -> tuple[dict[str, BlockSums], dict[str, SirenError]]:
+    """The sums of all submissions, and the errors of those that cannot be scored; an error that all have is raised."""
+    try:
+        return sums(files), {}
+    except SirenError as error:
+        if len(files) == 1:
+            raise
+        first = error
+    found: dict[str, BlockSums] = {}
+    refused: dict[str, SirenError] = {}
+    for name, path in files.items():
+        try:
+            found |= sums({name: path})
+        except SirenError as error:
+            refused[name] = error
+    if not found:
+        raise first
+    return found, refused
+
+
+def _sha256(path: Path) -> str:
+    """Hash of a file, or of the names and contents of all files below a folder."""
+    digest = hashlib.sha256()
+    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        if file.is_file():
+            digest.update(b"" if file == path else str(file.relative_to(path)).encode() + b"\0")
+            with file.open("rb") as opened:
+                digest.update(hashlib.file_digest(opened, "sha256").digest() if path.is_dir() else opened.read())
+    return digest.hexdigest()
+
+
+def _set_of(arguments: argparse.Namespace) -> list[dict[str, str | int]]:
+    return [{"set": shown_text(arguments.set.name), "sha256": _sha256(arguments.set)}]
+
+
+def _bags_of(arguments: argparse.Namespace) -> list[dict[str, str | int]]:
+    """What the episodes of the ranking are, so that nobody chooses seeds, or those of the training, unseen."""
+    rows: list[dict[str, str | int]] = []
+    for bag in bags_among(arguments.bags):
+        episode = read_episode(bag).description
+        of_map = {"map": episode.map_name, "map_sha256": episode.map_sha256}
+        named = {"bag": shown_text(bag.name), "template": episode.template, "level": episode.level.name}
+        split = split_of(EpisodeIdentity.of(episode)).value
+        rows.append({**named, "seed": episode.seed, "split": split, **of_map, "sha256": _sha256(bag)})
+    return rows

@@ -268,3 +268,9 @@ def test_a_missing_value_and_a_missing_page_are_errors() -> None:
         render_page("made")
     with pytest.raises(TemplateNotFound):
         render_page("no_such", value=1)
+
+
+@pytest.mark.parametrize(("value", "text"), [(1e200, "1e+200"), (-2.5e13, "-2.5e+13"), (9.9e11, "990000000000.00")])
+def test_huge_numbers_have_few_digits(value: float, text: str) -> None:
+    assert shown(value) == text
+    assert f"{Interval(value, value, value, 9):.2f}" == f"{text} [{text}, {text}]"

@@ -19,6 +19,7 @@ from siren_ros.scoring.evaluation.risk.scoring import balanced_accuracy, correct
 from siren_ros.scoring.evaluation.risk.video_set import write_set
 from siren_ros.scoring.evaluation.scores import Score, Scores, csv_of, leaderboard, standings
 from siren_ros.scoring.evaluation.statistics import BlockSums
+from siren_ros.simulation.scenario.episode import EpisodeIdentity, split_of
 
 SURE = Interval(2.0, 1.0, 3.0, 6)
 VALUES = (
@@ -137,7 +138,7 @@ def test_the_command_ranks_files_of_answers(tmp_path, capsys):
         submissions_in(folder, (".parquet",))
 
 
-def test_the_command_ranks_predictions(tmp_path, typestore):
+def test_the_command_ranks_predictions_and_names_those_that_cannot_be_scored(tmp_path, typestore, capsys):
     """Two submissions to a drive: the truth, and the truth one metre to the left."""
     bag = write_made_bag(tmp_path / "S2_drive", typestore, BagSpec(steps=262, sensed=False))
     samples = samples_of(read_episode(bag), HistoryWindow(), Population.REGION)
@@ -157,9 +158,29 @@ def test_the_command_ranks_predictions(tmp_path, typestore):
         pq.write_table(pa.table(columns), folder / f"{name}.parquet")
     out = tmp_path / "board.json"
     assert main(["leaderboard", "prediction", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 0
-    board = json.loads(out.read_text())["rows"]
-    assert [row["model"] for row in board] == ["near", "far"]
-    assert [row["value"] for row in board] == pytest.approx([0.0, 1.0], abs=1e-9)
+    board = json.loads(out.read_text())
+    assert [row["model"] for row in board["rows"]] == ["near", "far"]
+    assert [row["value"] for row in board["rows"]] == pytest.approx([0.0, 1.0], abs=1e-9)
+    (episode,) = board["scored_on"]
+    assert (episode["bag"], episode["template"], episode["seed"]) == ("S2_drive", "S2", 0)
+    assert episode["split"] == split_of(EpisodeIdentity.of(read_episode(bag).description)).value
+    whole = {name: len(digest) for name, digest in {**board["submissions"], "bag": episode["sha256"]}.items()}
+    assert whole == {"far": 64, "near": 64, "bag": 64}
+
+    far = pq.read_table(folder / "far.parquet")
+    pq.write_table(far.slice(1), folder / "lacks.parquet")
+    pq.write_table(far.set_column(6, "y", [[[float("nan")] * len(xy[0])] * len(samples)]), folder / "nan.parquet")
+    (folder / "torn.parquet").write_bytes(b"PAR1")
+    huge = [[1e200] * len(xy[0])] * len(samples)
+    pq.write_table(far.set_column(6, "y", [huge]), folder / "huge.parquet")
+    capsys.readouterr()
+    assert main(["leaderboard", "prediction", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 1
+    printed = capsys.readouterr()
+    board = json.loads(out.read_text())
+    assert [row["model"] for row in board["rows"]] == ["near", "far"]
+    assert set(board["refused"]) == {"huge", "lacks", "nan", "torn"}
+    assert all(f"{name} is not ranked" in printed.err for name in board["refused"])
+    assert "0" * 20 not in printed.err
 
 
 def test_the_command_ranks_detections(tmp_path, typestore):

@@ -18,6 +18,8 @@ _HALF_WINDOW_M: Final = 2.0
 """Half of the length over which the change of heading gives the curvature; the length is less than a bus's wheelbase. A
 corner of the polyline counts as a bend of this length."""
 _LEAST_CURVATURE_1PM: Final = 1e-6
+_CORNER_RAD: Final = 0.1
+"""Change of heading within a metre from which a path has a corner: rounded ones have a point for each 0.05 rad."""
 
 Speeds = npt.NDArray[np.float64]
 Number = TypeVar("Number", float, Speeds)
@@ -68,10 +70,20 @@ def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[n
 def bend_speeds_mps(path: Polyline, lateral_accel_mps2: float) -> Speeds:
     """Speed at which each metre of a path causes a lateral acceleration: ``sqrt(a / curvature)``, shape ``(K,)``.
 
-    Sample i lies at ``i * SAMPLE_M``; the last one lies at or before the end of the path.
+    Sample i lies at ``i * SAMPLE_M``; the last one lies at or before the end of the path. Corners count with half of
+    their own curvature, too: the centre of a body with both ends on the path turns by half when its front passes one.
     """
     s_m = np.arange(0.0, path.length_m, SAMPLE_M)
-    return np.sqrt(lateral_accel_mps2 / np.maximum(curvature_1pm(path, s_m), _LEAST_CURVATURE_1PM))
+    return np.sqrt(lateral_accel_mps2 / np.maximum(curvature_1pm(path, s_m), _corners_1pm(path, len(s_m))))
+
+
+def _corners_1pm(path: Polyline, samples: int) -> Speeds:
+    """Half of the curvature at the corners near each sample, by chords of ``SAMPLE_M``; least where there is none."""
+    way = np.diff(path.at(0.5 * SAMPLE_M * np.arange(2 * samples)).reshape(-1, 2), axis=0)
+    heading = np.unwrap(np.arctan2(*(way[1:] + way[:-1]).T[::-1]))
+    turned = np.abs(heading[2:] - heading[:-2])
+    near = np.max([np.pad(turned, (2 + shift, 4 - shift))[: 2 * samples : 2] for shift in (-1, 0, 1)], axis=0)
+    return np.where(near > _CORNER_RAD, 0.5 * near / SAMPLE_M, _LEAST_CURVATURE_1PM)
 
 
 def with_braking(speeds_mps: Speeds, decel_mps2: float) -> Speeds:

@@ -32,6 +32,17 @@ def test_a_corner_near_an_end_of_a_path_bends_it_no_more_than_elsewhere(corner_m
     assert curvature.max() == pytest.approx(turned / 4.0)
 
 
+@pytest.mark.parametrize("way_m", [1.0, 3.0, 20.0])
+def test_corners_to_both_sides_slow_down_as_each_alone_does(way_m):
+    """A lane goes aside and on again: the headings before and behind are one."""
+    turned, ahead = 0.5, np.array([1.0, 0.0])
+    aside = np.array([np.cos(turned), np.sin(turned)])
+    path = Polyline.through(np.cumsum([(0.0, 0.0), 10.0 * ahead, way_m * aside, 10.0 * ahead], axis=0))
+    speeds = braking.bend_speeds_mps(path, 3.0)
+    assert speeds.min() == pytest.approx(np.sqrt(3.0 / (0.5 * turned)), rel=1e-6)
+    assert speeds[:8].min() > 1e3
+
+
 def test_a_straight_road_has_no_limit():
     assert braking.bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
 

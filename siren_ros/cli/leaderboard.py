@@ -1,7 +1,6 @@
 """``siren leaderboard TASK FOLDER``: submissions ranked on the same episodes or videos, with paired tests."""
 
 import argparse
-import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping
@@ -13,6 +12,7 @@ from typing import Final
 import numpy as np
 
 import siren_ros
+from siren_ros.base.params.plain_files import sha256_of
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.base.tables import text_of
 from siren_ros.cli.command import complain
@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
             "rows": values,
             "differences": differences,
             "refused": {name: str(error) for name, error in refused.items()},
-            "submissions": {name: _sha256(path) for name, path in files.items()},
+            "submissions": {name: sha256_of(path) for name, path in files.items()},
             "scored_on": _set_of(arguments) if arguments.task == "risk" else _bags_of(arguments),
         }
         write_text(arguments.out, json.dumps(content, indent=1) + "\n")
@@ -177,19 +177,8 @@ def _scored(
     return found, refused
 
 
-def _sha256(path: Path) -> str:
-    """Hash of a file, or of the names and contents of all files below a folder."""
-    digest = hashlib.sha256()
-    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-        if file.is_file():
-            digest.update(b"" if file == path else str(file.relative_to(path)).encode() + b"\0")
-            with file.open("rb") as opened:
-                digest.update(hashlib.file_digest(opened, "sha256").digest() if path.is_dir() else opened.read())
-    return digest.hexdigest()
-
-
 def _set_of(arguments: argparse.Namespace) -> list[dict[str, str | int]]:
-    return [{"set": shown_text(arguments.set.name), "sha256": _sha256(arguments.set)}]
+    return [{"set": shown_text(arguments.set.name), "sha256": sha256_of(arguments.set)}]
 
 
 def _bags_of(arguments: argparse.Namespace) -> list[dict[str, str | int]]:
@@ -200,5 +189,5 @@ def _bags_of(arguments: argparse.Namespace) -> list[dict[str, str | int]]:
         of_map = {"map": episode.map_name, "map_sha256": episode.map_sha256}
         named = {"bag": shown_text(bag.name), "template": episode.template, "level": episode.level.name}
         split = split_of(EpisodeIdentity.of(episode)).value
-        rows.append({**named, "seed": episode.seed, "split": split, **of_map, "sha256": _sha256(bag)})
+        rows.append({**named, "seed": episode.seed, "split": split, **of_map, "sha256": sha256_of(bag)})
     return rows

@@ -5,6 +5,7 @@ A fault of JSON, Parquet or arrays is a ValueError. A trained network is an ONNX
 
 import hashlib
 import json
+import os
 import re
 import sys
 import zipfile
@@ -151,3 +152,13 @@ def write_network(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:
             file.write_bytes(weights)
         with whole_file(card_path(path)) as file:
             file.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+
+
+def sha256_of(path: Path) -> str:
+    """Hash of a file's bytes; of a folder that of the names and hashes of all files below it."""
+    if path.is_dir():
+        files = (file for file in sorted(path.rglob("*")) if file.is_file())
+        names = "".join(f"{file.relative_to(path).as_posix()}\0{sha256_of(file)}\n" for file in files)
+        return hashlib.sha256(os.fsencode(names)).hexdigest()
+    with path.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()

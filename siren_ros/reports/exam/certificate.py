@@ -164,16 +164,18 @@ def as_json(certificate: Certificate) -> str:
         "siren": __version__,
         "driver": certificate.driver,
         "rulebook": book.name,
+        "rulebook_sha256": book.sha256,
+        "heard_m": book.heard_m,
+        "reaction_s": book.reaction_s,
         "passed": certificate.passed,
         "grade": certificate.grade,
         "means": {key: mean.json() for key, mean in certificate.means().items()},
-        "clauses": [
-            {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source} for one in book.clauses
-        ],
+        "clauses": [_clause_as_json(certificate, number) for number in range(len(book.clauses))],
         "episodes": [
             {
                 "episode": shown_text(sitting.episode),
                 "bag": shown_text(sitting.bag),
+                "bag_sha256": plain_files.sha256_of(Path(sitting.bag)) if Path(sitting.bag).exists() else None,
                 "actor_id": sitting.actor_id,
                 "grade": sitting.grade,
                 "no_result": shown_text(sitting.lack),
@@ -185,6 +187,15 @@ def as_json(certificate: Certificate) -> str:
         ],
     }
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _clause_as_json(certificate: Certificate, number: int) -> dict[str, Any]:
+    """A clause with its limits, and in how many episodes it applied: one that never did says nothing of a driver."""
+    one = certificate.rulebook.clauses[number]
+    grades = [sitting.marks[number].grade for sitting in certificate.graded]
+    limits = {"monitor": one.monitor, "numbers": dict(one.numbers), "minor": one.minor, "major": one.major}
+    named = {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source}
+    return {**named, **limits, "applied": sum(grade is not Grade.NOT_APPLICABLE for grade in grades)}
 
 
 def _mark_as_json(mark: Mark) -> dict[str, Any]:
@@ -367,8 +378,8 @@ def compared(first: Content, second: Content) -> Table:
 
 
 def _compared(first: Content, second: Content) -> Table:
-    if first["rulebook"] != second["rulebook"]:
-        raise InputError("certificate", second["rulebook"], f"one of the rulebook {first['rulebook']}")
+    if first["rulebook_sha256"] != second["rulebook_sha256"]:
+        raise InputError("certificate", second["rulebook"], f"one of the same rulebook, {first['rulebook']}")
     sides = [{one["episode"]: one for one in content["episodes"] if one["marks"]} for content in (first, second)]
     both = [(sides[0][name], sides[1][name]) for name in sorted(sides[0].keys() & sides[1].keys())]
     if not both:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.base.numerics.arrays import Brief
-from siren_ros.base.params.folders import named_params_file
+from siren_ros.base.params.folders import named_params_file, params_dir
 from siren_ros.base.params.parameters import StrictMapping, read_strict_yaml
+from siren_ros.base.params.plain_files import sha256_of
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError, shown_text
 from siren_ros.reports.exam.examinee import Examinee
@@ -55,22 +56,26 @@ class Rulebook(Brief):
     reaction_s: float
     """Time after which a driver has to respond."""
     clauses: tuple[Clause, ...]
+    sha256: str = ""
+    """Hash of its file."""
 
 
 def load_rulebook(name_or_path: str) -> Rulebook:
-    """A rulebook by its name in ``params/rulebooks``, or of a file.
+    """A rulebook by its name in ``params/rulebooks``, or of a file, whose name then says so.
 
     Raises:
         InputError: No such file, or one that cannot be used; names file, line, key, value and what is allowed.
     """
     file = named_params_file("rulebook", FOLDER, name_or_path)
     root = read_strict_yaml(file)
+    shipped = file.resolve().parent == (params_dir() / FOLDER).resolve()
     book = Rulebook(
-        name=shown_text(file.stem),
+        name=shown_text(file.stem if shipped else f"own rulebook {file.name}"),
         title=_text(root, "title"),
         heard_m=root.number("heard_m", 1.0, 500.0),
         reaction_s=root.number("reaction_s", 0.0, 10.0),
         clauses=tuple(_clause(entry) for entry in root.mappings("clauses")),
+        sha256=sha256_of(file),
     )
     root.finish()
     ids = [clause.clause_id for clause in book.clauses]

@@ -9,6 +9,8 @@ from defusedxml import ElementTree
 from hand_made_record import Driven
 from made_encounters import CAR, IN_LANE, arc, record_of
 
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.plain_files import sha256_of
 from siren_ros.errors import InputError
 from siren_ros.reports.exam.certificate import (
     Certificate,
@@ -19,7 +21,7 @@ from siren_ros.reports.exam.certificate import (
     read_certificate,
     violations_of,
 )
-from siren_ros.reports.exam.grading import Grade, Sitting, examine, load_rulebook
+from siren_ros.reports.exam.grading import FOLDER, Grade, Sitting, examine, load_rulebook
 from siren_ros.reports.study_report.page import EpisodePages, html_of
 from siren_ros.running.generation.closed_loop import AnswerTimes
 
@@ -169,6 +171,7 @@ def made_certificate(driver, grades, delays=(), rulebook="california"):
     return {
         "driver": driver,
         "rulebook": rulebook,
+        "rulebook_sha256": f"hash of {rulebook}",
         "clauses": [{"title": "Stands"}],
         "episodes": [
             {
@@ -218,6 +221,22 @@ def test_what_they_do_to_others_is_compared_where_both_know_it():
     assert delay[4].value == pytest.approx(5 / 6)
     without = compared(made_certificate("a", grades), made_certificate("b", grades))
     assert without.rows[-1][1] == 0
+
+
+def test_a_rulebook_with_other_limits_passes_for_no_shipped_one(tmp_path):
+    forged = tmp_path / "california.yaml"
+    shipped = (params_dir() / FOLDER / "california.yaml").read_text()
+    forged.write_text(shipped.replace("minor: 4", "minor: 4000", 1).replace("major: 8", "major: 8000", 1))
+    own = load_rulebook(str(forged))
+    assert own.name == "own rulebook california.yaml"
+    assert own.sha256 != BOOK.sha256 == sha256_of(params_dir() / FOLDER / "california.yaml")
+    told = json.loads(as_json(Certificate("d", own, ())))
+    assert (told["rulebook"], told["rulebook_sha256"]) == (own.name, own.sha256)
+    assert [clause["major"] for clause in told["clauses"]] == [clause.major for clause in own.clauses]
+    assert {clause["applied"] for clause in told["clauses"]} == {0}
+    first, second = made_certificate("a", ["pass"]), made_certificate("b", ["pass"])
+    with pytest.raises(InputError, match="same rulebook"):
+        compared(first, second | {"rulebook_sha256": own.sha256})
 
 
 def test_certificates_that_cannot_be_compared_are_refused(tmp_path):

@@ -401,15 +401,9 @@ def tight_lanes(network: RoadNetwork) -> frozenset[tuple[int, int]]:
 
 def _bus_on(network: RoadNetwork, way: Connection) -> Way:
     """A bus that comes to a junction and leaves it."""
-    (length_m, width_m), (before, after) = _BUS_M, (network.lanes[way.from_lane], network.lanes[way.to_lane])
-    across, centre = movement_path(network, way), before.centre
-    line = Polyline.joined(
-        [
-            *(centre.cut(max(centre.length_m - length_m, 0.0), centre.length_m), across),
-            after.centre.cut(0.0, min(after.length_m, length_m)),
-        ]
-    ).resampled(STEP_M)
-    start_m = min(length_m, centre.length_m) - 0.5 * length_m
-    pose = (*line.at(max(start_m, 0.0)).tolist(), float(line.heading_rad(max(start_m, 0.0))))
-    spacing_m = line.length_m / (len(line.points) - 1)
-    return Way(line.points, spacing_m, start_m, 0.0, pose, across.length_m + length_m, 0.5 * length_m, 0.5 * width_m)
+    length_m, width_m = _BUS_M
+    lanes = [network.lanes[lane].centre for lane in (way.from_lane, *way.via, way.to_lane)]
+    line, start_m = Polyline.joined(lanes).resampled(STEP_M), max(lanes[0].length_m - 0.5 * length_m, 0.0)
+    pose = (*line.at(start_m).tolist(), float(line.heading_rad(start_m)))
+    spacing_m, reach_m = line.length_m / (len(line.points) - 1), network.length_m(way.via) + length_m
+    return Way(line.points, spacing_m, start_m, 0.0, pose, reach_m, 0.5 * length_m, 0.5 * width_m)

@@ -20,7 +20,7 @@ from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import civilian_movements, driving_lanes, path_centre, route_path
-from siren_ros.simulation.roads.sites import Site, overlaps
+from siren_ros.simulation.roads.sites import Site, SiteKind, overlaps
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
 from siren_ros.simulation.traffic.demand.emv_start import (
@@ -177,6 +177,8 @@ class _Planner:
             riders_kept=self._wanted,
             walkers=walkers,
             walkers_kept=walkers_kept,
+            # Drivers at its stop lines would wait for people, one after the other, and the EMV behind them.
+            uncrossed=(self._site.junction or "") if self._site.kind is SiteKind.STOP_JUNCTION else "",
             traffic=self._traffic,
         )
 

@@ -48,6 +48,9 @@ _IN_TURN_M: Final = 8.0
 from the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
 _TURN_S: Final = 4.0
 """That time: with one lane, so many leave before the EMV comes, and one more is left that it meets."""
+_RIDERS_TURN_S: Final = 9.6
+"""Time between two vehicles of such a queue with somebody on each other approach (Highway Capacity Manual 2000, chapter
+17: saturation headway at all-way stops), as with riders around. The EMV takes the turn after the last of them."""
 _OVERTAKEN: Final = 1.0 / 3.0
 """Share of the EMV's way to the stop line on which vehicles next to it start. At 30 km/h instead of 50 they do not come
 to a queue at red before the EMV has passed them, and change into its lane."""
@@ -351,14 +354,19 @@ def plan_groups(
     on_top = 0
     arrival_s = unhindered_arrival_s(network, start, template.emv, bound_s_of(site, template))
     red_before_s = template.signal.red_before_arrival_s if template.signal else 0.0
-    for group in template.demand.groups:
+    held_up = site.kind is SiteKind.STOP_JUNCTION and any(vars(template.demand.people).values())
+    most = max(int(template.duration_s / _RIDERS_TURN_S) - 1, 1) if held_up else template.demand.background_vehicles
+    for asked in template.demand.groups:
+        leads = held_up and asked.placement is Placement.EMV_LANE
+        group = replace(asked, vehicles=min(asked.vehicles, most)) if leads else asked
         rng = random_stream(seed, f"demand/group/{group.name}")
         rows = group_rows(network, site, start, group, arrival_s, rng, red_before_s)
         every = group.placement is Placement.EVERY_LANE
         wanted = group.vehicles * (len(rows) if every else min(len(rows), 1))
         if not rows and site.kind is SiteKind.STOP_JUNCTION:  # the queue of other lanes is behind the one in this lane
             queue = [approach_row(network, site, start, travel_lane(network, site))]
-            wanted = max(min(group.vehicles, math.ceil(arrival_s / _TURN_S) + 1 - len(vehicles)), 0)
+            in_time = min(math.ceil(arrival_s / _TURN_S) + 1, most)
+            wanted = max(min(group.vehicles, in_time - len(vehicles)), 0)
         else:
             queue = rows
         before = len(vehicles)

@@ -319,6 +319,8 @@ class TrafficPlan:
     walkers: tuple[PlannedWalker, ...] = ()
     """Pedestrians. The first ``walkers_kept`` enter at step 0, the others when one has arrived."""
     walkers_kept: int = 0
+    uncrossed: str = ""
+    """Junction at which no pedestrian crosses a street; empty for none."""
     traffic: TrafficDrivers = field(default_factory=TrafficDrivers)
     """Parameters of all drivers."""
     own: OwnDemand | None = None

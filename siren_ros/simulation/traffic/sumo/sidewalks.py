@@ -22,11 +22,11 @@ class Corners:
     """Which sidewalks meet at the corners of junctions, and which corners crossings join, as the running SUMO has them.
 
     SUMO 1.28 moves who has to cross two streets at a signal from the corner where they wait to another crossing that
-    has green, 15 m in one step. So nobody here walks such a way.
+    has green, 15 m in one step. So nobody here walks such a way, nor over a street at the junction ``uncrossed``.
     """
 
-    def __init__(self, network: RoadNetwork) -> None:
-        self._network = network
+    def __init__(self, network: RoadNetwork, uncrossed: str = "") -> None:
+        self._network, self._uncrossed = network, uncrossed
         self._at: dict[tuple[str, str], str] = {}
         """Corner of an edge at a junction."""
         beside: dict[str, set[str]] = {}
@@ -73,9 +73,13 @@ class Corners:
         Nobody leaves a street where he came from: SUMO moves those who turn back to the other side of the sidewalk.
         """
         one, two = (self._network.edge_by_id[edge] for edge in (before, after))
+        ends = {one.from_junction, one.to_junction} & {two.from_junction, two.to_junction}
+        at = self._uncrossed
+        if at in ends and self._at.get((before, at)) != self._at.get((after, at)):
+            return frozenset()  # two sides of a street also meet at its other end, but SUMO chooses where to cross
         return frozenset(
             junction
-            for junction in {one.from_junction, one.to_junction} & {two.from_junction, two.to_junction}
+            for junction in ends
             if (first := self._at.get((before, junction))) and (second := self._at.get((after, junction)))
             if first == second or frozenset((first, second)) in self._joined
         )

@@ -159,7 +159,7 @@ class Walkers:
         self._corners: Corners | None = None
         self._kerbs = Kerbs(network)
         self._offset_m = network.sumo_offset_m
-        self._kept = plan.walkers_kept
+        self._kept, self._uncrossed = plan.walkers_kept, plan.uncrossed
         sidewalks = (network.lane_by_id[f"{walker.edge}_0"].centre for walker in plan.walkers)
         places = [line.at(walker.place_m) for line, walker in zip(sidewalks, plan.walkers, strict=True)]
         self._reserve = Reserve(plan.walkers, [(float(x), float(y)) for x, y in places])
@@ -197,7 +197,7 @@ class Walkers:
         start_m = min(max(walker.place_m, _END_M), max(length_m - _END_M, 0.0))
         libsumo.person.add(walker.name, walker.edge, start_m, typeID=_type_id(walker))
         if self._corners is None:
-            self._corners = Corners(self._network)
+            self._corners = Corners(self._network, self._uncrossed)
         stages = self._corners.walks(walker.edge, walker.goals)
         for edges in stages:
             libsumo.person.appendWalkingStage(walker.name, edges, 0.5 * float(libsumo.lane.getLength(f"{edges[-1]}_0")))

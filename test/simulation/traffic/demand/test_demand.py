@@ -484,6 +484,22 @@ def test_riders_change_nothing_else(network: RoadNetwork) -> None:
     assert everyone(with_riders(network)) == everyone(plain)
 
 
+@pytest.mark.parametrize(("name", "uncrossed"), [("S5", True), ("S6", True), ("S4", False)])
+def test_no_pedestrian_crosses_where_drivers_stop_and_go(name: str, uncrossed: bool) -> None:
+    traffic, _, site = plan_of(name, CITY)
+    assert traffic.uncrossed == (site.junction if uncrossed else "")
+
+
+def test_with_riders_as_many_lead_the_emv_as_take_turns_in_the_episode() -> None:
+    template = load_template("S5").with_values({"demand.leaders.vehicles": 5.0})
+    site = require_site(CITY, template.site_kind)
+    leaders = []
+    for values in ({}, RIDERS, {"duration_s": 30.0, **RIDERS}):
+        traffic = plan_traffic(CITY, site, template.with_values(values), 0, load_drivers(), DIMENSIONS)
+        leaders.append(sum(vehicle.name.startswith("leaders") for vehicle in traffic.groups))
+    assert leaders == [5, 3, 2]
+
+
 def test_no_cyclist_starts_on_the_road_to_the_site(network: RoadNetwork) -> None:
     _, site = s2(network)
     edges = {

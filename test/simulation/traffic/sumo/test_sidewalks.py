@@ -1,6 +1,8 @@
 """People keep off the road."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from traffic_helpers import load_map
 
 from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.simulation.roads.road_network import Lane, LaneKind
-from siren_ros.simulation.traffic.sumo.sidewalks import Kerbs
+from siren_ros.simulation.traffic.sumo import sidewalks as sidewalks_module
+from siren_ros.simulation.traffic.sumo.sidewalks import Corners, Kerbs
 
 CITY = load_map(Path("city"))[1]
 
@@ -61,3 +64,28 @@ def test_the_road_begins_before_those_who_look_at_it_from_the_kerb() -> None:
     place = lane.centre.offset_points(np.array([30.0]), -0.5 * lane.width_m - 1.0)[0]
     yaws = np.array([heading + 0.5 * np.pi, heading - 0.5 * np.pi])
     assert Kerbs(CITY).ahead(*np.repeat(place, 2).reshape(2, 2), yaws).tolist() == [True, False]
+
+
+SIDEWALKS = {"out": ("x", "j"), "back": ("j", "x"), "on": ("j", "y")}
+LINKS = {
+    "out_0": (":j_w0_0", ":x_w0_0"),
+    "on_0": (":j_w0_0",),
+    "back_0": (":j_w1_0", ":x_w0_0"),
+    ":j_w0_0": (":j_c0_0",),
+    ":j_c0_0": (":j_w1_0",),
+}
+"""A street with a sidewalk on both sides: a crossing joins these at one end, a corner at the other one."""
+
+
+@pytest.mark.parametrize(
+    ("uncrossed", "after", "met"),
+    [("", "back", {"j", "x"}), ("", "on", {"j"}), ("j", "back", set()), ("j", "on", {"j"}), ("x", "back", {"j", "x"})],
+)
+def test_nobody_crosses_at_the_junction_that_stays_uncrossed(
+    monkeypatch: pytest.MonkeyPatch, uncrossed: str, after: str, met: set[str]
+) -> None:
+    lane = SimpleNamespace(getIDList=lambda: LINKS, getLinks=lambda name: [(to,) for to in LINKS[name]])
+    monkeypatch.setattr(sidewalks_module, "libsumo", SimpleNamespace(lane=lane))
+    edges = {name: SimpleNamespace(from_junction=a, to_junction=b) for name, (a, b) in SIDEWALKS.items()}
+    network: Any = SimpleNamespace(edge_by_id=edges)
+    assert Corners(network, uncrossed).met_at("out", after) == met

@@ -283,7 +283,7 @@ class SumoPeople:
         lane = SimpleNamespace(getLength=lambda _: 100.0)
         codes = {name: getattr(libsumo, name) for name in names}
         monkeypatch.setattr(walkers_module, "libsumo", SimpleNamespace(person=person, lane=lane, **codes))
-        monkeypatch.setattr(walkers_module, "Corners", lambda _: SimpleNamespace(walks=lambda *_: []))
+        monkeypatch.setattr(walkers_module, "Corners", lambda *_: SimpleNamespace(walks=lambda *_: []))
 
 
 @pytest.fixture
@@ -306,7 +306,7 @@ def at_a_crossing(
         PlannedWalker(name, 0.6, 0.6, 1.75, (0, 0, 0), 1.3, "oak_e_0", 60.0, (), notice_m)
         for name in ("kerb", "crosses")
     ]
-    plan: Any = SimpleNamespace(walkers_kept=2, walkers=tuple(people))
+    plan: Any = SimpleNamespace(walkers_kept=2, uncrossed="", walkers=tuple(people))
     walkers = Walkers(CITY, plan)
     walkers.exchange([tuple(kerb.tolist())], 0.0)
     looks_deg = 90.0 - float(np.degrees(heading + np.pi / 2.0))

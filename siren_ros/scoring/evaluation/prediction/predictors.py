@@ -1,11 +1,13 @@
 """Trajectory predictors: their result type, their protocol, the table of all predictors, and whether one looks ahead.
 
-A predictor gets all frames of an episode at once, and may use only the past. To check this, it is asked again on a
-sample of frames with that frame alone, and, where its answer then differs, with the frames up to that one: a predictor
-may look back, but never ahead.
+A predictor gets all frames of an episode at once, and may use only the past. To check this, a copy of it from before
+that is asked again on frames drawn anew in each run, with that frame alone, and, where its answer then differs, with
+the frames up to that one: a predictor may look back, but never ahead. It cannot know at which frames it will be asked.
+This proves nothing of a predictor that reads the bag itself, or the memory of this process.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
 from importlib import import_module
@@ -199,7 +201,7 @@ def predictors_named(names: Sequence[str], checkpoints: Mapping[str, Path] | Non
 
 
 CHECKED_FRAMES: Final = 3
-"""Number of checked frames per episode, spread over it, without the last frame, after which nothing follows."""
+"""Number of checked frames per episode, without the last frame, after which nothing follows."""
 TOLERANCE_M: Final = 0.01
 """Tolerance, because networks round differently in batches of other sizes."""
 _LEAST_PROBABILITY: Final = 0.01
@@ -216,38 +218,45 @@ class CausalityError(InputError):
         )
 
 
-def causal_answer(model: str, predictor: Predictor, batch: SampleBatch) -> tuple[Hypotheses, int]:
+def causal_answer(
+    model: str, predictor: Predictor, batch: SampleBatch, rng: np.random.Generator | None = None
+) -> tuple[Hypotheses, int]:
     """The hypotheses of a whole batch, and the number of frames on which they were checked.
 
-    The predictor is asked about single frames before it sees the whole.
+    The frames are drawn by ``rng``, without it from the system's entropy. What cannot be copied is asked itself.
 
     Raises:
         CausalityError: The answers to the whole batch differ from those to the frames until then.
         InputError: Answers that cannot be scored.
     """
-    frames = _frames(batch)
-    alone = {frame: _answer(model, predictor, batch.between(frame, frame + 1)) for frame in frames}
+    fresh = _copied(predictor)
     whole = _answer(model, predictor, batch)
-    for frame, answer in alone.items():
+    frames = _frames(batch, rng or np.random.default_rng())
+    for frame in frames:
         rows = np.flatnonzero(batch.actors.frame[batch.target] == frame)
         expected = whole.select(rows)
-        if _apart_m(answer, expected) <= TOLERANCE_M:
+        if _apart_m(_answer(model, fresh, batch.between(frame, frame + 1)), expected) <= TOLERANCE_M:
             continue
-        until = _answer(model, predictor, batch.between(0, frame + 1))
+        until = _answer(model, fresh, batch.between(0, frame + 1))
         away_m = _apart_m(until.select(np.arange(len(until) - len(rows), len(until))), expected)
         if away_m > TOLERANCE_M:
             raise CausalityError(model, int(batch.step[frame]), away_m)
     return whole, len(frames)
 
 
-def _frames(batch: SampleBatch) -> list[int]:
-    """Frames with samples, evenly spread, without the last one of the batch."""
+def _copied(predictor: Predictor) -> Predictor:
+    try:
+        return deepcopy(predictor)
+    except Exception:  # noqa: BLE001 - a program of somebody else: sessions of networks, handles, locks
+        return predictor
+
+
+def _frames(batch: SampleBatch, rng: np.random.Generator) -> list[int]:
+    """Frames with samples, drawn among all, in their order, without the last one of the batch."""
     with_samples = np.unique(batch.actors.frame[batch.target])
     before_the_last: Rows = with_samples[with_samples < len(batch.step) - 1]
-    if not len(before_the_last):
-        return []
-    places = np.linspace(0.0, len(before_the_last) - 1, CHECKED_FRAMES + 2)[1:-1]
-    return [int(before_the_last[place]) for place in np.unique(np.round(places).astype(np.intp))]
+    count = min(CHECKED_FRAMES, len(before_the_last))
+    return sorted(rng.choice(before_the_last, count, replace=False).tolist()) if count else []
 
 
 def _answer(model: str, predictor: Predictor, batch: SampleBatch) -> Hypotheses:

@@ -217,6 +217,48 @@ def test_a_predictor_that_sees_later_frames_or_throws_dice_fails(cheat, record) 
         score_episode("an episode", record, {"cheat": cheat}, Population.ALL)
 
 
+@dataclass
+class Remembers:
+    """A cheat that answers honestly where it has been asked about one frame before, and looks ahead elsewhere."""
+
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+    asked: set[int] = field(default_factory=set)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        honest, ahead = predictors_named(["cv"])["cv"].predict(batch), Cheat().predict(batch)
+        if len(batch.step) == 1:
+            self.asked.add(int(batch.step[0]))
+            return honest
+        known = np.isin(batch.sample_step, list(self.asked))
+        return Hypotheses(np.where(known[:, None, None, None], honest.xy_m, ahead.xy_m), ahead.probability)
+
+
+def test_a_cheat_with_a_memory_fails_too(record) -> None:
+    batch = samples_of(record, HistoryWindow(), Population.ALL).batch
+    for seed in range(5):
+        with pytest.raises(CausalityError):
+            causal_answer("memory", Remembers(), batch, np.random.default_rng(seed))
+
+
+def test_frames_are_drawn_anew_in_each_run(record) -> None:
+    @dataclass
+    class Tells:
+        window: HistoryWindow = field(default_factory=HistoryWindow)
+
+        def predict(self, batch: SampleBatch) -> Hypotheses:
+            if len(batch.step) == 1:
+                told.append(int(batch.step[0]))
+            return predictors_named(["cv"])["cv"].predict(batch)
+
+    batch, told, runs = samples_of(record, HistoryWindow(), Population.ALL).batch, [], set()
+    for _ in range(6):
+        told.clear()
+        causal_answer("cv", Tells(), batch)
+        assert told == sorted(told)
+        runs.add(tuple(told))
+    assert len(runs) > 1
+
+
 def test_later_frames_would_pay(record) -> None:
     samples = samples_of(record, HistoryWindow(), Population.ALL)
     miss_m = [

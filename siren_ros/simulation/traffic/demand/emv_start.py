@@ -335,39 +335,27 @@ _INSIDE_M: Final = 8.0
 the line."""
 
 
-_REACTION_S: Final = 1.0
-_CAR_BRAKE_MPS2: Final = 3.0
-"""Drivers who see yellow drive on where they could not stop with this after a reaction, as ``params/drivers`` says."""
-
-
 def early_m_of(network: RoadNetwork, site: Site, group: DemandGroup) -> float:
     """By how much a stream's last vehicle is nearer to the EMV than its gap says; negative where it is farther away.
 
-    It has to be inside when the EMV comes to the line, and its light red by then.
+    It has to be inside when the EMV comes to the line, and its light red by then, which counts more.
     """
-    driven_s = _REACTION_S + group.speed_mps / (2.0 * _CAR_BRAKE_MPS2)
-    gap_m = min(group.first_gap_m, _inside_m(network, site))
-    return group.first_gap_m - max(gap_m, _least_gap_m(network, site, group, driven_s))
+    inside_m, least_m = _gaps_m(network, site, group)
+    return group.first_gap_m - max(min(group.first_gap_m, inside_m), least_m)
 
 
 def stays_inside(network: RoadNetwork, site: Site, group: DemandGroup) -> bool:
-    """Whether the last vehicle of a stream, whoever drives it, is inside when the EMV comes; true of other groups."""
-    least_m = _least_gap_m(network, site, group, YELLOW_DRIVEN_S)
-    return _inside_m(network, site) >= least_m or group.anchor is not GroupAnchor.ARRIVAL or group.optional
+    """Whether the last vehicle of a stream can be inside when the EMV comes; true of other groups."""
+    inside_m, least_m = _gaps_m(network, site, group)
+    return inside_m >= least_m or group.anchor is not GroupAnchor.ARRIVAL or group.optional
 
 
-def _inside_m(network: RoadNetwork, site: Site) -> float:
-    return max(network.length_m(network.connections[way].via) for way in site.connections) - _INSIDE_M
-
-
-def _least_gap_m(network: RoadNetwork, site: Site, group: DemandGroup, driven_s: float) -> float:
-    """Least gap from a stream to the EMV at the line with which the light is red when the EMV comes there.
-
-    The last vehicle drives on over a yellow that is less than ``driven_s`` old.
-    """
-    way = network.connections[site.connections[-1]]
-    red_s = max(way.yellow_s - driven_s, 0.0) + BEFORE_EMV_S
-    return group.speed_mps * red_s - _CAR_M if way.signal_id is not None else -math.inf
+def _gaps_m(network: RoadNetwork, site: Site, group: DemandGroup) -> tuple[float, float]:
+    """Largest gap from a stream to the EMV at the line with which it is inside, and the least one with a red light."""
+    ways = [network.connections[way] for way in site.connections]
+    red_s = max(ways[-1].yellow_s - YELLOW_DRIVEN_S, 0.0) + BEFORE_EMV_S
+    least_m = group.speed_mps * red_s - _CAR_M if ways[-1].signal_id is not None else -math.inf
+    return max(network.length_m(way.via) for way in ways) - _INSIDE_M, least_m
 
 
 _NO_CROSSING: Final = "a side street at its junction with enough road for another EMV (emv.crossing is above 0)"

@@ -657,17 +657,18 @@ def test_a_stream_that_the_emv_comes_up_next_to_starts_where_it_comes_with_the_e
     assert approach_lane not in row.chain.lanes
     line_m = sum(road.lanes[lane].length_m for lane in row.chain.lanes[:2])
     early_m = group.first_gap_m - (0.0 - 8.0)  # its junctions have no paths
-    assert row.anchor_m == pytest.approx(line_m - group.speed_mps * arrival_s - early_m, abs=1.0)
+    # The lanes fan out at a corner, at which the stream slows down.
+    assert row.anchor_m == pytest.approx(line_m - group.speed_mps * arrival_s - early_m, abs=2.5)
 
 
 @pytest.mark.parametrize(
     ("first_gap_m", "yellow_s", "gap_m"),
-    [(20.0, 3.0, 20.0), (30.0, 3.0, 22.0), (15.0, 5.0, 8.0 * (5.0 - 7.0 / 3.0 + 0.4) - 4.5), (5.0, 2.0, 5.0)],
+    [(20.0, 3.0, 20.0), (30.0, 3.0, 22.0), (15.0, 4.5, 8.0 * 3.1 - 4.5), (5.0, 2.0, 5.0), (15.0, 6.0, 8.0 * 4.6 - 4.5)],
 )
 def test_the_red_lies_between_a_stream_and_the_emv(first_gap_m: float, yellow_s: float, gap_m: float) -> None:
-    """It begins 0.4 s before the EMV comes. The last vehicle drives on 1 s + 8 / (2 · 3) s after the yellow began.
+    """It begins 0.4 s before the EMV comes. The last vehicle drives on 1.8 s after the yellow began.
 
-    The junction is 30 m long.
+    The junction is 30 m long: at 22 m the vehicle is inside.
     """
     network = signal_crossing()
     ways = tuple(replace(way, yellow_s=yellow_s) for way in network.connections)

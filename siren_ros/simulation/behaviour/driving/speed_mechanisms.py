@@ -59,7 +59,7 @@ from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, Mode
 
 UNLIMITED: Final = SpeedLimit()
-_SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_LANE_CHANGE, Mode.YIELD_PULL_OVER, Mode.REJOIN})
+_SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,7 +419,7 @@ MECHANISMS: Final = (
     Mechanism(
         "manoeuvring",
         _manoeuvring,
-        "civilians who make way or come back, EMVs that change lanes beside EMVs: space around the whole body",
+        "civilians who pull over or come back, EMVs that change lanes beside EMVs: space around the whole body",
     ),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""

@@ -284,11 +284,6 @@ def test_who_moves_or_is_over_the_marking_goes_on(lab):
     assert on_the_way(lab, speed=0.0, coming_mps=10.0, at_m=-20.0, lane=0, left=1.5).throttle > 0.0
 
 
-def test_who_moves_sideways_brakes_for_somebody_who_comes_up_beside_its_way(lab):
-    assert on_the_way(lab, speed=4.0, coming_mps=5.0, at_m=-2.0).brake > 0.0
-    assert on_the_way(lab, speed=4.0, coming_mps=5.0, at_m=-20.0).brake == 0.0
-
-
 @pytest.mark.parametrize(("emv", "reason"), [({"passed": True}, "emv_passed"), ({"in_region": False}, "emv_gone")])
 def test_a_change_is_cancelled_and_the_way_back_counts_its_standstill_anew(lab, emv, reason):
     outcome, _ = changing(lab, **emv)

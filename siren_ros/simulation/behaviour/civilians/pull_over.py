@@ -322,7 +322,6 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
         if room and may_enter(ego, movement, ego.half_length_m - to_line, urgent=True):
             ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + _BEYOND_JUNCTION_M
         else:
-            over += max(ego.half_length_m - to_line, 0.0) if room else 0.0  # who has gone so far goes on from there
             ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement, urgent=room)))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
     return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + max(ahead, 0.0))

@@ -135,8 +135,6 @@ class Drivers(NamedTuple):
     """Whether its driver does not see vehicles from outside that come across."""
     rides: Flags
     """Whether its driver is a rider."""
-    holds: Flags
-    """Whether it is a civilian that is driven from outside and stands."""
 
 
 def cautions(
@@ -166,8 +164,7 @@ def cautions(
             counts |= come_to(outlook.ways, outlook.rights, lanes, WAYS_AHEAD_S * traffic.speed_mps + WAYS_MORE_M)
     poses = traffic.x_m, traffic.y_m, traffic.yaw_rad
     speed_mps = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
-    holds = ~inside & (speed_mps < ROLLING_MPS) & ~_flags(ids, [emv.actor_id for emv in traffic.emvs])
-    flags = inside, counts, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders), holds
+    flags = inside, counts, _flags(ids, waiting), _flags(ids, inattentive), _flags(ids, riders)
     drivers = Drivers(*poses, speed_mps, traffic.sumo_accel_mps2, outlook.half_length_m, *flags)
     order, margins = np.argsort(traffic.x_m, kind="stable"), (_TOWARDS_OUTSIDERS, AMONG_THEMSELVES)
     pairs, waits = _strictest_waits(drivers, order, outlook.ways, outlook.rights, *margins, 2.0)
@@ -348,7 +345,7 @@ def _strictest_waits(
 
     Left out are vehicles that merge among themselves but for riders and where roads lie over each other, and those that
     lead while there is room, which SUMO handles, and those from outside that come across the way of a driver who does
-    not look. Of civilians from outside that stand, only the bodies are in the way: they hold, and do not come.
+    not look.
     A rider and another one who are beside each other do not go on together where their ways lead to the same place.
 
     ``order`` are the rows by x. The margins are those towards vehicles from outside, and among SUMO's own. ``square``
@@ -380,7 +377,6 @@ def _strictest_waits(
             if wait[_FREE] > 0.0 and wait[_BRAKE] <= (_GENTLE_MPS2 if held[row] else _FIRM_MPS2):
                 continue
         else:
-            own_in = blocked if drivers.holds[other] else own_in
             zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
             own, comes = _approaches(zone, row, other, drivers, ways, rights)
             margins = themselves if inside[other] else outsiders

@@ -99,8 +99,6 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a
     for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
         front = pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half
         assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
-    over = view_of(lab, lab.Car(2, 2, config.room_over_line_m - half, 0, (0, 2)), network=junction).ego(0)
-    assert pull_over_path(WAITED, over, 2).curve.points[-1, 0] + half > 150.0 + config.room_over_line_m + 2.0
     rolling = view_of(lab, lab.Car(2, 1, 149.0 - half, 2.0, (0, 2)), network=junction)
     assert pull_over_path(left, rolling.ego(0), 1) is None
 
@@ -413,6 +411,18 @@ def test_beside_a_shoulder_a_wide_vehicle_reaches_a_metre_over_the_edge_at_most(
         at_edge = 1.3 - half
         assert (1.4 - 1.3 + half) > at_edge + most
         assert edge_offset_m(view.ego(1), lane, -1) == pytest.approx(-(at_edge + most))
+
+
+@pytest.mark.parametrize(("before_m", "goes"), [(-7.9, False), (-7.3, True)])
+def test_to_make_room_the_front_goes_12_m_over_the_line_if_that_is_2_m_of_way(lab, before_m, goes):
+    """The centre is ``before_m`` from the line: the way is that, the 12 m and not the half length."""
+    network = lab.junction_road()
+    car = lab.Car(2, 1, 140.0, 0, (0, 2))
+    poses = np.array([[150.0 - before_m, 3.3, 0.0, 0.0]])
+    traffic = replace(lab.traffic_of(network, [car], poses=poses), signals=(SignalState("J", "r"),))
+    assert before_m + 12.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.4)
+    ego = lab.view_of(lab.world_of(network, lab.L3), traffic).ego(0)
+    assert (pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), ego, 3) is not None) is goes
 
 
 def driven(lab, world, s, speed, path, progress, *, left, degrees=0.0):

@@ -471,6 +471,7 @@ class Stage:
             civilians=2,
             jam=None,
             signal=None,
+            signals_behind=(),
             warm_up_steps=0,
             traffic=None,
             **nobody,

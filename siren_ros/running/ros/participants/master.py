@@ -30,6 +30,11 @@ from siren_ros.running.ros.transport.endpoints import PublisherWatch, create_inp
 from siren_ros.simulation.scenario.episode import EpisodeEnd
 from siren_ros.simulation.world.commands import AV_SOURCE
 
+_NAMELESS: Final = "_NODE_NAME_UNKNOWN_"
+"""ROS's name of a node whose publisher is known before its name, or that has none, such as a program without ROS."""
+_NAME_WATCHES: Final = 20
+"""Watches, 0.1 s apart, after which a controller without a name is ready, too."""
+
 
 class AvProxy:
     """Reports for the AV's controller: ready when its publisher exists, a step done when its command arrives."""
@@ -53,6 +58,7 @@ class AvProxy:
         self._report = report
         self._depart = depart
         self._ready = False
+        self._watched_nameless = 0
         self.publishers = PublisherWatch(node, topics.AV_CONTROL, fail)
         self.publishers.on_left = self.watch
         create_input(node, topics.AV_CONTROL, self._on_control, self.publishers)
@@ -60,13 +66,18 @@ class AvProxy:
     @property
     def called(self) -> str:
         """Text that names the controller, with the name of its node if known."""
-        publishers = self._node.get_publishers_info_by_topic(topics.AV_CONTROL.name)
-        names = sorted({publisher.node_name for publisher in publishers})
-        return f"{AV_SOURCE} (node {', '.join(names)})" if names else AV_SOURCE
+        names = ", ".join(sorted(self._names() - {_NAMELESS}))
+        return f"{AV_SOURCE} (node {names})" if names else AV_SOURCE
+
+    def _names(self) -> set[str]:
+        return {info.node_name for info in self._node.get_publishers_info_by_topic(topics.AV_CONTROL.name)}
 
     def watch(self) -> None:
-        """Check whether the controller is present."""
+        """Check whether the controller is present; it is ready when its name is known, so that errors can give it."""
         there = bool(self._node.count_publishers(topics.AV_CONTROL.name))
+        if there and not self._ready and _NAMELESS in self._names() and self._watched_nameless < _NAME_WATCHES:
+            self._watched_nameless += 1
+            return
         if there and not self._ready:
             self._report(StepReport(0, AV_SOURCE, Phase.READY))
         elif self._ready and not there:

@@ -17,8 +17,8 @@ from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.base.tables import text_of
 from siren_ros.cli.command import complain
 from siren_ros.cli.options import add_bags, add_processes, processes_of
-from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
-from siren_ros.data.recording.bag_reader import bags_among, read_episode
+from siren_ros.data.episode_source import Need, bag_sha256, in_dataset_order, open_source, survey_bag
+from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError, shown_text, write_text
 from siren_ros.scoring.evaluation.detection.frames import frames_of, read_frames
 from siren_ros.scoring.evaluation.detection.result_files import read_detections
@@ -185,9 +185,10 @@ def _bags_of(arguments: argparse.Namespace) -> list[dict[str, str | int]]:
     """What the episodes of the ranking are, so that nobody chooses seeds, or those of the training, unseen."""
     rows: list[dict[str, str | int]] = []
     for bag in bags_among(arguments.bags):
-        episode = read_episode(bag).description
+        with open_source(bag) as source:
+            episode = source.description
         of_map = {"map": episode.map_name, "map_sha256": episode.map_sha256}
         named = {"bag": shown_text(bag.name), "template": episode.template, "level": episode.level.name}
         split = split_of(EpisodeIdentity.of(episode)).value
-        rows.append({**named, "seed": episode.seed, "split": split, **of_map, "sha256": sha256_of(bag)})
+        rows.append({**named, "seed": episode.seed, "split": split, **of_map, "sha256": bag_sha256(bag)})
     return rows

@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
-from hashlib import file_digest
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +19,7 @@ import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Brief, Matrix
 from siren_ros.base.numerics.units import step_of_time_ns
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.data.interfaces.conversions import (
@@ -454,8 +454,7 @@ def bag_sha256(bag: Path) -> str:
     if len(files) != 1:
         raise BagError(str(bag), "a folder of a recorded episode, with one .mcap file")
     try:
-        with files[0].open("rb") as file:
-            return file_digest(file, "sha256").hexdigest()
+        return sha256_of_file(files[0])
     except OSError as error:
         raise BagError(str(bag), f"a bag that can be read ({error.strerror or error})") from error
 

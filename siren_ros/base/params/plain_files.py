@@ -154,11 +154,16 @@ def write_network(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:
             file.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
 
 
+def sha256_of_file(path: Path) -> str:
+    """SHA-256 of a file's bytes, as hexadecimal digits; OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def sha256_of(path: Path) -> str:
-    """Hash of a file's bytes; of a folder that of the names and hashes of all files below it."""
-    if path.is_dir():
-        files = (file for file in sorted(path.rglob("*")) if file.is_file())
-        names = "".join(f"{file.relative_to(path).as_posix()}\0{sha256_of(file)}\n" for file in files)
-        return hashlib.sha256(os.fsencode(names)).hexdigest()
-    with path.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
+    """SHA-256 of a file, or of the names and hashes of all files below a folder."""
+    if not path.is_dir():
+        return sha256_of_file(path)
+    files = (file for file in sorted(path.rglob("*")) if file.is_file())
+    names = "".join(f"{file.relative_to(path).as_posix()}\0{sha256_of_file(file)}\n" for file in files)
+    return hashlib.sha256(os.fsencode(names)).hexdigest()

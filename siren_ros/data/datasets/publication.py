@@ -7,7 +7,6 @@ version 1.1). Data catalogues and loaders read it; the hashes in it are those th
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import file_digest
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from siren_ros.base.params import plain_files
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.episode_source import LICENCE, LICENCE_URL
 from siren_ros.errors import InputError, write_text, writing
 
@@ -99,9 +99,7 @@ def files_of(folder: Path) -> Iterator[DatasetFile]:
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
         if path.is_file() and parts[0] not in _NOT_DATA and not any(part.startswith(".") for part in parts):
-            with path.open("rb") as file:
-                digest = file_digest(file, "sha256").hexdigest()
-            yield DatasetFile("/".join(parts), path.stat().st_size, digest)
+            yield DatasetFile("/".join(parts), path.stat().st_size, sha256_of_file(path))
 
 
 def croissant(folder: Path, content: Mapping[str, Any], version: str) -> dict[str, Any]:

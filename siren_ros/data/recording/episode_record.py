@@ -204,18 +204,22 @@ class EpisodeRecord(Brief):
             raise InputError("kind", kind, f"one of {', '.join(EventKind)}")
         return tuple(event for event in self.events if event.kind == kind)
 
+    @cached_property
+    def _signal_states(self) -> Mapping[str, Mapping[int, str]]:
+        """State strings of all traffic lights by step."""
+        states: dict[str, dict[int, str]] = {}
+        for traffic in self.traffic:
+            for signal in traffic.signals:
+                states.setdefault(signal.signal_id, {})[traffic.step] = signal.state
+        return states
+
     def signal_states(self, signal_id: str) -> Mapping[int, str]:
         """State string of a traffic light by step; empty where none was recorded.
 
         Raises:
             InputError: The map has no such signal.
         """
-        states = {
-            traffic.step: signal.state
-            for traffic in self.traffic
-            for signal in traffic.signals
-            if signal.signal_id == signal_id
-        }
+        states = self._signal_states.get(signal_id, {})
         if not states:
             known = {movement.signal_id for movement in self.network.connections if movement.signal_id is not None}
             if signal_id not in known:

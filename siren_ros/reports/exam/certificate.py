@@ -18,6 +18,7 @@ from siren_ros.base.numerics.arrays import Brief, data_frame
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.params import plain_files
 from siren_ros.base.tables import Interval, Row, Table, share_interval
+from siren_ros.data.episode_source import bag_sha256
 from siren_ros.errors import InputError, shown_text
 from siren_ros.reports.exam.examinee import OTHERS
 from siren_ros.reports.exam.grading import VIOLATED, Grade, Mark, Rulebook, Sitting, worst_of
@@ -175,7 +176,7 @@ def as_json(certificate: Certificate) -> str:
             {
                 "episode": shown_text(sitting.episode),
                 "bag": shown_text(sitting.bag),
-                "bag_sha256": plain_files.sha256_of(Path(sitting.bag)) if Path(sitting.bag).exists() else None,
+                "bag_sha256": bag_sha256(Path(sitting.bag)) if Path(sitting.bag).exists() else None,
                 "actor_id": sitting.actor_id,
                 "grade": sitting.grade,
                 "no_result": shown_text(sitting.lack),

@@ -12,7 +12,7 @@ from typing import Final
 from siren_ros.base.numerics.arrays import Brief
 from siren_ros.base.params.folders import named_params_file, params_dir
 from siren_ros.base.params.parameters import StrictMapping, read_strict_yaml
-from siren_ros.base.params.plain_files import sha256_of
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError, shown_text
 from siren_ros.reports.exam.examinee import Examinee
@@ -75,7 +75,7 @@ def load_rulebook(name_or_path: str) -> Rulebook:
         heard_m=root.number("heard_m", 1.0, 500.0),
         reaction_s=root.number("reaction_s", 0.0, 10.0),
         clauses=tuple(_clause(entry) for entry in root.mappings("clauses")),
-        sha256=sha256_of(file),
+        sha256=sha256_of_file(file),
     )
     root.finish()
     ids = [clause.clause_id for clause in book.clauses]

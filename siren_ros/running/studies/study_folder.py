@@ -8,7 +8,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from hashlib import file_digest
 from importlib import import_module
 from io import FileIO
 from pathlib import Path
@@ -17,6 +16,7 @@ from uuid import uuid4
 
 from siren_ros.base.params import plain_files
 from siren_ros.base.params.folders import private_folder
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.bag_folder import METADATA_FILE, lock
 from siren_ros.data.recording.bag_reader import storage_files
 from siren_ros.errors import InputError, whole_file, writing
@@ -162,12 +162,6 @@ def hashes_of_bag(bag: Path) -> tuple[str, str]:
     files = storage_files(bag)
     metadata = bag / METADATA_FILE
     return sha256_of_file(files[0]) if len(files) == 1 else "", sha256_of_file(metadata) if metadata.is_file() else ""
-
-
-def sha256_of_file(path: Path) -> str:
-    """SHA-256 of a file's bytes, as hexadecimal digits."""
-    with path.open("rb") as file:
-        return file_digest(file, "sha256").hexdigest()
 
 
 def is_finished(folder: StudyFolder, row: EpisodeRow) -> bool:

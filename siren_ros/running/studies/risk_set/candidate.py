@@ -16,11 +16,11 @@ import numpy.typing as npt
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.params import plain_files
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
 from siren_ros.running.generation.episode_setup import set_up_episode
-from siren_ros.running.studies.study_folder import sha256_of_file
 from siren_ros.scoring.evaluation.risk.labels import (
     Camera,
     Evidence,

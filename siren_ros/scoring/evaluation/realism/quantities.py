@@ -4,13 +4,13 @@ A function returns samples, NaN-free, as many as the episode has; none is an ans
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Final, Self
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats
+from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.data.tracks import places_of, sumo_lanes
@@ -25,8 +25,8 @@ from siren_ros.scoring.evaluation.yielding.encounters import (
     encounters_of,
     lane_offsets,
 )
-from siren_ros.scoring.evaluation.yielding.metrics import clearance_time_s, site_time_s
-from siren_ros.scoring.judging.junction_templates import RED, Traversal, find_traversals
+from siren_ros.scoring.evaluation.yielding.metrics import clearance_time_s, responds, shifted, site_time_s
+from siren_ros.scoring.judging.junction_templates import RED, Traversal, find_traversals, signal_letter
 from siren_ros.scoring.judging.surrogate_safety import conflict_series, pair_measures
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.roads.sites import SiteKind
@@ -111,29 +111,8 @@ class RealismScene:
 
 
 def _with_siren(seen: Iterable[Encounter], gap_m: float) -> tuple[Encounter, ...]:
-    nearer = (_from_gap(one, gap_m) for one in seen)
+    nearer = (one.nearer(YieldThresholds(encounter_m=gap_m)) for one in seen)
     return tuple(one for one in nearer if one is not None and one.with_siren)
-
-
-def _from_gap(one: Encounter, gap_m: float) -> Encounter | None:
-    """An encounter that begins at a smaller gap; None if the driver is never so near ahead."""
-    near = (one.gap_m > 0.0) & (one.gap_m <= gap_m) & (np.abs(one.driver.left_m) <= YieldThresholds.beside_m)
-    near &= one.driver.same_way
-    if not near.any():
-        return None
-    first = int(np.argmax(near))
-    rows = np.arange(len(near)) >= first
-    emv = one.emv.select(rows)
-    return replace(
-        one,
-        driver=one.driver.select(rows),
-        emv=emv,
-        gap_m=one.gap_m[rows],
-        passed_row=one.passed_row - first if one.passed_row >= first else -1,
-        with_siren=bool(emv.track.lights[0] & Lights.SIREN),
-        offsets=one.offsets.select(rows),
-        in_the_way=one.in_the_way[rows],
-    )
 
 
 def time_to_site_s(scene: RealismScene) -> Floats:
@@ -151,29 +130,19 @@ def moved(scene: RealismScene) -> Floats:
     """
     if scene.in_rescue_lane:
         return np.empty(0)
-    return np.array([float(_shifted(one).any()) for one in scene.near if one.passed_row >= 0])
-
-
-def _shifted(one: Encounter, by_m: float = YieldThresholds.shift_m) -> Flags:
-    lateral = one.offsets.lateral_m[one.until_passed]
-    return np.asarray(np.abs(lateral - lateral[0]) >= by_m)
+    return np.array([float(shifted(one, YieldThresholds.shift_m).any()) for one in scene.near if one.passed_row >= 0])
 
 
 def lane_change_distance_m(scene: RealismScene) -> Floats:
     """Gap to the EMV at which drivers in its way who changed lane began to: at the first shift of 0.3 m."""
-    changed = (one for one in scene.heard if one.was_in_the_way and _shifted(one, _CHANGED_M).any())
-    return np.array([float(one.gap_m[int(np.argmax(_shifted(one)))]) for one in changed])
+    changed = (one for one in scene.heard if one.was_in_the_way and shifted(one, _CHANGED_M).any())
+    return np.array([float(one.gap_m[int(np.argmax(shifted(one, YieldThresholds.shift_m)))]) for one in changed])
 
 
 def response_distance_m(scene: RealismScene) -> Floats:
     """Gap to the EMV at which drivers in its way first shifted or slowed down by 1.5 m/s."""
-    limits, found = YieldThresholds(), []
-    for one in (one for one in scene.heard if one.was_in_the_way):
-        speed = one.driver.track.speed_mps[one.until_passed]
-        responded = _shifted(one) | (speed <= speed[0] - limits.slowed_mps)
-        if responded.any():
-            found.append(float(one.gap_m[int(np.argmax(responded))]))
-    return np.array(found)
+    asked = [(one, responds(one, YieldThresholds())) for one in scene.heard if one.was_in_the_way]
+    return np.array([float(one.gap_m[int(np.argmax(responded))]) for one, responded in asked if responded.any()])
 
 
 def hinder_time_s(scene: RealismScene) -> Floats:
@@ -185,7 +154,7 @@ def hinder_time_s(scene: RealismScene) -> Floats:
 def return_distance_m(scene: RealismScene) -> Floats:
     """Gap behind the EMV at which drivers who had made way for it drove or moved back again."""
     found = []
-    for one in (one for one in scene.near if one.passed_row >= 0 and _shifted(one).any()):
+    for one in (one for one in scene.near if one.passed_row >= 0 and shifted(one, YieldThresholds.shift_m).any()):
         after = slice(one.passed_row, None)
         lateral, speed = one.offsets.lateral_m[after], one.driver.track.speed_mps[after]
         back = np.abs(lateral - lateral[0]) >= YieldThresholds.shift_m
@@ -198,12 +167,7 @@ def return_distance_m(scene: RealismScene) -> Floats:
 
 def crossed_against_signal(scene: RealismScene) -> Floats:
     """Whether each driver ahead of the EMV drove over a red line before the EMV had passed."""
-    red = {
-        (crossing.actor_id, crossing.enter_step)
-        for crossing in scene.traversals
-        if (link := scene.record.network.connections[crossing.connection]).signal_id is not None
-        and scene.record.signal_states(link.signal_id).get(crossing.enter_step, "")[link.signal_link :][:1] in RED
-    }
+    red = {(one.actor_id, one.enter_step) for one in scene.traversals if signal_letter(scene.record, one) in RED}
     found = []
     for one in scene.near:
         steps = one.driver.track.step[one.until_passed]
@@ -284,20 +248,19 @@ def _situations(scene: RealismScene) -> tuple[int, float, float]:
 
 def lane_change_s(scene: RealismScene) -> Floats:
     """Time of each lane change of drivers whom no siren is near: from standing still across to standing still again."""
-    record, near = scene.record, set(np.unique(scene.ordinary.track_id).tolist())
-    met = {one.actor_id for one in scene.heard}
+    record, met = scene.record, {one.actor_id for one in scene.heard}
+    edges = np.array([known.edge for known in record.network.lanes])
     found: list[float] = []
-    for actor_id in sorted(near - met):
+    for actor_id in sorted(set(scene.ordinary.track_id.tolist()) - met):
         track = record.track(actor_id)
         offsets = lane_offsets(record, track)
         lane = sumo_lanes(record, track)
         same = (lane[1:] != lane[:-1]) & (lane[1:] != NO_LANE) & (lane[:-1] != NO_LANE)
-        edges = np.array([known.edge for known in record.network.lanes])
         same &= (edges[lane[1:]] == edges[lane[:-1]]) & (track.speed_mps[1:] > road_tracks.MOVES_MPS)
         changes = np.flatnonzero(same)
         across = np.abs(np.gradient(offsets.lateral_m) / STEP_S) if len(track) > 1 else np.zeros(len(track))
+        quiet = np.flatnonzero(across < _SETTLED_MPS)
         for change in changes.tolist():
-            quiet = np.flatnonzero(across < _SETTLED_MPS)
             before, after = quiet[quiet <= change], quiet[quiet > change]
             if len(before) and len(after):
                 found.append(float(after[0] - before[-1]) * STEP_S)
@@ -328,7 +291,7 @@ def rescue_lane_late(scene: RealismScene) -> Floats:
     found = []
     for one in scene.seen:
         centred = np.abs(one.offsets.offset_m[0]) < YieldThresholds.recovered_offset_m
-        aside = _shifted(one)
+        aside = shifted(one, YieldThresholds.shift_m)
         if one.passed_row >= 0 and (aside.any() or not centred):
             found.append(float(centred and one.gap_m[int(np.argmax(aside))] < _LATE_M))
     return np.array(found)

@@ -112,8 +112,8 @@ def _stop_lines(record: EpisodeRecord, frames: Rows) -> tuple[Floats, Flags]:
         red = np.ones(len(frames), dtype=np.bool_)
         signals = [movement for movement in movements if movement.signal_id is not None]
         for movement in signals:
-            states, link = record.signal_states(str(movement.signal_id)), movement.signal_link
-            letters = (states.get(frame * LOG_PERIOD_STEPS, "")[link:][:1] for frame in frames.tolist())
+            states = record.signal_states(str(movement.signal_id))
+            letters = (movement.letter_in(states.get(frame * LOG_PERIOD_STEPS, "")) for frame in frames.tolist())
             red &= np.array([letter in RED for letter in letters])
         if signals:
             lane = record.network.lanes[index]

@@ -244,6 +244,24 @@ class Encounter:
     in_the_way: Flags
     """Whether the driver's body is in the strip that the EMV drives through, at each row."""
 
+    def nearer(self, limits: YieldThresholds) -> "Encounter | None":
+        """The encounter from the first row on that begins one by other thresholds; None if there is none."""
+        near = _near_ahead(self.driver, self.gap_m, limits)
+        if not near.any():
+            return None
+        first = int(np.argmax(near))
+        rows = np.arange(len(near)) >= first
+        return Encounter(
+            actor_id=self.actor_id,
+            driver=self.driver.select(rows),
+            emv=self.emv.select(rows),
+            gap_m=self.gap_m[rows],
+            passed_row=self.passed_row - first if self.passed_row >= first else -1,
+            with_siren=bool(self.emv.track.lights[first] & Lights.SIREN),
+            offsets=self.offsets.select(rows),
+            in_the_way=self.in_the_way[rows],
+        )
+
     @property
     def until_passed(self) -> slice:
         """Rows before the EMV has passed, or all."""
@@ -253,6 +271,12 @@ class Encounter:
     def was_in_the_way(self) -> bool:
         """Whether the driver had to make way: it was in the EMV's strip when the encounter began."""
         return bool(self.in_the_way[0])
+
+
+def _near_ahead(driver: OnLine, gap_m: Floats, limits: YieldThresholds) -> Flags:
+    """Rows at which a driver is so near ahead of the EMV, in its direction, that an encounter begins."""
+    near = (gap_m > 0.0) & (gap_m <= limits.encounter_m) & (np.abs(driver.left_m) <= limits.beside_m)
+    return np.asarray(near & driver.same_way)
 
 
 def encounters_of(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Iterator[Encounter]:
@@ -275,7 +299,7 @@ def _encounter(record: EpisodeRecord, line: EmvLine, actor_id: int, limits: Yiel
     apart = driver.arc_m - emv.arc_m
     reach = driver.half_along_m + emv.half_along_m
     gap = apart - reach
-    near = (gap > 0.0) & (gap <= limits.encounter_m) & (np.abs(driver.left_m) <= limits.beside_m) & driver.same_way
+    near = _near_ahead(driver, gap, limits)
     if not near.any():
         return None
     rows = np.arange(len(near)) >= int(np.argmax(near))

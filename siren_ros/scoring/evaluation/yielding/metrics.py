@@ -39,6 +39,18 @@ def _why_not_asked(encounter: Encounter) -> str:
     return "" if encounter.with_siren else "no siren sounded"
 
 
+def responds(encounter: Encounter, limits: YieldThresholds) -> Flags:
+    """Whether the driver has responded, at each row before the EMV has passed; see ``response_time_s``."""
+    speed = encounter.driver.track.speed_mps[encounter.until_passed]
+    return np.asarray(shifted(encounter, limits.shift_m) | (speed <= speed[0] - limits.slowed_mps))
+
+
+def shifted(encounter: Encounter, by_m: float) -> Flags:
+    """Whether the driver is aside by so much of where it was first, at each row before the EMV has passed."""
+    lateral = encounter.offsets.lateral_m
+    return np.asarray(np.abs(lateral - lateral[0])[encounter.until_passed] >= by_m)
+
+
 def response_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
     """Time from the beginning of the encounter to the driver's first response.
 
@@ -47,10 +59,7 @@ def response_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
     """
     if reason := _why_not_asked(encounter):
         return Measure.lacking(reason)
-    part = encounter.until_passed
-    speed = encounter.driver.track.speed_mps[part]
-    shift = np.abs(encounter.offsets.lateral_m - encounter.offsets.lateral_m[0])[part]
-    responded = (shift >= limits.shift_m) | (speed <= speed[0] - limits.slowed_mps)
+    responded = responds(encounter, limits)
     if not responded.any():
         return Measure.lacking("the driver did not respond")
     return Measure(int(np.argmax(responded)) * STEP_S)

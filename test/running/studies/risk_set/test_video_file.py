@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EpisodeError
 from siren_ros.running.studies.risk_set import candidate as render
@@ -24,7 +25,6 @@ from siren_ros.running.studies.risk_set.candidate import (
     remove_others,
     try_candidate,
 )
-from siren_ros.running.studies.study_folder import sha256_of_file
 from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel, RiskThresholds
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import video_frames
 from siren_ros.simulation.scenario.episode import EpisodeRequest

@@ -29,6 +29,7 @@ from siren_ros.scoring.evaluation.yielding.metrics import clearance_time_s, resp
 from siren_ros.scoring.judging.junction_templates import RED, Traversal, find_traversals, signal_letter
 from siren_ros.scoring.judging.surrogate_safety import conflict_series, pair_measures
 from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.roads.routing import crossing_connections
 from siren_ros.simulation.roads.sites import SiteKind
 from siren_ros.simulation.scenario.templates import own_level
 from siren_ros.simulation.world.actors import EventKind, Lights
@@ -185,22 +186,19 @@ def green_stop_distance_m(scene: RealismScene) -> Floats:
     for crossing in scene.traversals:
         if crossing.actor_id != record.emv_ids[0] or not scene.siren_sounds:
             continue
-        movement = network.connections[crossing.connection]
-        ways = [way for way in network.connections if way.junction == movement.junction and way.signal_id is not None]
-        lanes = {way.from_lane: way for way in ways if way.from_lane != movement.from_lane}
+        indices = crossing_connections(network, network.connections[crossing.connection])
+        ways = [way for way in (network.connections[index] for index in indices) if way.signal_id is not None]
         first = crossing.enter_step - round(_BEFORE_S / STEP_S)
         for traffic in record.traffic:
             if not first <= traffic.step < crossing.leave_step or traffic.step % round(road_tracks.EVERY_S / STEP_S):
                 continue
-            states = {signal.signal_id: signal.state for signal in traffic.signals}
-            for lane, way in lanes.items():
-                if states.get(str(way.signal_id), "r" * 99)[way.signal_link] not in "gG":
-                    continue
-                on = np.flatnonzero(traffic.lane == lane)
-                if not len(on):
+            for way in ways:
+                on = np.flatnonzero(traffic.lane == way.from_lane)
+                state = record.signal_states(str(way.signal_id)).get(traffic.step, "")
+                if not len(on) or way.letter_in(state) not in _GREEN:
                     continue
                 row = on[np.argmax(traffic.lane_position_m[on])]
-                left_m = network.lanes[lane].length_m - float(traffic.lane_position_m[row])
+                left_m = network.lanes[way.from_lane].length_m - float(traffic.lane_position_m[row])
                 if float(traffic.speed_mps[row]) < YieldThresholds.stop_mps and left_m <= _AT_LINE_M:
                     found.setdefault(int(traffic.actor_id[row]), left_m)
     return np.array(list(found.values()))
@@ -208,6 +206,7 @@ def green_stop_distance_m(scene: RealismScene) -> Floats:
 
 _BEFORE_S: Final = 5.0
 _AT_LINE_M: Final = 30.0
+_GREEN: Final = frozenset("gG")
 
 
 def time_per_situation_s(scene: RealismScene) -> Floats:

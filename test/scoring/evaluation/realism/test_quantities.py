@@ -10,7 +10,7 @@ from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, passing, r
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.evaluation.realism import quantities
 from siren_ros.scoring.evaluation.realism.quantities import SAMPLES, RealismEpisode, RealismScene
-from siren_ros.simulation.world.actors import Event, EventKind
+from siren_ros.simulation.world.actors import Event, EventKind, SignalState
 
 
 def samples(record: EpisodeRecord, name: str) -> np.ndarray:
@@ -117,3 +117,24 @@ def test_episode_without_an_emv_that_moves_has_no_samples_of_it() -> None:
     scene = RealismScene(record)
     for name in set(SAMPLES) - set(quantities.ORDINARY):
         assert len(SAMPLES[name](scene)) == 0, name
+
+
+def test_only_drivers_whose_way_crosses_the_emvs_stop_at_green_for_it() -> None:
+    """One stands 8 m before its line, coming from the west, one next to the EMV, one on a parallel road."""
+    network = crossing()
+    record = record_of(arc((10.0, 20.0)), {})
+    lanes = [network.lane_by_id[name].index for name in ("w_in_0", "s_in_2", "p_in_0")]
+    columns = {
+        "actor_id": np.array([7, 8, 9], np.uint32),
+        "lane": np.array(lanes, np.int32),
+        "lane_position_m": np.array([92.0, 95.0, 96.0]),
+        "speed_mps": np.zeros(3),
+    }
+
+    def distances_m(letter: str) -> list[float]:
+        signals = (SignalState("J", letter * len(network.connections)),)
+        traffic = tuple(replace(state, signals=signals, **columns) for state in record.traffic)
+        return samples(replace(record, traffic=traffic), "green_stop_distance_m").tolist()
+
+    assert distances_m("G") == pytest.approx([8.0])
+    assert distances_m("r") == []

@@ -20,6 +20,7 @@ from siren_ros.running.ros.node_configs import SumoBridgeConfig
 from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program
 from siren_ros.simulation.scenario.episode import EpisodeRequest
+from siren_ros.simulation.scenario.sealing import told
 from siren_ros.simulation.traffic.demand.demand import av_way
 from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
 from siren_ros.simulation.traffic.simulation import SumoSimulation
@@ -42,7 +43,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
         )
         self._roster: tuple[ActorDescription, ...] = ()
         map_xml = setup.compiled_map.read_bytes().decode()
-        self.send(topics.EPISODE, to_episode_description(setup.description))
+        self.send(topics.EPISODE, to_episode_description(told(setup.description)))
         self.send(topics.MAP, make_message(topics.MAP.type_name, data=map_xml))
         if setup.plan.av:
             self.add_output(topics.AV_ROUTE)

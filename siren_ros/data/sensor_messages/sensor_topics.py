@@ -22,7 +22,7 @@ from siren_ros.sensing.microphone import MicrophoneSpec
 from siren_ros.sensing.navigation import GnssSpec, ImuSpec, VehicleMotion
 from siren_ros.sensing.specification import OPTICAL_FROM_BODY, CameraSpec, Mount, SensorSpec
 from siren_ros.sensing.suite import EXPORTED_CAMERA, SensorSuite, load_suite
-from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeDescription
 from siren_ros.simulation.world.actors import NO_ACTOR, ActorStates
 from siren_ros.simulation.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, STATION_FRAME, Odometry
 
@@ -51,7 +51,8 @@ def noise_seed(seed: int, carrier: Carrier) -> int:
     """Seed of the noise of a carrier's sensors: the episode's seed for the EMV, a derived one for the AV."""
     if carrier == EMV:
         return seed
-    return int(random_stream(seed, f"sensors of {carrier.name}").integers(2**31))
+    draws = random_stream(seed, f"sensors of {carrier.name}")
+    return int(draws.integers(2**31)) if seed <= MAX_SEED else int.from_bytes(draws.bytes(32))
 
 
 def row_of_carrier(states: ActorStates, carrier_id: int) -> int:

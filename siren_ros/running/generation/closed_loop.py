@@ -44,6 +44,7 @@ from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.simulation.scenario.sealing import told
 from siren_ros.simulation.traffic.demand.demand import av_way
 from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
 from siren_ros.simulation.traffic.simulation import SumoSimulation
@@ -289,7 +290,7 @@ def _nobody(_: LoopStep) -> Controls:
 def _messages(setup: EpisodeSetup, answer: Answer) -> Generator[tuple[Topic, bytes], None, None]:
     """All messages of the episode, as the nodes would publish them."""
     described = setup.description
-    yield _sent(topics.EPISODE, to_episode_description(described))
+    yield _sent(topics.EPISODE, to_episode_description(told(described)))
     yield _sent(topics.MAP, make_message(topics.MAP.type_name, data=setup.compiled_map.read_bytes().decode()))
     suites = list(mounted_suites(described, setup.network, lambda _: False, in_background=True))
     yield from starmap(_sent, setup_messages(suites))

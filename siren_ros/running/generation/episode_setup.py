@@ -41,6 +41,7 @@ from siren_ros.simulation.scenario.episode import (
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import DriverPreset, load_preset
 from siren_ros.simulation.scenario.scenario import Template
+from siren_ros.simulation.scenario.sealing import sealed, seed_of
 from siren_ros.simulation.scenario.templates import load_template, realised
 from siren_ros.simulation.traffic.demand.own_demand import OwnDemand, read_demand
 from siren_ros.simulation.traffic.demand.plan import (
@@ -144,8 +145,8 @@ def set_up_episode(
         InputError: Any part of the request cannot be used; the error names it.
     """
     noted = NotedFiles(files)
-    written = load_template(request.template, noted)
-    template = realised(written, random_stream(request.seed, "scenario/values"))
+    written, seed = load_template(request.template, noted), seed_of(request)
+    template = realised(written, random_stream(seed, "scenario/values"))
     template = template.with_values(values_of(request.values))
     preset = load_preset(request.preset, noted)
     for suite in (request.sensors, request.av_sensors):
@@ -160,7 +161,7 @@ def set_up_episode(
     }
     drivers = driver_parameters(preset.drivers, template.drivers)
     population = load_drivers(files=noted).by(drivers.traffic)
-    sites = sites_to_try(driven, written, request.seed, request.site, request.map or compiled.name)
+    sites = sites_to_try(driven, written, seed, request.site, request.map or compiled.name)
     lasting = replace(template, duration_s=max(template.lasting_s, request.duration_s))
     if request.demand:
         until_s = template.warm_up_s + (request.duration_s or template.lasting_s)
@@ -172,15 +173,15 @@ def set_up_episode(
             logging.getLogger("siren_ros").warning("%s does not drive as it is: %s", own.source, line)
     spread = template.demand.variety.size_spread
     planned_for = largest(dimensions, spread) if spread else dimensions
-    site, plan = plan_at_site(driven, sites, lasting, request.seed, population, planned_for)
+    site, plan = plan_at_site(driven, sites, lasting, seed, population, planned_for)
     if spread:
-        plan = with_sizes(plan, dimensions, spread, request.seed)
+        plan = with_sizes(plan, dimensions, spread, seed)
     if own:
         plan = replace(plan, own=own, reserve=(), civilians=0, riders_kept={})
-    plan = with_emv_drivers(with_responses(plan, preset, request.seed), drivers.sumo)
+    plan = with_emv_drivers(with_responses(plan, preset, seed), drivers.sumo)
     if request.av:
         plan = replace(plan, av=choose_av(driven, plan))
-    description = _description(request, template, compiled, network, site, plan, noted)
+    description = sealed(_description(request, template, compiled, network, site, plan, noted), request)
     return EpisodeSetup(description, template, description.level, compiled, network, site, plan, preset)
 
 
@@ -213,7 +214,7 @@ def _description(
     return EpisodeDescription(
         template=template.template_id,
         level=level_of(request, template),
-        seed=request.seed,
+        seed=seed_of(request),
         map_name=compiled.name,
         map_sha256=compiled.sha256,
         duration_s=request.duration_s or template.lasting_s,

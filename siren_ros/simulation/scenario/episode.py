@@ -80,6 +80,7 @@ class EpisodeRequest:
         "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an "
         "ONNX file; empty: none.",
     )
+    salt: str = parameter("", "File with a secret of 128 bits or more that seals the episode; empty: not sealed.")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "level", level_name(self.level))
@@ -90,8 +91,10 @@ class EpisodeRequest:
         return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})
 
     def to_json(self) -> dict[str, Any]:
-        """The request as JSON types, for the record. Empty values and programs are left out."""
-        return {name: value for name, value in asdict(self).items() if name not in _LEFT_OUT or value}
+        """The request as JSON types, for the record. Empty values and programs are left out, and the secret's file."""
+        values = asdict(self)
+        del values["salt"]
+        return {name: value for name, value in values.items() if name not in _LEFT_OUT or value}
 
 
 def values_of(text: str) -> dict[str, float]:

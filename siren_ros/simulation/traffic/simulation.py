@@ -21,7 +21,9 @@ from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError, InputError, MapError
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, mirrored_map
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork, mirror_image, right_hand_image
+from siren_ros.simulation.scenario.episode import MAX_SEED
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, EmergencyLevel
+from siren_ros.simulation.scenario.sealing import actor_ids, actor_name
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, TrafficPlan
 from siren_ros.simulation.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.simulation.traffic.sumo.mirror import Mirror
@@ -142,7 +144,7 @@ class SumoSimulation:
         self._keeping = frozenset(first)
         """Vehicles that yield to nobody."""
         self._ids: dict[str, int] = {name: number for number, name in enumerate(first, start=1)}
-        self._next_id = len(first) + 1
+        self._seed, self._new_ids = seed, actor_ids(seed, len(first) + 1)
         self._reported: dict[int, PlannedVehicle] = {}
         self._routes: dict[str, tuple[int, ...]] = {}
         self._reached: dict[str, int] = {}
@@ -196,7 +198,10 @@ class SumoSimulation:
             last = self._road.last = self._advance(step, states)
         except libsumo.TraCIException as error:
             raise EpisodeError(f"SUMO failed at step {step}: {error}") from error
-        joined = last if self._walkers is None else self._walkers.joined(last, states, self._take_id)
+        joined = last if self._walkers is None else self._walkers.joined(last, states, self._new_ids)
+        if joined.spawned and self._seed > MAX_SEED:
+            told = (replace(actor, name=actor_name(self._seed, actor.name)) for actor in joined.spawned)
+            joined = replace(joined, spawned=tuple(told))
         return mirror_image(joined) if self._left_hand else joined
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
@@ -326,7 +331,7 @@ class SumoSimulation:
             if name not in in_sumo or self._ids.get(name) in self._reported:
                 continue
             if name not in self._ids:
-                self._ids[name] = self._take_id()
+                self._ids[name] = next(self._new_ids)
             actor_id = self._ids[name]
             self._reported[actor_id] = vehicle
             self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
@@ -334,10 +339,6 @@ class SumoSimulation:
             looks = vehicle.colour_rgb, vehicle.is_emv
             spawned.append(ActorDescription(actor_id, name, vehicle.actor_class, *size, *looks))
         return tuple(sorted(spawned, key=lambda description: description.actor_id))
-
-    def _take_id(self) -> int:
-        self._next_id += 1
-        return self._next_id - 1
 
     def _state(self, step: int, mirrored: ActorStates, removed: list[int]) -> TrafficState:
         spawned = self._spawn()

@@ -167,7 +167,7 @@ def test_the_rule_of_the_project_has_maps_and_a_template_of_its_own() -> None:
     rule = split_rule()
     assert {"Town07", "Town10HD_Opt"} <= rule.test_maps
     assert "town" not in rule.test_maps
-    assert rule.test_templates == {"S8"}
+    assert rule.test_templates == {"S8", "sealed"}
 
 
 def test_how_an_episode_stands_to_a_model() -> None:

@@ -33,6 +33,7 @@ from siren_ros.running.ros.transport.endpoints import (
     step_copies,
 )
 from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd
+from siren_ros.simulation.scenario.sealing import opened
 
 Config = TypeVar("Config", bound=ParticipantConfig)
 Content = TypeVar("Content")
@@ -202,7 +203,7 @@ class Participant(Node, Generic[Config]):
 
     def _on_episode(self, message: Any) -> None:
         once(topics.EPISODE, self._episode)
-        self._episode = from_episode_description(message)
+        self._episode = opened(from_episode_description(message))
         self._try_prepare()
 
     def _on_map(self, message: Any) -> None:

@@ -4,7 +4,7 @@ In the state of a step they are rows without lane and route; SUMO owns them.
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import itemgetter
@@ -243,13 +243,13 @@ class Walkers:
             if self._present.pop(name, None) is not None:
                 self._arrived.append(name)
 
-    def joined(self, state: TrafficState, mirrored: ActorStates, next_id: Callable[[], int]) -> TrafficState:
+    def joined(self, state: TrafficState, mirrored: ActorStates, new_ids: Iterator[int]) -> TrafficState:
         """The state of the vehicles with the people; ``mirrored`` is the simulated world at the step before."""
         results: Mapping[str, Mapping[int, Any]] = libsumo.person.getAllSubscriptionResults()
         removed = [self._ids.pop(name) for name in self._arrived if name in self._ids]
         self._arrived.clear()
         entered = [name for name in self._present if name not in self._ids and name in results]
-        self._ids.update((name, next_id()) for name in entered)
+        self._ids.update((name, next(new_ids)) for name in entered)
         if entered or removed:
             self._table = PeopleTable.of(self._ids, self._present, self._table)
         found = [_IN_ORDER(results[name]) for name in self._table.names]

@@ -322,7 +322,7 @@ def at_a_crossing(
     nobody: dict[str, Any] = {name: np.zeros(0, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
     nobody |= {"route_offset": np.zeros(1, np.int32)}
     before = TrafficState(step=0, spawned=(), emvs=(), signals=(), **nobody)
-    there = walkers.joined(before, ActorStates.empty(0), lambda: next(numbers))
+    there = walkers.joined(before, ActorStates.empty(0), numbers)
     assert there.actor_id.tolist() == [2, 3]
     columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
     columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}

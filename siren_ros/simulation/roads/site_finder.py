@@ -25,6 +25,7 @@ from siren_ros.simulation.roads.routing import (
     comes_from_the_side,
     crossing_connections,
     driving_lanes,
+    edges_in_lane,
     has_right_of_way,
     quiet_reach_m,
     same_direction_connections,
@@ -117,7 +118,6 @@ def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site | NoSite]:
         straight_on = [way for way in graph.successors[last] if turn_of(network, last, way) == "s"]
         route = route_through(graph, (*stretch, *straight_on[:1]))
         way_on = route.edges[route.start + len(stretch) :][:1]
-        leading = civilian_movements(network, *stretch[:2]) if len(stretch) > 1 else ()
         yield Site(
             kind=SiteKind.MULTI_LANE_ROAD,
             name=name_between(network, stretch[0], last),
@@ -126,7 +126,7 @@ def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site | NoSite]:
             site_position=route.start,
             site_edge=stretch[0],
             stretch=stretch,
-            approach_lane=leading[-1].from_lane if leading else driving_lanes(network, last)[-1].index,
+            approach_lane=_leading_lane(network, (*stretch, *way_on)),
             length_m=length_m,
             connections=_indices(network, civilian_movements(network, last, way_on[0]) if way_on else ()),
             crossing=(),
@@ -135,6 +135,18 @@ def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site | NoSite]:
             + 2.0 * share(wide_length_m(graph, route.edges, route.start), ROUTE_M)
             - min(2.0 * _bend_rad(network, stretch) / np.pi, 2.0),
         )
+
+
+def _leading_lane(network: RoadNetwork, edges: tuple[int, ...]) -> int:
+    """The leftmost driving lane of the first edge that leads farthest along the others without a lane change."""
+    onward = edges[1:]
+    length_m = sum(network.lanes[network.edges[edge].lanes[0]].length_m for edge in onward)
+
+    def edges_ahead(lane: Lane) -> int:
+        along = edges_in_lane(network, lane.index, onward, length_m)
+        return sum(way == wanted for way, wanted in zip(along, onward, strict=False))
+
+    return max(reversed(driving_lanes(network, edges[0])), key=edges_ahead).index
 
 
 def queued_approaches(graph: EdgeGraph) -> Iterator[Site | NoSite]:

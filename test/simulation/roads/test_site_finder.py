@@ -344,6 +344,12 @@ def test_roads_of_two_lanes():
     assert all(site.junction is None for site in (first, second))
 
 
+def test_on_a_road_the_emv_takes_the_leftmost_lane_that_leads_on():
+    """The left lane only turns off at the end, or nowhere."""
+    turns = replace(NETWORK, connections=tuple(way for way in NETWORK.connections if way.from_lane != B_LEFT))
+    assert [site.approach_lane for site in multi_lane_roads(EdgeGraph.of(turns))][:1] == [0]
+
+
 def test_bends_cost_points():
     """A quarter turn in the middle of the first road: a whole point."""
     corner = [(-310.0, 94.75), (-310.0, -5.25), (-110.0, -5.25)]

@@ -20,7 +20,7 @@ from siren_ros.simulation.behaviour.driving.step_view import (
 )
 from siren_ros.simulation.behaviour.driving.tracked_path import Curve, Navigation, TrackedPath, nearest_point
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, Rights, limit_at_mps, rank_at
-from siren_ros.simulation.conflicts.yielding import Approach, Bends, Margins, least_wait
+from siren_ros.simulation.conflicts.yielding import Approach, Bends, Margins, least_wait, stop_brake_mps2
 from siren_ros.simulation.conflicts.zones import (
     CUT,
     OTHER,
@@ -245,7 +245,7 @@ def _strictest_leader(bodies: Floats, curve: Curve, driver: _Driver, ways: Ways)
 
 @compiled
 def _approaching(bodies: Floats, driver: _Driver, reach_m: Floats) -> Rows:
-    """Pairs of the driver and moving vehicles that may reach the path, without those that only follow.
+    """Pairs of the driver and vehicles that may reach the path, without those that only follow, or stand along it.
 
     Fills in ``reach_m``: how far ahead each one is looked at.
     """
@@ -254,15 +254,25 @@ def _approaching(bodies: Floats, driver: _Driver, reach_m: Floats) -> Rows:
     pairs, count = np.zeros((bodies.shape[1], 2), np.intp), 0
     for other in range(bodies.shape[1]):
         dx, dy, speed = bodies[X, other] - bodies[X, row], bodies[Y, other] - bodies[Y, row], bodies[SEEN_SPEED, other]
-        if other == row or dx * dx + dy * dy >= around_m * around_m or speed <= MOVING_MPS:
+        along = cos * bodies[SEEN_COS, other] + sin * bodies[SEEN_SIN, other]
+        stands = speed <= MOVING_MPS and abs(along) > SAME_DIRECTION
+        if other == row or dx * dx + dy * dy >= around_m * around_m or stands:
             continue
         reach_m[other] = min(_OTHERS_TIME_S * speed + _OTHERS_MORE_M, _OTHERS_MOST_M)
-        along = cos * bodies[SEEN_COS, other] + sin * bodies[SEEN_SIN, other]
         behind = cos * dx + sin * dy < 0.0 and along > _CROSSING_COSINE
         if np.hypot(dx, dy) <= driver.reach_m + reach_m[other] and not behind:
             pairs[count, OTHER] = other
             count += 1
     return pairs[:count]
+
+
+@compiled
+def _clear_of(own_in_m: float, blocked_m: float, own_mps: float, margins: Margins) -> tuple[float, float, float]:
+    """The wait for a vehicle that stands across the path: a stop before its way, while its body blocks the path."""
+    free_m = max(own_in_m - margins.standoff_m, 0.0)
+    if blocked_m == np.inf or own_in_m <= 0.0 or stop_brake_mps2(own_mps, own_in_m) > margins.commit_mps2:
+        return np.inf, 0.0, free_m
+    return np.sqrt(2.0 * margins.brake_mps2 * free_m), 0.0, free_m
 
 
 @compiled
@@ -281,7 +291,9 @@ def _strictest_wait(
 
     The hardest braking is that for any vehicle. ``points`` and ``bends`` are of the driver's path.
 
-    No red light makes an EMV wait: of two with the same right of way the one in the first row goes first.
+    No red light makes an EMV wait: of two with the same right of way the one in the first row goes first. For a vehicle
+    that stands across the path, so that its body is in the way, the driver leaves free what that vehicle sweeps when it
+    goes on: behind its body alone both would wait for each other.
     """
     row, worst, least, hardest, free_m = driver.row, -1, np.inf, 0.0, np.inf
     bodies = ways.bodies.copy()
@@ -300,17 +312,20 @@ def _strictest_wait(
         leads, merges = blocked_along > SAME_DIRECTION, along > SAME_DIRECTION
         if met == 0.0 or (leads and not (leaders and merges)):
             continue
-        zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
-        top = max(limit_at_mps(ways, rights, other, other_in), ROLLING_MPS)
-        no_bends = Bends(np.empty(0), 1.0, 0.0)
-        own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
-        if is_emv[row] and is_emv[other]:
-            own_rank, rank = 2 * own_rank + (row < other), 2 * rank + (other < row)
-        comes = Approach(own_mps, driver.target_mps, driver.own_accel_mps2, own_rank, bends, 2.0 * half_length_m)
-        approach = Approach(
-            seen[SEEN_SPEED, other], top, margins.early_mps2, rank, no_bends, 2.0 * seen[SEEN_HALF_LENGTH, other]
-        )
-        speed, brake, free = least_wait(zone, comes, approach, seen[SEEN_SQUARE, other], margins)
+        if seen[SEEN_SPEED, other] <= MOVING_MPS:
+            speed, brake, free = _clear_of(own_in, blocked if leaders else np.inf, own_mps, margins)
+        else:
+            zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
+            top = max(limit_at_mps(ways, rights, other, other_in), ROLLING_MPS)
+            no_bends = Bends(np.empty(0), 1.0, 0.0)
+            own_rank, rank = rank_at(ways, rights, row, own_in), rank_at(ways, rights, other, other_in)
+            if is_emv[row] and is_emv[other]:
+                own_rank, rank = 2 * own_rank + (row < other), 2 * rank + (other < row)
+            comes = Approach(own_mps, driver.target_mps, driver.own_accel_mps2, own_rank, bends, 2.0 * half_length_m)
+            approach = Approach(
+                seen[SEEN_SPEED, other], top, margins.early_mps2, rank, no_bends, 2.0 * seen[SEEN_HALF_LENGTH, other]
+            )
+            speed, brake, free = least_wait(zone, comes, approach, seen[SEEN_SQUARE, other], margins)
         if speed == np.inf:
             continue
         if worst < 0 or speed < least:

@@ -188,17 +188,23 @@ def test_who_crosses_from_either_side_is_waited_for_and_who_has_crossed_is_not(t
     assert watch(turn, 8.0, (30.0, side * 25.0, side * np.pi / 2.0, 8.0)).meetings() is None
 
 
-def crossing_watches(turn, side, rank, emvs):
-    """What two drivers see who come to the middle of a crossing from 20 m at 8 m/s, both with the same right of way."""
-    yaw = turn + np.array([0.0, side * np.pi / 2.0])
-    cos, sin, speed = np.cos(yaw), np.sin(yaw), np.full(2, 8.0)
-    poses = -20.0 * cos, -20.0 * sin, yaw, cos, sin, speed
+def crossing_watches(turn, side, rank, emvs, *, before_m=20.0, mps=8.0, angle=0.5 * np.pi):
+    """What two drivers see who come to the middle of a crossing from 20 m at 8 m/s, both with the same right of way.
+
+    The second one may be at another place, with another speed, and come at another angle.
+    """
+    yaw = turn + np.array([0.0, side * angle])
+    cos, sin, speed, before = np.cos(yaw), np.sin(yaw), np.array([8.0, mps]), np.array([20.0, before_m])
+    poses = -before * cos, -before * sin, yaw, cos, sin, speed
     sizes = np.full(2, HALF_LENGTH), np.full(2, HALF_WIDTH)
     lines = [np.outer(np.arange(-60.0, 91.0), (np.cos(angle), np.sin(angle))) for angle in yaw]
     bodies = zip(poses[0].tolist(), poses[1].tolist(), yaw.tolist(), strict=True)
     size = HALF_LENGTH, HALF_WIDTH, 0.0
     ways = Ways.of(
-        [Way(line, SPACING_M, 40.0, 0.0, pose, 0.0, *size) for line, pose in zip(lines, bodies, strict=True)]
+        [
+            Way(line, SPACING_M, 60.0 - way_m, 0.0, pose, 0.0, *size)
+            for line, pose, way_m in zip(lines, bodies, before.tolist(), strict=True)
+        ]
     )
     at = np.arange(2)
     rights = Rights(np.full(len(ways.points), 8.0), at, at + 1, np.full(2, 50.0), np.full(2, int(rank)))
@@ -225,8 +231,21 @@ def test_who_is_no_emv_is_expected_to_stop_at_red(emvs):
 
 
 @pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_for_who_stands_in_the_way_at_an_angle_the_way_that_it_clears_by_stays_free(turn, side):
+    """Its front is in the way and points back: what it sweeps comes nearer than its body is."""
+    first, _ = crossing_watches(turn, side, Rank.PRIORITY, (True, False), before_m=2.0, mps=0.0, angle=0.75 * np.pi)
+    threat, leader = first.meetings(), first.leaders()
+    assert (threat.blocker_id, leader.blocker_id) == (2, 2)
+    assert threat.free_m < leader.free_m - CONFIG.conflicts.standoff_m
+    assert threat.speed_mps == pytest.approx(math.sqrt(2.0 * CONFIG.conflicts.brake_mps2 * threat.free_m))
+    beside, _ = crossing_watches(turn, side, Rank.PRIORITY, (True, False), before_m=9.0, mps=0.0, angle=0.75 * np.pi)
+    assert beside.meetings() is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
 def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_at_an_angle_is(turn):
-    for other in ((-8.0, 0.0, 0.0, 9.0), (30.0, 0.0, np.pi / 2.0, 0.5)):
+    for other in ((-8.0, 0.0, 0.0, 9.0), (30.0, 0.0, 0.3, 0.5)):
         assert watch(turn, 8.0, other).meetings() is None
     assert watch(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0)).meetings() is not None
 

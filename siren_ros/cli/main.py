@@ -65,6 +65,7 @@ VERBS: Final = {
     "rate": ("write a page on which a person labels risk videos", "evaluation.risk.add_rate"),
     "evaluate": ("score models, traffic and AVs on episodes", "main.add_evaluate"),
     "leaderboard": ("rank the submissions in a folder, with paired tests", "leaderboard.add_arguments"),
+    "round": ("hold a benchmark on sealed episodes: make, score, publish, verify", "round.add_arguments"),
     "exam": ("grade how a driver makes way, by a rulebook", "exam.add_arguments"),
     "report": (
         "write a study as one HTML page: episodes, measurements, and the commands that repeat them",

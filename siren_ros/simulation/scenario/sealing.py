@@ -100,7 +100,9 @@ def sealed(description: EpisodeDescription, request: EpisodeRequest) -> EpisodeD
     """The whole description with its commitment, which this process notes; itself where the request has no salt."""
     if not request.salt:
         return description
-    committed = commitment(read_salt(Path(request.salt)), {**request.to_json(), "map_sha256": description.map_sha256})
+    # Files by their names alone: the same episode has the same bytes wherever they lie.
+    asked = {name: Path(value).name if isinstance(value, str) else value for name, value in request.to_json().items()}
+    committed = commitment(read_salt(Path(request.salt)), {**asked, "map_sha256": description.map_sha256})
     whole = replace(description, parameters={**description.parameters, SEALED: {"commitment": committed}})
     _OPENED.clear()
     _OPENED[committed] = whole

@@ -14,7 +14,6 @@ from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
 from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.scenario.sealing import write_salt
 
 SEED = 3
 DURATION_S = 9.0
@@ -23,7 +22,7 @@ DURATION_S = 9.0
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> EpisodeRequest:
     salt = tmp_path_factory.mktemp("sealed") / "salt"
-    write_salt(salt)
+    salt.write_text(bytes(range(16)).hex())
     return EpisodeRequest(quick_template("S2"), seed=SEED, sensors="none", duration_s=DURATION_S, salt=str(salt))
 
 

@@ -42,6 +42,7 @@ from siren_ros.scoring.judging.outcome import (
     longest_standstill,
     realisation_of,
     summarise_residuals,
+    under_way,
 )
 from siren_ros.scoring.judging.verify import PhysicsSummary, VerifyLimits, check_states, summarise_physics
 from siren_ros.scoring.pictures.birdseye import save_episode_picture
@@ -131,7 +132,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         residual_p50_m=residual.median_m,
         residual_p99_m=residual.p99_m,
         residual_max_m=residual.max_m,
-        standstill_s=max(longest_standstill(emv.speed_mps)[0] for emv in emvs),
+        standstill_s=max(longest_standstill(under_way(record, emv_id).speed_mps)[0] for emv_id in record.emv_ids),
         emv_speed_mps=float(first.speed_mps.mean()) if len(first.speed_mps) else 0.0,
         cv_ade_m=float("nan") if ade.value is None else ade.value,
         step_ms=step_ms,

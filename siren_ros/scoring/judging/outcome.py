@@ -19,7 +19,7 @@ from siren_ros.base.numerics.arrays import Floats, Ids, Points
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.recording.episode_record import EpisodeRecord, RecordBuilder, StateRows
-from siren_ros.data.tracks import ahead_and_left_m, common_rows
+from siren_ros.data.tracks import ahead_and_left_m, common_rows, places_of
 from siren_ros.errors import BagError, SirenError
 from siren_ros.scoring.judging.corridor_templates import STANDING_MPS as AT_REST_MPS
 from siren_ros.scoring.judging.corridor_templates import queues_split, rescue_lane
@@ -43,6 +43,7 @@ from siren_ros.scoring.judging.verdict import (
     verdict_of,
     with_sides_exchanged,
 )
+from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.roads.sites import middle_of_site
 from siren_ros.simulation.scenario import scenario as declared
 from siren_ros.simulation.scenario.episode import DEMAND_PARAMETER, EpisodeOutcome
@@ -126,11 +127,29 @@ def _judged(record: EpisodeRecord, name: str, thresholds: Mapping[str, float]) -
 
 def _stands(record: EpisodeRecord, emv_id: int, thresholds: Mapping[str, float]) -> Part:
     """Whether an EMV gets through: it stands for some seconds at most, at a time."""
-    track = record.track(emv_id)
+    track = under_way(record, emv_id)
     longest_s, row = longest_standstill(track.speed_mps)
     most_s = thresholds.get(declared.STANDS_MAX, declared.STANDS_MAX_S)
     moments = [Moment(int(track.step[row]), emv_id)] if longest_s else []
     return at_most("standstill_s", longest_s, most_s, listed(moments), *moments)
+
+
+_ARRIVED_M: Final = 15.0
+"""Largest distance from an EMV's centre to the end of its road at which it has arrived: half of a fire truck, and the
+space that it leaves before the end."""
+
+
+def under_way(record: EpisodeRecord, emv_id: int) -> StateRows:
+    """An EMV's track without its last stand where its road ends at the border of the map: it has arrived there."""
+    track, network = record.track(emv_id), record.network
+    end = int(np.flatnonzero(track.speed_mps > AT_REST_MPS).max(initial=-1)) + 1
+    place = places_of(record, track.select(np.arange(len(track))[-1:]))
+    if end == len(track) or place.lane[0] == NO_LANE:
+        return track
+    lane = network.lanes[place.lane[0]]
+    leads_on = any(network.connections_from.get(other) for other in network.edges[lane.edge].lanes)
+    arrived = not leads_on and lane.length_m - float(place.arc_m[0]) <= _ARRIVED_M
+    return track.select(np.arange(end)) if arrived else track
 
 
 def longest_standstill(speed_mps: Floats) -> tuple[float, int]:
@@ -422,7 +441,7 @@ def _drive_of(record: EpisodeRecord, emv_id: int) -> dict[str, float]:
         "distance_m": distance_m,
         "mean_speed_mps": float(np.mean(emv.speed_mps)),
         "standing_share": float(np.mean(emv.speed_mps <= AT_REST_MPS)),
-        "standstill_s": longest_standstill(emv.speed_mps)[0],
+        "standstill_s": longest_standstill(under_way(record, emv_id).speed_mps)[0],
     }
 
 

@@ -63,7 +63,9 @@ from siren_ros.scoring.judging.outcome import (
     PREDICATES,
     av_response,
     evaluate_predicate,
+    longest_standstill,
     predicate_of,
+    under_way,
     verdicts_of_others,
 )
 from siren_ros.scoring.judging.verdict import (
@@ -167,6 +169,15 @@ def test_an_emv_that_stands_too_long_does_not_get_through(stands_s, most_s, hold
     verdict = evaluate_predicate(replace(record, description=replace(record.description, parameters=told)))
     assert [part.name for part in verdict.failing] == ([] if holds else ["standstill_s"])
     assert verdict.parts[-1].value == pytest.approx(stands_s, abs=0.06)
+
+
+@pytest.mark.parametrize(("end_m", "stands_s"), [(226.0, 0.0), (180.0, 20.0)])
+def test_an_emv_that_stands_where_the_map_ends_has_arrived(end_m, stands_s):
+    """In the middle of the road it stands in somebody's way; at the end there is no way on."""
+    arc_m = np.minimum(90.0 + 0.5 * np.arange(400 + round(2.0 * (end_m - 90.0))), end_m)
+    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, arc_m)})
+    assert longest_standstill(under_way(record, EMV).speed_mps)[0] == pytest.approx(stands_s, abs=0.11)
+    assert longest_standstill(record.track(EMV).speed_mps)[0] == pytest.approx(20.0, abs=0.11)
 
 
 def test_with_one_emv_there_are_no_others(record_of):

@@ -33,7 +33,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "commonroad_drivability": ("commonroad-drivability-checker==2025.4.0", "commonroad-io==2024.3"),
     "scenariogeneration": ("scenariogeneration==0.16.7", "lxml"),
     "metadrive": ("metadrive-simulator==0.4.3",),
-    "carla": ("carla==0.9.16",),
+    # The extra dev has CARLA's client.
+    "carla": (),
     # The reference code of HOTA.
     "trackeval": ("trackeval==1.3.0",),
     # Also writes the recordings: it runs the export.

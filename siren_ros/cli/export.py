@@ -157,8 +157,8 @@ def run_risk_pack(arguments: argparse.Namespace) -> int:
 def _print_speed(folder: Path, card: Mapping[str, Any]) -> None:
     for split, episodes in card["splits"].items():
         if episodes:
-            speed = read_through(folder / f"{split}.parquet")
-            print(f"{split}.parquet: {speed.samples} samples, {speed.per_s:.0f} samples a second")
+            count, per_s = read_through(folder / f"{split}.parquet")
+            print(f"{split}.parquet: {count} samples, {per_s:.0f} samples a second")
 
 
 def add_check(verb: argparse.ArgumentParser) -> None:

@@ -61,6 +61,7 @@ VERBS: Final = {
     "sense": ("draw what sensors see at one time of an episode", "view.add_sense"),
     "video": ("make a video of an episode, from above or from its cameras", "view.add_video"),
     "replay": ("play an episode on its topics, or simulate it again and compare", "episode.add_replay"),
+    "carla": ("play an episode in a CARLA server, or examine the server", "carla.add_arguments"),
     "label": ("derive the labels of risk videos again, with other thresholds", "generate_risk.add_label"),
     "rate": ("write a page on which a person labels risk videos", "evaluation.risk.add_rate"),
     "evaluate": ("score models, traffic and AVs on episodes", "main.add_evaluate"),

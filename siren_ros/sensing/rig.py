@@ -114,6 +114,10 @@ _PARKED_M: Final = 150.0
 """Vehicles parked farther away than this are left out."""
 
 
+Elsewhere = Callable[[int, tuple[CameraFrame, ...]], tuple[tuple[LidarSweep, ...], tuple[CameraFrame, ...]]]
+"""Gives the sweeps and pictures of another simulator at a step; takes those that this machine drew for labels."""
+
+
 @dataclass(frozen=True, eq=False)
 class Observations:
     """Measurements of the sensors that were due at a step."""
@@ -154,6 +158,7 @@ class SensorRig:
         site: Mapping[str, object] | None = None,
         label_kinds: Callable[[CameraSpec], LabelKinds] | None = None,
         in_background: bool = False,
+        elsewhere: Elsewhere | None = None,
     ) -> None:
         """Build the scene that the sensors see.
 
@@ -162,7 +167,8 @@ class SensorRig:
         where the episode happens, as its description gives it, for roadside suites. ``label_kinds`` gives the labels
         that go with a camera's pictures; without it, those that the suite records. With ``in_background`` a background
         thread makes the sweeps while the caller goes on until it calls ``finish``; otherwise all processors share a
-        sweep, and the caller waits.
+        sweep, and the caller waits. ``elsewhere`` are LiDARs and cameras of another simulator; this machine then draws
+        only the pictures that labels are made of.
 
         Raises:
             InputError: A suite that stands at a site, and there is none; or sensors inside a building.
@@ -173,6 +179,13 @@ class SensorRig:
         types = {row.spec: row for row in SENSOR_TYPES.values()}
         casts = any(types[type(spec)].casts for spec in suite.others)
         self._sees_bodies = bool(suite.lidars or suite.cameras or casts)
+        self._elsewhere = elsewhere
+        self._drawn = suite.cameras
+        lidars = suite.lidars
+        if elsewhere is not None:
+            kinds_of = label_kinds or partial(LabelKinds.of, suite)
+            self._drawn = tuple(spec for spec in suite.cameras if kinds_of(spec).instance or kinds_of(spec).boxes)
+            lidars, self._sees_bodies = (), bool(self._drawn or casts)
         kinds = ActorClass if self._sees_bodies else ()
         self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in kinds}
         self._static = scene
@@ -180,10 +193,10 @@ class SensorRig:
             self._static = kept_scene(network, seed, config)
         self._lidars: tuple[Lidar, ...] = ()
         self._world: RaycastWorld | None = None
-        if self._static is not None and (suite.lidars or casts):
+        if self._static is not None and (lidars or casts):
             self._world = RaycastWorld(self._static, self._shapes)
             share = 0.0 if config is None else config.colour_share
-            self._lidars = tuple(Lidar(spec, self._world, self._seed, self._look, share) for spec in suite.lidars)
+            self._lidars = tuple(Lidar(spec, self._world, self._seed, self._look, share) for spec in lidars)
         self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
@@ -230,7 +243,7 @@ class SensorRig:
         """
         if self._cameras is None:
             self._cameras = ()
-            if self._static is not None and self.suite.cameras:
+            if self._static is not None and self._drawn:
                 renderer: Renderer | RaycastRenderer
                 try:
                     renderer = Renderer(self._static, self._shapes, self._look)
@@ -239,7 +252,7 @@ class SensorRig:
                     renderer = RaycastRenderer(self._static, self._shapes, self._look)
                 self._device = renderer.device
                 encoder = ThreadPoolExecutor(1, "jpeg")
-                self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
+                self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self._drawn)
             no_vehicles = self._catalogue.place(ActorStates.empty(0), {})
             for sweep in [*self._sweeps(0, np.eye(4), no_vehicles, CarrierMotion())]:
                 sweep()
@@ -290,6 +303,8 @@ class SensorRig:
         def finish() -> Observations:
             sweeps = tuple(sweep() for sweep in swept)
             frames = tuple(develop() for develop in exposed)
+            if self._elsewhere is not None:
+                sweeps, frames = self._elsewhere(step, frames)
             truth = self._truth(states, descriptions, hidden, base, sweeps)
             labels = self._labels(frames, base, placement, descriptions)
             return Observations(step, sweeps, frames, truth, labels, others)
@@ -318,7 +333,7 @@ class SensorRig:
         self, states: ActorStates, descriptions: Mapping[int, ActorDescription], base: Matrix
     ) -> tuple[ActorStates, Mapping[int, ActorDescription]]:
         """The actors together with the vehicles parked near the carrier, which sensors see like actors."""
-        if self._static is None or not self._static.parked:
+        if self._static is None or not self._static.parked or self._elsewhere is not None:
             return states, descriptions
         near = [one for one in self._static.parked if np.hypot(one.x_m - base[0, 3], one.y_m - base[1, 3]) < _PARKED_M]
         poses = {name: np.array([getattr(one, name) for one in near]) for name in ("x_m", "y_m", "z_m", "yaw_rad")}

@@ -208,6 +208,14 @@ FORMATS: Final = {
             "OpenSCENARIO 1.2: all vehicles follow their recorded trajectories on the OpenDRIVE map",
             (Need.TRACKS, Need.MAP),
             f"{_PACKAGE}.simulator_scenarios:OpenScenarioExporter",
+            (
+                Option(
+                    "dialect",
+                    "1.2",
+                    ("1.2", "scenario-runner"),
+                    "OpenSCENARIO 1.2, or 1.0 with CARLA's blueprints, as CARLA's ScenarioRunner reads it",
+                ),
+            ),
         ),
         Format(
             "scenarionet",

@@ -1,12 +1,14 @@
-"""Exports recorded episodes for other simulators: OpenDRIVE, OpenSCENARIO 1.2, and ScenarioNet databases.
+"""Exports recorded episodes for other simulators: OpenDRIVE, OpenSCENARIO, and ScenarioNet databases.
 
-SUMO's netconvert converts the compiled net to the OpenDRIVE map. esmini and CARLA's ScenarioRunner read OpenSCENARIO; a
-vehicle's reference point there is the middle of its rear axle, on the ground. MetaDrive reads ScenarioNet's tracks, map
+SUMO's netconvert converts the compiled net to the OpenDRIVE map. esmini reads OpenSCENARIO 1.2; a vehicle's reference
+point there is the middle of its rear axle, on the ground. CARLA's ScenarioRunner reads 1.0 with CARLA's blueprints as
+names; its reference point is the middle of the box. MetaDrive reads ScenarioNet's tracks, map
 features and dynamic map states, Python and numpy objects. Format: https://github.com/metadriverse/metadrive,
 ``metadrive/scenario/scenario_description.py``.
 """
 
 import pickle
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -23,6 +25,7 @@ from siren_ros.data.datasets.files import FileWriter, child, document, link
 from siren_ros.data.datasets.formats import EpisodePart, EpisodeReport, FilesExporter
 from siren_ros.data.datasets.lane_graph import lane_graph
 from siren_ros.data.episode_source import EpisodeSource
+from siren_ros.data.interfaces.carla import cast_of
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.data.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
 from siren_ros.simulation.roads.maps.map_formats import mirrored_net, mirrored_opendrive
@@ -102,6 +105,13 @@ _ROLE: Final = by_class(
 _WHEEL_M: Final = 0.65
 _LIMITS: Final = {"maxSpeed": 70.0, "maxAcceleration": 10.0, "maxDeceleration": 10.0}
 _MAJOR, _MINOR = 1, 2
+RUNNER: Final = "scenario-runner"
+"""The dialect of CARLA's ScenarioRunner: OpenSCENARIO 1.0, which has no roles, no ``greaterOrEqual``, no references to
+trajectories. All entities have a place from the begin, because the runner spawns them there."""
+_OF_CARLA: Final = re.compile(r"Town\d\d(HD)?(_Opt)?")
+_APART_M, _HIGHER_M = 12.0, 20.0
+"""Entities that begin nearer to each other than a bus is long wait one above the other, because CARLA refuses those
+that touch; when they appear, they are put on the road."""
 _DATE: Final = "1970-01-01T00:00:00"
 
 
@@ -110,27 +120,31 @@ def entity_name(actor: ActorDescription) -> str:
     return "Ego" if actor.is_emv and actor.actor_id == 1 else f"Vehicle{actor.actor_id}"
 
 
-def add_vehicle(entities: Element, actor: ActorDescription) -> None:
-    """Add an entity with its vehicle. A pedestrian's origin is its centre."""
+def add_vehicle(entities: Element, actor: ActorDescription, dialect: str = "") -> None:
+    """Add an entity with its vehicle. A pedestrian's origin is its centre, as is that of all in ``RUNNER``."""
     entity = child(entities, "ScenarioObject", name=entity_name(actor))
-    kind = actor.actor_class
+    kind, runner = actor.actor_class, dialect == RUNNER
+    blueprint = cast_of(actor)[0]
     if kind is ActorClass.PEDESTRIAN:
-        walker = child(
-            entity, "Pedestrian", name="pedestrian", pedestrianCategory="pedestrian", mass=75.0, model="adult"
-        )
+        names = {"name": "pedestrian", "model": blueprint if runner else "adult"}
+        walker = child(entity, "Pedestrian", **names, pedestrianCategory="pedestrian", mass=75.0)
         box = child(walker, "BoundingBox")
         child(box, "Center", x=0.0, y=0.0, z=actor.height_m / 2.0)
         child(box, "Dimensions", length=actor.length_m, width=actor.width_m, height=actor.height_m)
         child(walker, "Properties")
         return
-    category, role = _CATEGORY.get(kind, "car"), _ROLE.get(kind, "civil")
-    vehicle = child(entity, "Vehicle", name=kind.name.lower(), vehicleCategory=category, role=role, mass=1500.0)
+    category = _CATEGORY.get(kind, "car")
+    since_1_2 = {} if runner else {"role": _ROLE.get(kind, "civil"), "mass": 1500.0}
+    name = blueprint if runner else kind.name.lower()
+    vehicle = child(entity, "Vehicle", name=name, vehicleCategory=category, **since_1_2)
     box = child(vehicle, "BoundingBox")
-    child(box, "Center", x=REAR_AXLE * actor.length_m, y=0.0, z=actor.height_m / 2.0)
+    axle_m = 0.0 if not runner else -REAR_AXLE * actor.length_m
+    child(box, "Center", x=REAR_AXLE * actor.length_m + axle_m, y=0.0, z=actor.height_m / 2.0)
     child(box, "Dimensions", length=actor.length_m, width=actor.width_m, height=actor.height_m)
     child(vehicle, "Performance", **_LIMITS)
     axles = child(vehicle, "Axles")
-    for name, place_m, steering in (("FrontAxle", 2.0 * REAR_AXLE * actor.length_m, 0.6), ("RearAxle", 0.0, 0.0)):
+    front_m = axle_m + 2.0 * REAR_AXLE * actor.length_m
+    for name, place_m, steering in (("FrontAxle", front_m, 0.6), ("RearAxle", axle_m, 0.0)):
         wheels = {"maxSteering": steering, "wheelDiameter": _WHEEL_M, "trackWidth": 0.85 * actor.width_m}
         child(axles, name, **wheels, positionX=place_m, positionZ=_WHEEL_M / 2.0)
     properties = child(vehicle, "Properties")
@@ -142,47 +156,67 @@ def add_vehicle(entities: Element, actor: ActorDescription) -> None:
 class OpenScenarioExporter(FilesExporter):
     """Writes one file per episode, with its map."""
 
+    def __init__(self, dialect: str) -> None:
+        """``dialect`` is ``RUNNER``, or that of OpenSCENARIO 1.2."""
+        self._dialect = dialect
+
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Write scenario and map; all tracks of the episode are in memory."""
         tracks = [track for track in tracks_of(source.record()) if len(track) > 1]
-        road = f"{source.map_label}.xodr"
+        drive = road = f"{source.map_label}.xodr"
+        if self._dialect == RUNNER and _OF_CARLA.fullmatch(source.description.map_name):
+            road = source.description.map_name  # with buildings, which CARLA does not build of a file
         template, level, seed = source.description.template, source.description.level.name, source.description.seed
         title = f"SIREN {template}, level {level}, seed {seed}"
-        files.write(road, opendrive_of(source))
-        files.write(f"{episode_id}.xosc", document(scenario(tracks, road, title)))
+        files.write(drive, opendrive_of(source))
+        files.write(f"{episode_id}.xosc", document(scenario(tracks, road, title, self._dialect)))
         classes = Counter(track.actor.actor_class.name.lower() for track in tracks)
         return EpisodeReport({"scenarios": 1, "vehicles": len(tracks)}, dict(classes))
 
 
-def scenario(tracks: Sequence[Track], road: str, description: str) -> Element:
-    """The whole document."""
-    root = Element("OpenSCENARIO")
-    child(root, "FileHeader", revMajor=_MAJOR, revMinor=_MINOR, date=_DATE, author="SIREN", description=description)
+def scenario(tracks: Sequence[Track], road: str, description: str, dialect: str = "") -> Element:
+    """The whole document, in OpenSCENARIO 1.2 or in ``RUNNER``."""
+    root, runner = Element("OpenSCENARIO"), dialect == RUNNER
+    child(
+        root,
+        "FileHeader",
+        revMajor=_MAJOR,
+        revMinor=0 if runner else _MINOR,
+        date=_DATE,
+        author="SIREN",
+        description=description,
+    )
     child(root, "ParameterDeclarations")
     child(root, "CatalogLocations")
     child(root, "RoadNetwork/LogicFile", filepath=road)
     entities = child(root, "Entities")
     for track in tracks:
-        add_vehicle(entities, track.actor)
+        add_vehicle(entities, track.actor, dialect)
     storyboard = child(root, "Storyboard")
     actions = child(storyboard, "Init/Actions")
-    for track in tracks:
-        if track.frame[0] == 0:
+    taken: list[Floats] = []
+    for track in sorted(tracks, key=lambda each: int(each.frame[0])):
+        if track.frame[0] == 0 or runner:
+            place = rear_axle(track, dialect)[0]
+            place[2] += _HIGHER_M * sum(float(np.hypot(*(place - other)[:2])) < _APART_M for other in taken) * runner
+            taken += [place] if track.frame[0] else []
             private = child(actions, "Private", entityRef=entity_name(track.actor))
-            _position(child(private, "PrivateAction/TeleportAction"), rear_axle(track)[0])
+            _position(child(private, "PrivateAction/TeleportAction"), place)
             speed = child(private, "PrivateAction/LongitudinalAction/SpeedAction")
             child(speed, "SpeedActionDynamics", dynamicsShape="step", value=0.0, dynamicsDimension="time")
             child(speed, "SpeedActionTarget/AbsoluteTargetSpeed", value=track.speed_mps[0])
     act = child(child(storyboard, "Story", name="Recorded"), "Act", name="Recorded")
     last = max(int(track.frame[-1]) for track in tracks)
     for track in tracks:
-        _add_group(act, track, removed=int(track.frame[-1]) < last)
+        _add_group(act, track, dialect, removed=int(track.frame[-1]) < last)
     _time_trigger(child(act, "StartTrigger"), "start", 0.0)
     _time_trigger(child(storyboard, "StopTrigger"), "end", last * FRAME_S)
+    for condition in root.iter("SimulationTimeCondition") if runner else ():
+        condition.set("rule", "greaterThan")
     return root
 
 
-def _add_group(act: Element, track: Track, *, removed: bool) -> None:
+def _add_group(act: Element, track: Track, dialect: str, *, removed: bool) -> None:
     """Add one vehicle's actions: it appears when first recorded, follows its trajectory, and disappears at its end."""
     name = entity_name(track.actor)
     group = child(act, "ManeuverGroup", maximumExecutionCount=1, name=f"{name}Group")
@@ -190,10 +224,14 @@ def _add_group(act: Element, track: Track, *, removed: bool) -> None:
     maneuver = child(group, "Maneuver", name=f"{name}Maneuver")
     start_s = float(track.frame[0]) * FRAME_S
     if track.frame[0] > 0:
-        entity = child(_event(maneuver, f"{name}Added"), "GlobalAction/EntityAction", entityRef=name)
-        _position(child(entity, "AddEntityAction"), rear_axle(track)[0])
+        action = _event(maneuver, f"{name}Added")
+        if dialect == RUNNER:
+            added = child(action, "PrivateAction/TeleportAction")
+        else:
+            added = child(child(action, "GlobalAction/EntityAction", entityRef=name), "AddEntityAction")
+        _position(added, rear_axle(track, dialect)[0])
         _start_event_at(maneuver, start_s)
-    _follow(_event(maneuver, f"{name}Follows"), track, name)
+    _follow(_event(maneuver, f"{name}Follows"), track, name, dialect)
     _start_event_at(maneuver, start_s)
     if removed:
         entity = child(_event(maneuver, f"{name}Removed"), "GlobalAction/EntityAction", entityRef=name)
@@ -217,9 +255,10 @@ def _time_trigger(trigger: Element, name: str, time_s: float) -> None:
     child(condition, "ByValueCondition/SimulationTimeCondition", value=time_s, rule="greaterOrEqual")
 
 
-def rear_axle(track: Track) -> Floats:
-    """x, y, z, heading of the reference point over the frames, shape ``(K, 4)``."""
-    behind = 0.0 if track.actor.actor_class is ActorClass.PEDESTRIAN else REAR_AXLE * track.actor.length_m
+def rear_axle(track: Track, dialect: str = "") -> Floats:
+    """x, y, z, heading of the reference point over the frames, shape ``(K, 4)``; in ``RUNNER`` that of the middle."""
+    middle = dialect == RUNNER or track.actor.actor_class is ActorClass.PEDESTRIAN
+    behind = 0.0 if middle else REAR_AXLE * track.actor.length_m
     x_m = track.x_m - behind * np.cos(track.yaw_rad)
     y_m = track.y_m - behind * np.sin(track.yaw_rad)
     return np.stack((x_m, y_m, track.z_m, track.yaw_rad), axis=-1)
@@ -230,11 +269,16 @@ def _position(parent: Element, place: Floats) -> None:
     child(parent, "Position/WorldPosition", x=x, y=y, z=z, h=heading, p=0.0, r=0.0)
 
 
-def _follow(action: Element, track: Track, name: str) -> None:
+def _follow(action: Element, track: Track, name: str, dialect: str) -> None:
     follow = child(action, "PrivateAction/RoutingAction/FollowTrajectoryAction")
-    trajectory = child(follow, "TrajectoryRef/Trajectory", name=f"{name}Trajectory", closed=False)
+    trajectory = child(
+        follow,
+        "Trajectory" if dialect == RUNNER else "TrajectoryRef/Trajectory",
+        name=f"{name}Trajectory",
+        closed=False,
+    )
     line = child(trajectory, "Shape/Polyline")
-    for frame, place in zip(track.frame.tolist(), rear_axle(track), strict=True):
+    for frame, place in zip(track.frame.tolist(), rear_axle(track, dialect), strict=True):
         _position(child(line, "Vertex", time=float(frame) * FRAME_S), place)
     child(follow, "TimeReference/Timing", domainAbsoluteRelative="absolute", scale=1.0, offset=0.0)
     child(follow, "TrajectoryFollowingMode", followingMode="position")

@@ -51,7 +51,7 @@ from siren_ros.data.sensor_messages.sensor_topics import (
 from siren_ros.sensing.camera.camera import CameraFrame
 from siren_ros.sensing.look import load_look, look_of
 from siren_ros.sensing.navigation import WheelOdometry
-from siren_ros.sensing.rig import Observations, Sensing, SensorRig
+from siren_ros.sensing.rig import Elsewhere, Observations, Sensing, SensorRig
 from siren_ros.sensing.scene.kerbside import scene_config_of
 from siren_ros.sensing.specification import CameraSpec, SensorSpec
 from siren_ros.sensing.suite import LabelKinds, SensorSuite
@@ -168,11 +168,17 @@ class MountedSuite:
 
 
 def mounted_suites(
-    episode: EpisodeDescription, network: RoadNetwork, wants_raw: Callable[[Topic], bool], *, in_background: bool
+    episode: EpisodeDescription,
+    network: RoadNetwork,
+    wants_raw: Callable[[Topic], bool],
+    *,
+    in_background: bool,
+    elsewhere: Callable[[SensorSuite, Carrier], Elsewhere] | None = None,
 ) -> Iterator[MountedSuite]:
     """Make the suites of all carriers of an episode. Call it in the thread that will measure.
 
-    ``wants_raw`` is as ``ObservationMessages`` takes it, ``in_background`` as ``SensorRig`` does.
+    ``wants_raw`` is as ``ObservationMessages`` takes it, ``in_background`` as ``SensorRig`` does; ``elsewhere`` gives
+    for each suite and its carrier what ``SensorRig`` takes as such.
 
     Raises:
         InputError: A suite or a look that cannot be loaded, or sensors inside a building.
@@ -191,6 +197,7 @@ def mounted_suites(
             site=episode.site,
             label_kinds=messages.label_kinds,
             in_background=in_background,
+            elsewhere=None if elsewhere is None else elsewhere(suite, carrier),
         )
         rig.prepare()
         scene = rig.scene

@@ -264,6 +264,25 @@ def record_episode(
             raise InputError(name, program, f"an episode without {name}; one that takes part needs cosim")
     if setup.plan.av and answer is None:
         raise InputError("av", described.parameters.get("av"), "an episode without an AV under test; that needs cosim")
+    return record_messages(described, bag, _messages(setup, answer or _nobody), overwrite=overwrite, on_step=on_step)
+
+
+def record_messages(
+    described: EpisodeDescription,
+    bag: Path,
+    messages: Generator[tuple[Topic, bytes], None, None],
+    *,
+    overwrite: bool = False,
+    on_step: Callable[[int], None] = lambda _: None,
+) -> RecordedEpisode:
+    """Write the bag of an episode from all its messages, and judge it; the arguments are those of ``record_episode``.
+
+    The messages are closed in any case. One that raises ``EpisodeError`` ends the episode, whose bag is then partial.
+
+    Raises:
+        InputError: The bag exists already or cannot be written.
+        EpisodeError: The disk is full, or the folder is gone.
+    """
     latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
     options = BagOptions(overwrite=overwrite)
     recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content, options)
@@ -271,7 +290,7 @@ def record_episode(
     end, reason = EpisodeEnd.COMPLETE, ""
     try:
         recorder.expect(topics_of(described), bag)
-        with closing(_messages(setup, answer or _nobody)) as messages:  # SUMO ends with the messages, in any case
+        with closing(messages):  # SUMO ends with the messages, in any case
             for topic, cdr in messages:
                 recorder.take(topic, cdr)
     except EpisodeError as error:

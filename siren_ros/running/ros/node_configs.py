@@ -56,6 +56,7 @@ class SensorSimConfig(ParticipantConfig):
     trails: bool = parameter(
         False, "Whether a step's sweeps and pictures may still be made while the next step begins."
     )
+    carla: str = parameter("", "Of the node carla_bridge: HOST:PORT of the CARLA server that senses.")
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,9 @@ class CosimConfig(EpisodeRequest):
         "kitti", "KITTI's own layout, or exactly the paper's, which needs no camera.", choices=KITTI_LAYOUTS
     )
     processes: bool = parameter(False, "Run each node as a process of its own.")
+    carla: str = parameter(
+        "", "HOST:PORT of a CARLA server that senses, with the node carla_bridge; empty: the node sensor_sim senses."
+    )
     realtime_factor: float = parameter(
         0.0, "Simulated seconds per wall second at most; 0: as fast as it goes.", minimum=0.0, maximum=1000.0
     )

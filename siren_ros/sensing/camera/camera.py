@@ -348,19 +348,26 @@ class Camera:
         return partial(self._develop, step, picture)
 
     def _develop(self, step: int, picture: Callable[[], RenderedImage]) -> CameraFrame:
-        image, spec = picture(), self.spec
-        if spec.anti_aliasing:
-            smooth_edges(image.rgba)
-        colours = image.rgba[..., :3]  # noise and blur change the colours only, not the labels
-        if spec.blur_px > 0.0:
-            from scipy.ndimage import gaussian_filter  # noqa: PLC0415 - loads slowly, and few suites need it
+        return developed(self.spec, self._seed, step, picture(), self._encoder)
 
-            blurred = gaussian_filter(colours.astype(np.float32), spec.blur_px, axes=(0, 1), truncate=3.0)
-            colours[:] = np.rint(blurred).astype(np.uint8)
-        if spec.noise_stddev > 0.0:
-            rng = sensor_generator(self._seed, spec.name, step)
-            noise = rng.standard_normal(colours.shape, np.float32) * np.float32(spec.noise_stddev)
-            colours[:] = np.clip(np.rint(colours + noise), 0, 255).astype(np.uint8)
-        encode = partial(simplejpeg.encode_jpeg, colorspace="RGBX", colorsubsampling="420", fastdct=True)
-        encoded = self._encoder.submit(encode, image.rgba, spec.jpeg_quality)
-        return CameraFrame(spec.name, step, self.intrinsics, image, encoded)
+
+def developed(spec: CameraSpec, seed: int, step: int, image: RenderedImage, encoder: Executor) -> CameraFrame:
+    """A picture that was drawn, with what the specification asks for; it begins to be encoded.
+
+    Edges are smoothed, colours blurred and noisy. ``seed`` is that of the carrier's noise.
+    """
+    if spec.anti_aliasing:
+        smooth_edges(image.rgba)
+    colours = image.rgba[..., :3]  # noise and blur change the colours only, not the labels
+    if spec.blur_px > 0.0:
+        from scipy.ndimage import gaussian_filter  # noqa: PLC0415 - loads slowly, and few suites need it
+
+        blurred = gaussian_filter(colours.astype(np.float32), spec.blur_px, axes=(0, 1), truncate=3.0)
+        colours[:] = np.rint(blurred).astype(np.uint8)
+    if spec.noise_stddev > 0.0:
+        rng = sensor_generator(seed, spec.name, step)
+        noise = rng.standard_normal(colours.shape, np.float32) * np.float32(spec.noise_stddev)
+        colours[:] = np.clip(np.rint(colours + noise), 0, 255).astype(np.uint8)
+    encode = partial(simplejpeg.encode_jpeg, colorspace="RGBX", colorsubsampling="420", fastdct=True)
+    encoded = encoder.submit(encode, image.rgba, spec.jpeg_quality)
+    return CameraFrame(spec.name, step, spec.intrinsics, image, encoded)

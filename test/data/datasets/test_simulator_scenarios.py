@@ -247,6 +247,23 @@ def test_commonroad_has_the_emv_as_problem_and_the_others_as_obstacles(exported,
     assert (card["counts"], card["classes"]) == ({"scenarios": 1, "obstacles": 2}, {"bus": 1, "car": 1})
 
 
+def test_the_dialect_of_scenario_runner_is_openscenario_1_0_with_blueprints_and_places(exported, made_drive):
+    out = exported("openscenario", made_drive, "--dialect", "scenario-runner")
+    file = out / f"{ID}.xosc"
+    assert read_with("scenariogeneration", "read_openscenario.py", file)["errors"] == []
+    root = parse(file).getroot()
+    assert root.find("FileHeader").attrib["revMinor"] == "0"
+    assert {element.attrib["rule"] for element in root.iter("SimulationTimeCondition")} == {"greaterThan"}
+    names = {thing.attrib["name"]: thing.find("Vehicle").attrib["name"] for thing in root.iter("ScenarioObject")}
+    assert names["Ego"] == "vehicle.ford.ambulance"
+    assert all(name.startswith("vehicle.") for name in names.values())
+    assert {element.attrib["entityRef"] for element in root.iter("Private")} == set(names)
+    assert not list(root.iter("TrajectoryRef")) + list(root.iter("AddEntityAction"))
+    path = next(line for line in root.iter("Trajectory") if line.attrib["name"] == "EgoTrajectory")
+    assert [float(place.attrib["x"]) for place in path.iter("WorldPosition")][:2] == [20.0, 21.0]
+    assert {float(center.attrib["x"]) for center in root.iter("Center")} == {0.0}
+
+
 def test_openscenario_drives_on_the_map_that_comes_with_it(exported, made_drive):
     out = exported("openscenario", made_drive)
     assert sorted(path.name for path in out.iterdir()) == sorted(

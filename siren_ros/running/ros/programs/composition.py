@@ -215,6 +215,10 @@ class EpisodePlan:
     overrides: Mapping[str, Overrides]
     """Parameters of each node. The recorder comes first, because an existing bag must end the episode early."""
 
+    def file_of(self, name: str) -> str:
+        """The file of a participant's node: its name, unless a CARLA server senses."""
+        return "carla_bridge" if self.overrides[name].get("carla") else name
+
     def lockstep(self, config: CosimConfig) -> LockstepConfig:
         """Participants and time limits of the lockstep."""
         return LockstepConfig(
@@ -276,7 +280,8 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
         overrides["detector"]["weights"] = config.detector
     predictor = [config.predictor] if config.predictor and config.predictor not in config.external else []
     others = (*_checked_names([*config.external, *predictor]), *((AV_SOURCE,) if config.av else ()))
-    overrides["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
+    overrides["sensor_sim"] |= {"trails": not others and config.realtime_factor == 0.0 and not config.carla}
+    overrides["sensor_sim"] |= {"carla": config.carla} if config.carla else {}
     own_steps = plan_length(replace(request, duration_s=0.0))
     return EpisodePlan(nodes, others, plan_length(request), own_steps, bag, kitti, no_kitti, overrides)
 

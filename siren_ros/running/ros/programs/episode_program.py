@@ -330,7 +330,7 @@ def _composed(
     if cosim.config.processes:
         ros_args = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
         check_alone(cosim, cosim.began_s)
-        return OutOfProcess({name: module_of(name) for name in plan.overrides}, plan.overrides, ros_args)
+        return OutOfProcess({name: module_of(plan.file_of(name)) for name in plan.overrides}, plan.overrides, ros_args)
 
     def part_of(name: str, make: Callable[..., Any]) -> Callable[..., Any]:
         def make_visibly(*arguments: Any, **options: Any) -> Any:
@@ -344,7 +344,7 @@ def _composed(
     for name in plan.overrides:
         _check_stopped(interrupt)
         waiting.expect(f"{name} and its libraries to be loaded")
-        node_types[name] = part_of(name, import_module(module_of(name)).NODE)
+        node_types[name] = part_of(name, import_module(module_of(plan.file_of(name))).NODE)
     check_alone(cosim, cosim.began_s)
     with interrupt.ending_at_once():
         return InProcess(executor, node_types, plan.overrides)

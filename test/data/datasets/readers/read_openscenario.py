@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -11,8 +12,10 @@ from scenariogeneration import xosc
 from schema_errors import schema_errors
 
 file = sys.argv[1]
-schema = next(Path(scenariogeneration.__file__).parent.parent.rglob("OpenSCENARIO_1_2.xsd"))
-errors = schema_errors(schema, Path(file).read_bytes())
+document = Path(file).read_bytes()
+minor = re.search(rb'revMinor="(\d)"', document).group(1).decode()
+schema = next(Path(scenariogeneration.__file__).parent.parent.rglob(f"OpenSCENARIO_1_{minor}.xsd"))
+errors = schema_errors(schema, document)
 with contextlib.redirect_stdout(io.StringIO()):
     scenario = xosc.ParseOpenScenario(file)
 act = scenario.storyboard.stories[0].acts[0]

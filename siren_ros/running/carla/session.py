@@ -1,0 +1,538 @@
+"""A CARLA server that senses an episode: connected, cast, ticked once a step, left as it was found.
+
+Every call has a deadline. What the server refuses before the first step is an error of the input, later one of the
+episode.
+"""
+
+import json
+import math
+import queue
+import re
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from importlib.metadata import version
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+
+from siren_ros.base.numerics.arrays import Floats, Matrix
+from siren_ros.base.numerics.units import STEP_S
+from siren_ros.data.interfaces import topics
+from siren_ros.data.interfaces.carla import actor_pose, blueprints, carla_lights, carla_pose, cast_of, signal_colour
+from siren_ros.data.interfaces.messages import make_message
+from siren_ros.data.interfaces.topics import Topic
+from siren_ros.data.sensor_messages.mounted_suite import (
+    MountedSuite,
+    Published,
+    TrailingSensing,
+    mounted_suites,
+    setup_messages,
+)
+from siren_ros.data.sensor_messages.sensor_topics import Carrier, carriers_of, noise_seed
+from siren_ros.errors import EpisodeError, InputError
+from siren_ros.running.carla.sensed import carla_sensors, frame_of, sweep_of
+from siren_ros.running.carla.server_map import (
+    MOST_M,
+    TRAFFIC_LIGHT,
+    drive_sha256,
+    is_same,
+    lane_distances,
+    place_of,
+    signal_heads,
+)
+from siren_ros.sensing.camera.camera import CameraFrame
+from siren_ros.sensing.lidar.lidar import LidarSweep
+from siren_ros.sensing.look import Look, load_look, look_of
+from siren_ros.sensing.specification import CameraSpec, LidarSpec, Mount, map_from_base
+from siren_ros.sensing.suite import SensorSuite
+from siren_ros.simulation.roads.road_network import RoadNetwork
+from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.world.actors import (
+    TWO_WHEELED,
+    ActorClass,
+    ActorDescription,
+    ActorStates,
+    SignalState,
+)
+
+DEFAULT_PORT: Final = 2000
+CALL_S: Final = 10.0
+"""Deadline of each call and of each frame, as in CARLA's own examples; half of what the lockstep gives a step."""
+CLOSE_S: Final = 2.0
+"""Deadline of each call that puts a server back, so that one that is gone does not hold up the end."""
+LOAD_S: Final = 60.0
+"""Deadline of the call that loads a map, for which a server needs half a minute."""
+_THREADS: Final = 4
+"""Threads of the client: with one, a callback in Python and a call that waits for a frame wait for each other."""
+_WARM_UP_FRAMES: Final = 20
+"""Frames within which every sensor has sent its first; the first one or two are empty in a real server."""
+_SPAWN_HEIGHTS_M: Final = (50.0, 100.0, 150.0)
+"""Heights above the ground at which actors are spawned, where nothing stands; then they are put to their places."""
+_STEER_DEG: Final = 0.5
+_WHEEL_RADIUS_M: Final = 0.33
+"""Of passenger cars; wheels turn by it."""
+_HEAVIEST_RAIN_MM_PER_H: Final = 50.0
+"""Violent rain begins here (WMO); CARLA's rain is a percentage."""
+
+_RAW_PARTS: Final = topics.IMAGE.name.count("/")
+"""Colours are published for a listener; depth, classes and instances, whose topics have more parts, where recorded."""
+
+_ASK_VERSION: Final = b"\x94\x00\x01\xa7version\x91\x91\xc2"
+_TOLD: Final = b"\x94\x01\x01\xc0"
+"""MessagePack-RPC: the call ``version`` with the number 1, and how its answer without an error begins."""
+_MOST_TOLD: Final = 200
+
+Key = tuple[str, str, str]
+"""A sensor in the server: names of its carrier and of itself, and its blueprint."""
+
+
+@contextmanager
+def called(address: str) -> Iterator[None]:
+    """Around calls of the client while an episode runs: an error of the server is one of the episode.
+
+    Raises:
+        EpisodeError: With what the client says.
+    """
+    try:
+        yield
+    except (RuntimeError, IndexError) as error:  # the second: a blueprint that the server does not have
+        raise EpisodeError(f"the CARLA server at {address}: {' '.join(str(error).split())}") from error
+
+
+def client_library(address: str) -> Any:
+    """CARLA's client; InputError where it is not installed."""
+    try:
+        return import_module("carla")
+    except ImportError as error:
+        raise InputError("carla", address, "an environment with CARLA's client (./env --with carla)") from error
+
+
+def connected(carla: Any, address: str, timeout_s: float = CALL_S) -> Any:
+    """A client of the server at ``HOST:PORT``, after a look at its version.
+
+    Raises:
+        InputError: Nothing listens there, what listens is no CARLA server, or it has another version than the client.
+    """
+    host, _, port = address.partition(":")
+    try:
+        number = int(port or DEFAULT_PORT)
+        theirs, ours = _version_at(host, number, timeout_s), version("carla")
+    except (OSError, ValueError, OverflowError) as error:
+        raise InputError("carla", address, f"HOST:PORT of a running CARLA server ({error})") from error
+    if theirs != ours:
+        raise InputError("carla", address, f"a CARLA server of the client's version {ours}; this one is {theirs}")
+    client = carla.Client(host, number, _THREADS)
+    client.set_timeout(timeout_s)
+    return client
+
+
+def _version_at(host: str, port: int, timeout_s: float) -> str:
+    """The version that a server names; the client is asked later, as another program's words abort its process.
+
+    Raises:
+        OSError: Nothing listens there, or it does not answer in time.
+        ValueError: What listens is no CARLA server.
+    """
+    with socket.create_connection((host, port), timeout_s) as connection:
+        connection.sendall(_ASK_VERSION)
+        told = connection.recv(_MOST_TOLD)
+    if not told.startswith(_TOLD) or not (found := re.search(rb"\d+\.\d+[\w.-]*", told)):
+        raise ValueError("what answers there is no CARLA server")
+    return found.group().decode()
+
+
+def _sensors_of(suite: SensorSuite) -> tuple[LidarSpec | CameraSpec, ...]:
+    """The sensors of a suite that CARLA simulates."""
+    return (*suite.lidars, *suite.cameras)
+
+
+class CarlaSession:
+    """A server during one episode; as a context manager it leaves the server as it was."""
+
+    def __init__(self, address: str, timeout_s: float = CALL_S) -> None:
+        """Connect; InputError as ``connected``."""
+        self.address = address
+        self.carla = client_library(address)
+        self._timeout_s = timeout_s
+        self.client = connected(self.carla, address, timeout_s)
+        with self._refused():
+            self.world = self.client.get_world()
+            self.map = self.world.get_map()
+            self._library = self.world.get_blueprint_library()
+            self._settings, self._weather = self.world.get_settings(), self.world.get_weather()
+        self.blueprint_names = frozenset(each.id for each in self._library)
+        self.things: dict[int, Any] = {}
+        self._sizes: dict[int, ActorDescription] = {}
+        self._shown: Mapping[int, ActorDescription] = {}
+        self._boxes: dict[int, tuple[Floats, Floats]] = {}
+        self._lights: dict[int, int] = {}
+        self._steered: dict[int, float] = {}
+        self._rolled_m: dict[int, float] = {}
+        self._heads: dict[str, set[tuple[str, int]]] = {}
+        self._lamps: dict[str, Any] = {}
+        self._colours: dict[str, int] = {}
+        self._sensors: dict[Key, Any] = {}
+        self._arrived: dict[Key, queue.SimpleQueue[Any]] = {}
+        self._waiting: list[tuple[Carrier, int, SensorSuite, Mount | None]] = []
+        self._carriers: dict[str, tuple[int, Mount | None]] = {}
+        self._seeds: dict[str, int] = {}
+        self._states = ActorStates.empty()
+        self._encoder = ThreadPoolExecutor(1, "jpeg")
+        self._frame, self._differences, self._changed = 0, {"places": 0.0}, False
+
+    def _refused(self) -> Any:
+        return _as_input_error(self.address)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    # Before the first step.
+
+    def load(self, drive: str) -> None:
+        """Make the server build a map of OpenDRIVE, where it does not have it; InputError where it fails."""
+        self.client.set_timeout(LOAD_S)
+        with self._refused():
+            # CARLA makes lights only of signals of this type; SUMO's exports have types for arrows.
+            drive = re.sub(r'type="10000\d\d"', f'type="{TRAFFIC_LIGHT}"', drive)
+            self.world = self.client.generate_opendrive_world(drive, self.carla.OpendriveGenerationParameters())
+            self.map = self.world.get_map()
+            self._settings, self._weather = self.world.get_settings(), self.world.get_weather()
+        self.client.set_timeout(self._timeout_s)
+
+    def begin(self, network: RoadNetwork, look: Look) -> None:
+        """Check the map, take over the clock and the signals, and set the weather. InputError: another map."""
+        self._differences = lane_distances(self.carla, self.map, network)
+        if not is_same(self._differences):
+            found = f"{self._differences.get('share_m', math.inf):.1f} m away at 95 % of the places"
+            raise InputError(
+                "carla", self.map.name, f"the map of the episode (lanes are {found}; {MOST_M} m are allowed)"
+            )
+        with self._refused():
+            settings, self._changed = self.world.get_settings(), True
+            settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_S
+            self.world.apply_settings(settings, self._timeout_s)
+            self._heads = signal_heads(self.map, network)
+            lamps = self.world.get_actors().filter("traffic.traffic_light*")
+            self._lamps = {each.get_opendrive_id(): each for each in lamps}
+            if lamps:
+                self.world.freeze_all_traffic_lights(True)
+            self.world.set_weather(self._weather_of(look))
+
+    def _weather_of(self, look: Look) -> Any:
+        weather = self.world.get_weather()
+        weather.sun_altitude_angle = math.degrees(look.sun_elevation_rad)
+        weather.sun_azimuth_angle = -math.degrees(look.sun_azimuth_rad) % 360.0
+        weather.cloudiness, weather.wetness = 100.0 * look.cloud_cover, 100.0 * look.wetness
+        weather.precipitation = 100.0 * min(1.0, look.rain_mm_per_h / _HEAVIEST_RAIN_MM_PER_H)
+        return weather
+
+    def suites(
+        self, episode: EpisodeDescription, network: RoadNetwork, wants_raw: Callable[[Topic], bool]
+    ) -> tuple[MountedSuite, ...]:
+        """The suites of an episode, whose LiDARs and cameras are the server's; they are mounted with their carriers.
+
+        Raises:
+            InputError: A suite that cannot be loaded, or another map.
+        """
+        self.begin(network, load_look(look_of(episode), episode.files))
+        self._seeds = {carrier.name: noise_seed(episode.seed, carrier) for carrier, _, _ in carriers_of(episode)}
+        mounted = tuple(
+            mounted_suites(
+                episode,
+                network,
+                lambda topic: topic.name.count("/") == _RAW_PARTS and wants_raw(topic),
+                in_background=False,
+                elsewhere=lambda suite, carrier: partial(self.measured, suite, carrier),
+            )
+        )
+        ids = {carrier.name: actor_id for carrier, actor_id, _ in carriers_of(episode)}
+        for each in mounted:
+            self._waiting.append((each.carrier, ids[each.carrier.name], each.rig.suite, each.rig.station))
+        self._carriers = {carrier.name: (actor_id, station) for carrier, actor_id, _, station in self._waiting}
+        return mounted
+
+    def setup(self, mounted: Sequence[MountedSuite]) -> Iterator[Published]:
+        """Messages before the first step; the account of the sensors names the simulator."""
+        for topic, message in setup_messages(mounted):
+            if topic != topics.SENSING:
+                yield topic, message
+                continue
+            accounts = {name: {**account, **self.account} for name, account in json.loads(message.data).items()}
+            yield topic, make_message(topic.type_name, data=json.dumps(accounts, sort_keys=True))
+
+    @property
+    def account(self) -> dict[str, object]:
+        """The server, and what of the episode it shows otherwise."""
+        missing = {
+            kind.name.lower(): next(
+                iter(cast_of(ActorDescription(1, "", kind, 0, 0, 0, (0, 0, 0)), self.blueprint_names)), "nothing"
+            )
+            for kind, rows in blueprints().items()
+            if not rows.keys() & self.blueprint_names
+        }
+        return {
+            "simulator": f"CARLA {self.client.get_client_version()}",
+            "pictures_by": "CARLA",
+            "map": {"name": self.map.name, "sha256": drive_sha256(self.map), "lanes": self._differences},
+            "signals": f"{len(set(self._heads) & set(self._lamps))} of {len(self._lamps)}",
+            "replaced": missing,
+        }
+
+    # At each step.
+
+    def advance(
+        self, states: ActorStates, actors: Mapping[int, ActorDescription], signals: Iterable[SignalState]
+    ) -> Mapping[int, ActorDescription]:
+        """Show a step in the server and let it sense; returns the actors with the sizes of CARLA's boxes.
+
+        Raises:
+            EpisodeError: The server refuses, is gone, or does not answer in time.
+        """
+        with called(self.address):
+            present = set(states.actor_id.tolist())
+            self._remove([actor_id for actor_id in self.things if actor_id not in present])
+            for row, actor_id in enumerate(states.actor_id.tolist()):
+                if actor_id not in self.things:
+                    self._spawn(states, row, actors[actor_id])
+            self._place(states, actors)
+            self._show_signals(signals)
+            self._mount()
+            self._frame = self.world.tick(self._timeout_s)
+            self._states, self._shown = states, {**actors, **self._sizes}
+        return self._shown
+
+    def _spawn(self, states: ActorStates, row: int, actor: ActorDescription) -> None:
+        carla, names = self.carla, cast_of(actor, self.blueprint_names)
+        if not names:
+            raise EpisodeError(
+                f"the CARLA server at {self.address} has no blueprint for {actor.actor_class.name.lower()}"
+            )
+        blueprint = self._library.find(names[0])
+        if blueprint.has_attribute("color") and not actor.actor_class.is_emergency:
+            blueprint.set_attribute("color", ",".join(map(str, actor.colour_rgb)))
+        if blueprint.has_attribute("role_name"):
+            carries = any(actor.actor_id == carrier for _, carrier, _, _ in self._waiting)
+            blueprint.set_attribute("role_name", "hero" if carries else f"siren_{actor.actor_id}")
+        x, y, refusal = float(states.x_m[row]), float(states.y_m[row]), ""
+        for height_m in _SPAWN_HEIGHTS_M:
+            place = carla.Transform(carla.Location(x, -y, self._ground_m(x, y) + height_m), carla.Rotation())
+            try:
+                thing = self.world.spawn_actor(blueprint, place)
+                break
+            except RuntimeError as error:
+                if "spawn" not in str(error).lower():
+                    raise
+                refusal = str(error)
+        else:
+            raise EpisodeError(f"actor {actor.actor_id} ({names[0]}) cannot be spawned in CARLA: {refusal}")
+        self.things[actor.actor_id] = thing
+        thing.set_simulate_physics(False)
+        box = thing.bounding_box
+        centre, extent = (np.array([each.x, each.y, each.z]) for each in (box.location, box.extent))
+        if actor.actor_class in TWO_WHEELED or extent.min() <= 0.0:
+            centre, extent = np.zeros(3), np.zeros(3)
+        else:
+            length_m, width_m, height_m = (float(2.0 * value) for value in extent)
+            self._sizes[actor.actor_id] = replace(actor, length_m=length_m, width_m=width_m, height_m=height_m)
+        self._boxes[actor.actor_id] = (centre, extent)
+
+    def box_of(self, actor_id: int) -> tuple[Floats, Floats]:
+        """Centre and half sizes of an actor's box in CARLA's axes, zeros where it has none."""
+        return self._boxes[actor_id]
+
+    def _ground_m(self, x_m: float, y_m: float) -> float:
+        return float(place_of(self.carla, self.map, x_m, y_m).transform.location.z)
+
+    def _place(self, states: ActorStates, actors: Mapping[int, ActorDescription]) -> None:
+        command, batch = self.carla.command, []
+        for row, actor_id in enumerate(states.actor_id.tolist()):
+            x, y, yaw = (float(values[row]) for values in (states.x_m, states.y_m, states.yaw_rad))
+            pose = self._transform(actor_pose(x, y, yaw, self._ground_m(x, y), *self._boxes[actor_id]))
+            thing, speed_mps = self.things[actor_id], float(states.speed_mps[row])
+            if actors[actor_id].actor_class is ActorClass.PEDESTRIAN:
+                batch.append(command.ApplyWalkerState(thing.id, pose, speed_mps))
+                continue
+            batch.append(command.ApplyTransform(thing.id, pose))
+            lights = carla_lights(int(states.lights[row]))  # with an actor in place of its id, the client sends 1
+            if self._lights.get(actor_id, 0) != lights:
+                self._lights[actor_id] = lights
+                batch.append(command.SetVehicleLightState(thing.id, lights))
+            if actors[actor_id].actor_class not in TWO_WHEELED:
+                self._turn_wheels(actor_id, float(np.degrees(states.steer_rad[row])), speed_mps * STEP_S)
+        for response in self.client.apply_batch_sync(batch, False):
+            if response.has_error():
+                raise EpisodeError(f"the CARLA server at {self.address}: {response.error}")
+
+    def _turn_wheels(self, actor_id: int, steer_deg: float, moved_m: float) -> None:
+        thing, wheels = self.things[actor_id], self.carla.VehicleWheelLocation
+        if abs(self._steered.get(actor_id, 0.0) - steer_deg) >= _STEER_DEG:
+            self._steered[actor_id] = steer_deg
+            for wheel in (wheels.FL_Wheel, wheels.FR_Wheel):
+                thing.set_wheel_steer_direction(wheel, -steer_deg)
+        if moved_m > 0.0:
+            self._rolled_m[actor_id] = self._rolled_m.get(actor_id, 0.0) + moved_m
+            turned_deg = math.degrees(self._rolled_m[actor_id] / _WHEEL_RADIUS_M) % 360.0
+            for wheel in (wheels.FL_Wheel, wheels.FR_Wheel, wheels.BL_Wheel, wheels.BR_Wheel):
+                thing.set_wheel_pitch_angle(wheel, -turned_deg)
+
+    def _show_signals(self, signals: Iterable[SignalState]) -> None:
+        states = {signal.signal_id: signal.state for signal in signals}
+        for name, lamp in self._lamps.items():
+            letters = [states[signal][link] for signal, link in self._heads.get(name, ()) if signal in states]
+            colour = signal_colour(letters)
+            if letters and self._colours.get(name) != colour:
+                self._colours[name] = colour
+                lamp.set_state(self.carla.TrafficLightState.values[colour])
+
+    def _mount(self) -> None:
+        """Attach the suites whose carriers are there, and wait until all their sensors send."""
+        ready = [each for each in self._waiting if each[3] is not None or each[1] in self.things]
+        if not ready:
+            return
+        self._waiting = [each for each in self._waiting if each not in ready]
+        for carrier, actor_id, suite, station in ready:
+            for spec in _sensors_of(suite):
+                for kind, attributes in carla_sensors(spec):
+                    key = (carrier.name, spec.name, kind)
+                    self._attach(key, spec.mount, attributes, None if station is not None else actor_id, station)
+        for _ in range(_WARM_UP_FRAMES):
+            frame = self.world.tick(self._timeout_s)
+            waiting = [key for key, queue_ in self._arrived.items() if queue_.empty()]
+            if not waiting:
+                for key in self._arrived:
+                    self._take(key, frame)
+                return
+        raise EpisodeError(f"the CARLA server at {self.address}: no frame of {waiting[0][1]} in {_WARM_UP_FRAMES}")
+
+    def _attach(
+        self, key: Key, mount: Mount, attributes: Mapping[str, str], carrier_id: int | None, station: Mount | None
+    ) -> None:
+        blueprint = self._library.find(key[2])
+        for name, value in attributes.items():
+            blueprint.set_attribute(name, value)
+        pose, parent = mount.base_from_sensor, None
+        if station is not None:
+            pose = station.base_from_sensor @ pose
+            pose[2, 3] += self._ground_m(pose[0, 3], pose[1, 3])
+        elif carrier_id is not None:
+            centre, extent = self._boxes[carrier_id]
+            pose[:3, 3] += (centre[0], -centre[1], centre[2] - extent[2])
+            parent = self.things[carrier_id]
+        thing = self.world.spawn_actor(blueprint, self._transform(carla_pose(pose)), attach_to=parent)
+        self._sensors[key], self._arrived[key] = thing, queue.SimpleQueue()
+        thing.listen(self._arrived[key].put)
+
+    def _transform(self, pose: tuple[float, float, float, float, float, float]) -> Any:
+        return self.carla.Transform(self.carla.Location(*pose[:3]), self.carla.Rotation(*pose[3:]))
+
+    def _take(self, key: Key, frame: int) -> Any:
+        """What a sensor measured at a frame; earlier frames are dropped."""
+        while True:
+            try:
+                measured = self._arrived[key].get(timeout=self._timeout_s)
+            except queue.Empty:
+                break
+            if measured.frame == frame:
+                return measured
+            if measured.frame > frame:
+                break
+        name = f"{key[1]} ({key[2]})"
+        raise EpisodeError(
+            f"the CARLA server at {self.address}: no frame {frame} of {name} within {self._timeout_s:g} s"
+        )
+
+    def measured(
+        self, suite: SensorSuite, carrier: Carrier, step: int, drawn: tuple[CameraFrame, ...]
+    ) -> tuple[tuple[LidarSweep, ...], tuple[CameraFrame, ...]]:
+        """Sweeps and pictures of a carrier that are due at the step that was shown last; implements ``Elsewhere``.
+
+        Raises:
+            EpisodeError: A frame is missing.
+        """
+        got = {key: self._take(key, self._frame) for key in self._sensors if key[0] == carrier.name}
+
+        def of(spec: LidarSpec | CameraSpec) -> dict[str, Any]:
+            return {key[2]: value for key, value in got.items() if key[1] == spec.name}
+
+        labels = {frame.sensor: frame.image.instance for frame in drawn}
+        due = [spec for spec in _sensors_of(suite) if step % spec.period_steps == 0 and of(spec)]
+        sweeps, frames = [], []
+        for spec in due:
+            if isinstance(spec, LidarSpec):
+                (measured,) = of(spec).values()
+                sweeps.append(self._sweep(spec, step, measured, carrier))
+                continue
+            frame = frame_of(spec, self._seeds[carrier.name], step, of(spec), self._encoder)
+            image = replace(frame.image, instance=labels.get(spec.name))
+            frames.append(replace(frame, image=image))
+        return tuple(sweeps), tuple(frames)
+
+    def _sweep(self, spec: LidarSpec, step: int, measured: Any, carrier: Carrier) -> LidarSweep:
+        states, (carrier_id, station) = self._states, self._carriers[carrier.name]
+        row = states.row_of(carrier_id)
+        if station is not None:
+            base: Matrix = station.base_from_sensor
+        elif row is None:
+            raise EpisodeError(f"the carrier of {spec.name}, actor {carrier_id}, is not on the map")
+        else:
+            places = (states.x_m, states.y_m, states.z_m, states.yaw_rad)
+            base = map_from_base(*(float(values[row]) for values in places))
+            states = states.select(states.actor_id != carrier_id)
+        return sweep_of(spec, step, measured, base @ spec.mount.base_from_sensor, states, self._shown)
+
+    # After the last step.
+
+    def _remove(self, gone: Sequence[int]) -> None:
+        if gone:
+            things = [self.things.pop(actor_id) for actor_id in gone]
+            self.client.apply_batch_sync([self.carla.command.DestroyActor(each.id) for each in things], False)
+
+    def close(self) -> None:
+        """Destroy what was spawned, and restore signals, weather and settings, as far as the server still answers."""
+        self.client.set_timeout(CLOSE_S)
+        try:
+            for sensor in self._sensors.values():
+                sensor.stop()
+            things = [*self._sensors.values(), *self.things.values()]
+            if things:
+                self.client.apply_batch_sync([self.carla.command.DestroyActor(each.id) for each in things], False)
+            if self._changed:
+                if self._lamps:
+                    self.world.freeze_all_traffic_lights(False)
+                self.world.set_weather(self._weather)
+                self.world.apply_settings(self._settings, CLOSE_S)
+        except RuntimeError:
+            pass  # the server is gone, and with it what it had
+        finally:
+            self._sensors.clear()
+            self.things.clear()
+            self._changed = False
+            self._encoder.shutdown()
+
+
+@contextmanager
+def _as_input_error(address: str) -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:
+        raise InputError("carla", address, f"a CARLA server that answers ({' '.join(str(error).split())})") from error
+
+
+def sensed_elsewhere(
+    session: CarlaSession,
+    sensing: TrailingSensing,
+    states: ActorStates,
+    actors: Mapping[int, ActorDescription],
+    signals: Sequence[SignalState],
+) -> Iterator[Published]:
+    """Messages of a step that a server senses; raises EpisodeError as ``CarlaSession.advance``."""
+    yield from sensing.step(states, session.advance(states, actors, signals), signals)

@@ -1,0 +1,96 @@
+"""Servers that cannot be used: one line, exit code 2, nothing changed there, and nothing hangs."""
+
+import socket
+import threading
+
+import pytest
+from carla_server import carla_server
+from made_district import district_xodr
+
+from siren_ros.cli.main import main
+from siren_ros.data.recording.bag_writer import EpisodeBagWriter
+from siren_ros.errors import EpisodeError
+
+pytest.importorskip("carla", reason="CARLA's client has no wheel for this machine")
+
+
+def played(bag, out, port, capsys):
+    code = main(
+        ["carla", "play", str(bag), "--host", "127.0.0.1", "--port", str(port), "--timeout-s", "1", "--out", str(out)]
+    )
+    told = capsys.readouterr().err.splitlines()
+    return code, [line for line in told if line.startswith("siren carla")]
+
+
+@pytest.fixture
+def silent():
+    """A port at which something listens that is no CARLA server; it answers every word with the given one."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        words = []
+
+        def answer():
+            while True:
+                try:
+                    other, _ = listener.accept()
+                except OSError:
+                    return
+                if words:
+                    other.sendall(words[0])
+
+        threading.Thread(target=answer, daemon=True).start()
+        yield listener.getsockname()[1], words
+
+
+@pytest.mark.parametrize("word", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\xc1" * 64])
+def test_something_else_at_the_port_is_no_server(word, silent, bag, tmp_path, capsys):
+    port, words = silent
+    words += [word] if word else []
+    code, told = played(bag, tmp_path / "out", port, capsys)
+    assert (code, len(told)) == (2, 1)
+    assert f"127.0.0.1:{port}" in told[0]
+
+
+def test_nothing_at_the_port_is_told_at_once(bag, tmp_path, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    code, told = played(bag, tmp_path / "out", port, capsys)
+    assert (code, len(told)) == (2, 1)
+    assert "HOST:PORT of a running CARLA server" in told[0]
+
+
+def test_another_version_another_map_and_a_death_at_the_begin(server, bag, tmp_path, capsys):
+    before, port = server.get("settings"), server.port()
+    for values, word in (
+        ({"version": "0.9.13"}, "this one is 0.9.13"),
+        ({"version": "0.9.16", "drive": district_xodr()}, "the map of the episode"),
+        ({"fault": ("die connecting", 0)}, "a CARLA server that answers"),
+    ):
+        server.set(**values)
+        code, told = played(bag, tmp_path / "out", port, capsys)
+        assert (code, len(told)) == (2, 1)
+        assert word in told[0]
+        assert server.get("settings") == before
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_server_without_anything_for_people_ends_the_episode_and_names_what_lacks(drive, bag, tmp_path, capsys):
+    with carla_server(drive, {"walker.pedestrian.0001": (0.4, 0.4, 1.8)}) as server:
+        code, _ = played(bag, tmp_path / "out", server.port(), capsys)
+    assert code == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_full_disk_ends_the_play_and_puts_the_server_back(server, bag, tmp_path, capsys, monkeypatch):
+    write, written = EpisodeBagWriter.write, []
+
+    def filling(self, *message):
+        written.append(message)
+        if len(written) == 150:
+            raise EpisodeError("the disk is full")
+        write(self, *message)
+
+    monkeypatch.setattr(EpisodeBagWriter, "write", filling)
+    code, _ = played(bag, tmp_path / "out", server.port(), capsys)
+    assert code == 1
+    assert not server.get("settings")[0]
+    assert {one.kind for one in server.get("actors").values()} == {"traffic.traffic_light"}

@@ -63,7 +63,7 @@ ANSWERS: Final = "answers"
 SCORES: Final = "scores"
 METRIC: Final = "ADE in metres"
 _HASHED: Final = ("map", "bag", "question")
-FLOOR_MODELS: Final = ("cv", "idm", "ca", "ctra", "cv_lane", "decay_lane", "imm", "siren")
+FLOOR_MODELS: Final = ("cv", "idm_stop", "ca", "ctra", "cv_lane", "decay_lane", "decay_stop", "imm", "siren")
 """Models of the floor: those of the project that need no other package."""
 
 

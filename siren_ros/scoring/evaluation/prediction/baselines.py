@@ -1,12 +1,9 @@
-"""Predictors without learning: constant motion, motion along the lane, the Intelligent Driver Model, a Kalman filter.
+"""Predictors without learning: constant motion, motion along the lane, the Intelligent Driver Model.
 
 Acceleration and turn rate are slopes over the last second of the history: a tracker measures neither. Along the lane a
 vehicle keeps its offset from the centre line and goes straight on at junctions; one in no lane goes straight ahead.
 With IDM its leader is the next vehicle along the successors of its lane, or the next one straight ahead where it is in
-no lane.
-
-The Kalman filter weights two models by the history (IMM), constant velocity and constant acceleration. Source: H. Blom,
-Y. Bar-Shalom, IEEE Trans. Automatic Control 33 (1988) 780.
+no lane. Those that stop see what the learned predictor sees of lines: red signals and stop signs on that way.
 """
 
 from dataclasses import dataclass, field
@@ -16,11 +13,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Floats, Rows
+from siren_ros.base.numerics.arrays import Flags, Floats, Rows
 from siren_ros.base.numerics.geometry import Polyline, wrap_angle
 from siren_ros.data.tracks import LanePlaces, locate
 from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
-from siren_ros.scoring.evaluation.prediction.reported_tracks import TrackNoise
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, ObservedActors, SampleBatch, future_times_s
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, Indices
@@ -249,6 +245,60 @@ def _straight_ahead(actors: ObservedActors, follower: Rows, other: Rows) -> tupl
     return np.where(in_strip, cos * x + sin * y, np.inf), np.maximum(cos * vx + sin * vy, 0.0)
 
 
+RED_LETTERS: Final = "ru"
+"""SUMO's letters for a red signal."""
+_LINE_BEHIND_M: Final = 1.0
+"""A stop line counts as ahead until the front bumper is this far beyond it."""
+_AT_REST_MPS: Final = 0.1
+"""Below this speed a vehicle has stopped at a stop sign, and may go on."""
+
+
+def lines_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths) -> Floats:
+    """Distances from the front bumpers to the next line at which each sample has to stop, inf without one; ``(N,)``.
+
+    It is a line with a red signal, or a stop sign for those that have not stopped yet, on the way straight ahead.
+    EMVs stop at none: at three of four levels they may pass. Arguments as of ``leaders_of``.
+    """
+    network, actors, target = batch.network, batch.actors, batch.target
+    successor, lane = straight_successors(network), places.lane[target]
+    bound = (lane != NO_LANE) & (~actors.is_emv[target])
+    front_m = places.arc_m[target] + 0.5 * actors.length_m[target]
+    line_m = np.full(len(batch), np.inf)
+    for path in np.unique(paths.path_of_lane[lane[bound]]).tolist():
+        rows = np.flatnonzero(bound & (paths.path_of_lane[lane] == path))
+        for used in np.flatnonzero(np.isfinite(paths.start_m[path])).tolist():
+            for movement in network.connections_from.get(used, ()):
+                if (*movement.via, movement.to_lane)[0] != successor[used]:
+                    continue
+                away_m = paths.start_m[path, used] + network.lanes[used].length_m - front_m[rows]
+                stops = (away_m > -_LINE_BEHIND_M) & _must_stop(batch, movement, rows)
+                line_m[rows] = np.minimum(line_m[rows], np.where(stops, away_m, np.inf))
+    return line_m
+
+
+def _must_stop(batch: SampleBatch, movement: Connection, samples: Rows) -> Flags:
+    """Whether a movement's line binds some samples at their present frame."""
+    states = batch.signals.get(movement.signal_id or "")
+    if states is None or not 0 <= movement.signal_link < states.shape[1]:
+        return movement.must_stop & (batch.speed_mps[samples] > _AT_REST_MPS)
+    shown = states[batch.actors.frame[batch.target[samples]], movement.signal_link]
+    return np.isin(shown, [ord(letter) for letter in RED_LETTERS])
+
+
+def halting(speed_mps: Floats, line_m: Floats, braking_mps2: float, times_s: Floats) -> Floats:
+    """Distances of who drives on at its speed and stops at a line, ``(N, T)``; inf without a line.
+
+    It brakes as late as it can with ``braking_mps2``, or at once and harder where that is too late already.
+    """
+    away_m = np.maximum(line_m, 0.01)[:, None]
+    speed = speed_mps[:, None]
+    harder = np.maximum(braking_mps2, speed**2 / (2.0 * away_m))
+    begin_s = (away_m - speed**2 / (2.0 * harder)) / np.maximum(speed, _AT_REST_MPS)
+    braked_s = np.clip(times_s - begin_s, 0.0, speed / harder)
+    driven = speed * (np.minimum(times_s, begin_s) + braked_s) - 0.5 * harder * braked_s**2
+    return np.where(np.isfinite(away_m), driven, np.inf)
+
+
 @dataclass(frozen=True)
 class IdmPredictor:
     """Car following along the lane's path: the leader keeps its velocity, the desired speed is max(v, speed limit).
@@ -256,10 +306,12 @@ class IdmPredictor:
     People on foot and on bicycles desire their present speed.
 
     A vehicle keeps its present offset from the lane's centre line, so that the prediction starts at its position.
-    A vehicle in no lane goes straight ahead. The predictor knows neither routes nor signals.
+    A vehicle in no lane goes straight ahead. The predictor knows no routes, and signals and stop signs only if it
+    ``stops``: then the line is a standing leader.
     """
 
     idm: Idm = field(default_factory=Idm)
+    stops: bool = False
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
@@ -277,6 +329,10 @@ class IdmPredictor:
         unmotorised = np.isin(actors.actor_class[batch.target], (ActorClass.PEDESTRIAN, ActorClass.BICYCLE))
         desired[unmotorised] = np.maximum(speed[unmotorised], idm.standing_mps)
         travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
+        if self.stops:
+            line_m = lines_of(batch, places, paths)
+            to_line = idm.travel(speed, desired, line_m, np.zeros(len(batch)), future_times_s())
+            travelled = np.minimum(travelled, to_line)
         return Hypotheses.certain(drive_along(batch, places, paths, travelled))
 
 
@@ -365,6 +421,8 @@ class LaneFollowing:
 
     decay_s: float
     """Time constant of the decay; 0 gives constant speed, infinity constant acceleration."""
+    stops: bool = False
+    """Whether it stops at red signals and stop signs, with the comfortable braking of IDM."""
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
@@ -378,6 +436,9 @@ class LaneFollowing:
         places = locate(batch.network, actors.xy_m[:, -1], actors.yaw_rad[:, -1], actors.sumo_lane)
         lane = places.lane[batch.target]
         paths = paths_from(batch.network, np.unique(lane[lane != NO_LANE]), _REACH_M)
+        if self.stops:
+            lines_m, braking_mps2 = lines_of(batch, places, paths), Idm.comfortable_braking_mps2
+            travelled = np.minimum(travelled, halting(batch.speed_mps, lines_m, braking_mps2, future_times_s()))
         return Hypotheses.certain(drive_along(batch, places, paths, travelled))
 
 
@@ -396,102 +457,11 @@ def make_decay_lane() -> LaneFollowing:
     return LaneFollowing(DECAY_S)
 
 
-_STATES: Final = 6
-"""State: position, velocity, acceleration, each with x and y."""
-_MEASURED: Final = 4
-"""Measurement: position and velocity, each with x and y."""
+def make_idm_stop() -> IdmPredictor:
+    """Intelligent Driver Model that stops at red signals and stop signs."""
+    return IdmPredictor(stops=True)
 
 
-@dataclass(frozen=True)
-class Imm:
-    """Settings of the filter; the measurement errors are those of a tracker (``TrackNoise``)."""
-
-    position_m: float = TrackNoise.position_m
-    velocity_mps: float = TrackNoise.velocity_mps
-    accelerations_mps2: float = 1.0
-    """Unmodelled acceleration in the constant-velocity model."""
-    jerk_mps3: float = 2.0
-    """Unmodelled jerk in the constant-acceleration model."""
-    stays: float = 0.95
-    """Probability that a vehicle keeps its motion model from one point of the history to the next."""
-
-    def transition(self, period_s: float) -> Floats:
-        """Transition matrices of both models, shape ``(2, 6, 6)``; the first model sets the acceleration to zero."""
-        unit = np.eye(2)
-        step, half = period_s * unit, 0.5 * period_s**2 * unit
-        nothing = np.zeros((2, 2))
-        moving = np.block([[unit, step, nothing], [nothing, unit, nothing], [nothing, nothing, nothing]])
-        gaining = np.block([[unit, step, half], [nothing, unit, step], [nothing, nothing, unit]])
-        return np.stack((moving, gaining))
-
-    def process_noise(self, period_s: float) -> Floats:
-        """Process noise of both models over a period, shape ``(2, 6, 6)``: white acceleration and white jerk."""
-        unit = np.eye(2)
-        by_acceleration = np.concatenate((0.5 * period_s**2 * unit, period_s * unit, 0.0 * unit))
-        by_jerk = np.concatenate((period_s**3 / 6.0 * unit, 0.5 * period_s**2 * unit, period_s * unit))
-        return np.stack(
-            (
-                self.accelerations_mps2**2 * by_acceleration @ by_acceleration.T,
-                self.jerk_mps3**2 * by_jerk @ by_jerk.T,
-            )
-        )
-
-
-def filtered(imm: Imm, measured: Floats, period_s: float) -> tuple[Floats, Floats]:
-    """Filter a history: final states of both models, ``(N, 2, 6)``, and the models' probabilities, ``(N, 2)``.
-
-    ``measured`` are positions and velocities, shape ``(N, H, 4)``.
-    """
-    count = len(measured)
-    noise = np.diag([imm.position_m**2] * 2 + [imm.velocity_mps**2] * 2)
-    move, process = imm.transition(period_s), imm.process_noise(period_s)
-    change = np.array([[imm.stays, 1.0 - imm.stays], [1.0 - imm.stays, imm.stays]])
-    state = np.zeros((count, 2, _STATES))
-    state[:, :, :_MEASURED] = measured[:, None, 0]
-    spread = np.broadcast_to(np.diag([*np.diag(noise), 4.0, 4.0]), (count, 2, _STATES, _STATES)).copy()
-    share = np.full((count, 2), 0.5)
-    for point in range(1, measured.shape[1]):
-        expected = share @ change
-        mixing = change[None] * share[:, :, None] / expected[:, None]  # indices: from model i to model j
-        mixed = np.einsum("nij,nis->njs", mixing, state)
-        apart = state[:, :, None] - mixed[:, None]
-        mixed_spread = np.einsum(
-            "nij,nijst->njst", mixing, spread[:, :, None] + apart[..., :, None] * apart[..., None, :]
-        )
-        state = np.einsum("jst,njt->njs", move, mixed)
-        spread = move @ mixed_spread @ np.swapaxes(move, -1, -2) + process
-        miss = measured[:, None, point] - state[..., :_MEASURED]
-        innovation = spread[..., :_MEASURED, :_MEASURED] + noise
-        inverse = np.linalg.inv(innovation)
-        gain = spread[..., :, :_MEASURED] @ inverse
-        state = state + np.einsum("njsm,njm->njs", gain, miss)
-        spread = spread - gain @ spread[..., :_MEASURED, :]
-        far = np.einsum("njm,njmk,njk->nj", miss, inverse, miss)
-        log_likelihood = -0.5 * (far + np.linalg.slogdet(innovation)[1])
-        likelihood = np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True)) * expected
-        share = likelihood / likelihood.sum(axis=1, keepdims=True)
-    return state, share
-
-
-@dataclass(frozen=True)
-class ImmPredictor:
-    """Predicts one hypothesis per motion model, with the model's probability. A braking vehicle stops."""
-
-    imm: Imm = field(default_factory=Imm)
-    window: HistoryWindow = field(default_factory=HistoryWindow)
-
-    def predict(self, batch: SampleBatch) -> Hypotheses:
-        """Give the hypotheses of every sample."""
-        actors, rows = batch.actors, batch.target
-        origin = batch.xy_m[:, None]
-        measured = np.concatenate((actors.xy_m[rows] - origin, actors.velocity_mps[rows]), axis=-1)
-        state, share = filtered(self.imm, measured, float(np.diff(batch.window.times_s)[0]))
-        place, velocity, acceleration = np.split(state, 3, axis=-1)
-        acceleration = acceleration * np.array([0.0, 1.0])[:, None]
-        along = (velocity * acceleration).sum(axis=-1)
-        braking = along < 0.0
-        square = np.where(braking, (acceleration**2).sum(axis=-1), 1.0)
-        stop_s = np.where(braking, -along / square, np.inf)
-        times = np.minimum(future_times_s(), stop_s[..., None])[..., None]
-        moved = velocity[:, :, None] * times + 0.5 * acceleration[:, :, None] * times**2
-        return Hypotheses.ranked(origin[:, None] + place[:, :, None] + moved, share)
+def make_decay_stop() -> LaneFollowing:
+    """Decaying acceleration along the lane, up to a red signal or a stop sign."""
+    return LaneFollowing(DECAY_S, stops=True)

@@ -145,9 +145,10 @@ class PredictorKind:
         return predictor
 
 
-_BASELINES: Final = "siren_ros.scoring.evaluation.prediction.baselines"
-_SIREN: Final = "siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor:make"
-_PUBLISHED: Final = "siren_ros.scoring.evaluation.prediction.published.predictors"
+_PREDICTION: Final = "siren_ros.scoring.evaluation.prediction"
+_BASELINES: Final = f"{_PREDICTION}.baselines"
+_SIREN: Final = f"{_PREDICTION}.siren_model.siren_predictor:make"
+_PUBLISHED: Final = f"{_PREDICTION}.published.predictors"
 
 
 def _simple(summary: str, maker: str) -> PredictorKind:
@@ -162,7 +163,9 @@ PREDICTORS: Final[Mapping[str, PredictorKind]] = {
     "cv_lane": _simple("constant speed along the lane", f"{_BASELINES}:make_cv_lane"),
     "ca_lane": _simple("constant acceleration along the lane", f"{_BASELINES}:make_ca_lane"),
     "decay_lane": _simple("along the lane, acceleration that decays", f"{_BASELINES}:make_decay_lane"),
-    "imm": _simple("Kalman filter of two interacting models", f"{_BASELINES}:ImmPredictor"),
+    "idm_stop": _simple("IDM that stops at red signals and stop signs", f"{_BASELINES}:make_idm_stop"),
+    "decay_stop": _simple("decay_lane that stops there, too", f"{_BASELINES}:make_decay_stop"),
+    "imm": _simple("Kalman filter of two interacting models", f"{_PREDICTION}.imm:ImmPredictor"),
     "siren": PredictorKind("SIREN's own, trained on its episodes", _SIREN, Checkpoint.OPTIONAL),
     "csp": PredictorKind("convolutional social pooling", f"{_PUBLISHED}:make_csp", Checkpoint.REQUIRED, "models"),
     "stdan": PredictorKind("dynamic attention", f"{_PUBLISHED}:make_stdan", Checkpoint.REQUIRED, "models"),

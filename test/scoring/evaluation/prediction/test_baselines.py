@@ -7,27 +7,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_records import Track, moving, record_with, samples_in
-from scenes import with_lines
+from scenes import batch_of, showing, with_lines, with_signal
 
 from siren_ros.data.tracks import locate
 from siren_ros.scoring.evaluation.prediction.baselines import (
     ConstantVelocity,
     Idm,
     IdmPredictor,
-    Imm,
-    ImmPredictor,
     acceleration_of,
-    filtered,
+    halting,
     leaders_of,
     make_ca,
     make_ca_lane,
     make_ctra,
     make_cv_lane,
     make_decay_lane,
+    make_decay_stop,
+    make_idm_stop,
     paths_from,
     straight_successors,
     turn_rate_of,
 )
+from siren_ros.scoring.evaluation.prediction.imm import Imm, ImmPredictor, filtered
 from siren_ros.scoring.evaluation.prediction.metrics import ade, fde
 from siren_ros.scoring.evaluation.prediction.samples import (
     HistoryWindow,
@@ -544,3 +545,38 @@ def test_one_model_alone_is_the_plain_filter_of_a_still_vehicle() -> None:
     measured[0, :, 0] = np.arange(16)
     state, _ = filtered(imm, measured, 0.2)
     assert state[0, 0, 0] == pytest.approx(7.5, abs=1e-3)
+
+
+def test_who_halts_brakes_as_late_as_it_can_and_ends_at_the_line() -> None:
+    times_s = np.array([1.0, 2.0, 3.0, 5.0, 20.0])
+    # From 10 m/s a braking of 2 m/s² takes 25 m and 5 s: it begins after 1 s.
+    assert halting(np.array([10.0]), np.array([35.0]), 2.0, times_s)[0] == pytest.approx([10.0, 19.0, 26.0, 34.0, 35.0])
+    # 10 m are too short: v² / 2 s = 5 m/s², at once.
+    assert halting(np.array([10.0]), np.array([10.0]), 2.0, times_s)[0] == pytest.approx([7.5, 10.0, 10.0, 10.0, 10.0])
+    assert halting(np.array([0.0]), np.array([5.0]), 2.0, times_s)[0] == pytest.approx(np.zeros(5))
+    assert np.isinf(halting(np.array([10.0]), np.array([np.inf]), 2.0, times_s)).all()
+
+
+@pytest.mark.parametrize("make", [make_idm_stop, make_decay_stop])
+@pytest.mark.parametrize(
+    ("letters", "is_emv", "stops"),
+    [("rrr", False, True), ("GGG", False, False), ("yyy", False, False), ("rrr", True, False)],
+)
+def test_a_red_signal_stops_whoever_is_no_emv(crossroads, make, letters: str, is_emv: bool, stops: bool) -> None:
+    network = with_signal(crossroads, letters)
+    batch = showing(batch_of({1: moving(-70.0, 0.0, 10.0)}, network), letters)
+    batch = replace(batch, actors=replace(batch.actors, is_emv=np.full(len(batch.actors), is_emv)))
+    line_m = min(lane.centre.points[-1, 0] for lane in network.lanes if network.connections_from.get(lane.index))
+    front_m = make().predict(batch).xy_m[0, 0, -1, 0] + 0.5 * batch.actors.length_m[batch.target[0]]
+    assert bool(front_m <= line_m + 0.01) is stops  # the first sample is 3 s later, at −40 m
+    free = make_decay_lane() if make is make_decay_stop else IdmPredictor()
+    assert stops or np.array_equal(make().predict(batch).xy_m, free.predict(batch).xy_m)
+
+
+def test_who_has_stopped_at_a_stop_sign_goes_on(crossroads) -> None:
+    network = replace(crossroads, connections=tuple(replace(one, must_stop=True) for one in crossroads.connections))
+    starts = ((-30.0, 6.0), (-12.0, 0.0))
+    coming, standing = (batch_of({1: moving(x_m, 0.0, speed)}, network) for x_m, speed in starts)
+    went_m = [make_idm_stop().predict(batch).xy_m[0, 0, -1, 0] - batch.xy_m[0, 0] for batch in (coming, standing)]
+    assert went_m[0] < 12.0
+    assert went_m[1] > 10.0

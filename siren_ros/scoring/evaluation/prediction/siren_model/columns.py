@@ -10,6 +10,7 @@ import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats, Rows
 from siren_ros.base.numerics.geometry import wrap_angle
+from siren_ros.scoring.evaluation.prediction.baselines import RED_LETTERS
 from siren_ros.scoring.evaluation.prediction.samples import SampleBatch
 from siren_ros.scoring.evaluation.prediction.siren_model.paths import PathChoice, rank_within
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
@@ -198,7 +199,7 @@ def _on_paths(points_m: Floats, spacing_m: Floats, row: Rows, path: Rows, place_
     return along, aside
 
 
-_LETTERS: Final = {"red": "ru", "yellow": "yY", "green": "gG", "priority": "G"}
+_LETTERS: Final = {"red": RED_LETTERS, "yellow": "yY", "green": "gG", "priority": "G"}
 """SUMO's letters for each signal feature; no feature is set for a signal that is off."""
 _LINE_BEHIND_M: Final = 1.0
 """A stop line counts as ahead until the front bumper is this far beyond it."""

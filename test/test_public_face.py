@@ -319,7 +319,7 @@ def test_a_driver_is_examined_in_a_study_and_compared_with_the_papers(tmp_path: 
     [
         ({}, "bag: .* an episode with an AV under test"),
         ({"actor_id": 99999}, "a civilian vehicle"),
-        ({"rulebook": "atlantis"}, "one of california, germany, international"),
+        ({"rulebook": "atlantis"}, "one of base, california, germany, international"),
         ({"study": siren_ros.Study(templates=("S2",))}, "driver: '' .*the name of a driver"),
         ({"study": siren_ros.Study(templates=("S2",)), "driver": "nobody"}, "driver: 'nobody' .*idm"),
         ({"study": siren_ros.Study(templates=("S2",)), "driver": "idm", "bags": ["a", "b"]}, "bags: .*one folder"),

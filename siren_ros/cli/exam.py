@@ -120,6 +120,8 @@ def run(arguments: argparse.Namespace) -> int:
     print("\n".join(text_of(certificate.tables())))
     for sitting, mark, line in violations_of(certificate.sittings):
         print(f"{line}\n    {shown_again(sitting, mark)}")
+    for reason in certificate.lacks:
+        complain(f"siren exam: no certificate: {reason}")
     for sitting in certificate.without_result:
         complain(f"siren exam: {sitting.episode}: no result: {sitting.lack}")
     if arguments.out is not None:

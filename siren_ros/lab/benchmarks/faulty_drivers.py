@@ -15,6 +15,7 @@ from siren_ros.base.params.parameters import read_strict_yaml
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.lab.benchmarks.drivers import record_with
+from siren_ros.reports.exam.examinee import PAPER
 from siren_ros.reports.exam.grading import examine, load_rulebook
 from siren_ros.running.seat.drivers.lawful import FAULTS, HABITS
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -34,6 +35,8 @@ class Case:
     scenes: tuple[str, ...]
     breaks: frozenset[str]
     """Clauses that the driver is expected to break."""
+    paired: bool = False
+    """Whether the paper's driver is made to drive, too, to compare."""
 
     @property
     def driver(self) -> str:
@@ -54,10 +57,10 @@ def written_down() -> tuple[Mapping[str, str], tuple[Case, ...]]:
     cases = [Case(LAWFUL, place, _shown(scenes, place), frozenset()) for place in HABITS]
     for fault in FAULTS:
         entry = faults.mapping(fault)
-        names = entry.words("scenes")
+        names, paired = entry.words("scenes"), entry.flag("paired", default=False)
         for place in HABITS:
             breaks = frozenset(entry.words(place) if entry.has(place) else ())
-            cases.append(Case(fault, place, _shown(names, place), breaks))
+            cases.append(Case(fault, place, _shown(names, place), breaks, paired))
         entry.finish()
     for part in (listed, faults, root):
         part.finish()
@@ -68,17 +71,18 @@ def _shown(names: Sequence[str] | Mapping[str, str], place: str) -> tuple[str, .
     return tuple(name for name in names if name != JAM or place == "germany")
 
 
-def broken_by(driver: str, place: str, scene: str) -> frozenset[str]:
+def broken_by(driver: str, place: str, scene: str, paired: bool) -> frozenset[str]:
     """Clauses of a place's rulebook that a driver breaks in a scene, given by template, level, seed and values."""
     template, level, seed, *values = scene.split()
     map_name = load_template(template).map_name
     request = EpisodeRequest(template, level, int(seed), map_name, sensors="none", values="".join(values))
-    return frozenset(examine(*record_with(driver, request), rulebook=load_rulebook(place)).violated)
+    paper = record_with(PAPER, request) if paired else None
+    return frozenset(examine(*record_with(driver, request), rulebook=load_rulebook(place), paper=paper).violated)
 
 
 def judged(cases: Sequence[Case], scenes: Mapping[str, str], jobs: int) -> Iterator[tuple[Case, frozenset[str]]]:
     """Judge the cases: the clauses that each driver breaks in any of its scenes."""
-    calls = [(case.driver, case.place, scenes[name]) for case in cases for name in case.scenes]
+    calls = [(case.driver, case.place, scenes[name], case.paired) for case in cases for name in case.scenes]
     with ProcessPool(jobs) as pool:
         found = iter(pool.map(broken_by, calls))
     for case in cases:

@@ -85,8 +85,33 @@ class Certificate(Brief):
 
     @property
     def passed(self) -> bool:
-        """Whether every episode has a result, no clause was violated gravely, and at least one was applicable."""
-        return self.grade in {Grade.PASS, Grade.MINOR} and not self.without_result
+        """Whether every episode has a result, no clause was violated gravely, and nothing of ``lacks`` is there."""
+        return self.grade in {Grade.PASS, Grade.MINOR} and not self.without_result and not self.lacks
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What else keeps the driver from passing: groups that applied too rarely, clauses violated too often.
+
+        A clause is violated too often where the 95 % interval of its share is above what the rulebook allows.
+        """
+        rare, often = [], []
+        for group, least in self.rulebook.coverage.items():
+            count = sum(
+                any(mark.clause.group == group and mark.grade is not Grade.NOT_APPLICABLE for mark in sitting.marks)
+                for sitting in self.graded
+            )
+            if count < least:
+                rare.append(f"{group}: applied in {count} episodes, at least {least} are needed")
+        for number, clause in enumerate(self.rulebook.clauses):
+            violated, applied = self.violated(number)
+            if applied and share_interval(violated, applied).low > self.rulebook.most_minor:
+                often.append(f"{clause.title}: violated in {violated} of {applied} episodes")
+        return (*rare, *often)
+
+    def violated(self, number: int) -> tuple[int, int]:
+        """In how many episodes a clause was violated, and in how many it applied."""
+        grades = [sitting.marks[number].grade for sitting in self.graded]
+        return sum(grade in VIOLATED for grade in grades), sum(grade is not Grade.NOT_APPLICABLE for grade in grades)
 
     @property
     def without_result(self) -> tuple[Sitting, ...]:
@@ -103,8 +128,7 @@ class Certificate(Brief):
         rows: list[Row] = []
         for number, clause in enumerate(self.rulebook.clauses):
             counts = Counter(sitting.marks[number].grade for sitting in self.graded)
-            violated = counts[Grade.MINOR] + counts[Grade.MAJOR]
-            share = share_interval(violated, violated + counts[Grade.PASS])
+            share = share_interval(*self.violated(number))
             rows.append((clause.title, *(counts[grade] for grade in _SHOWN), share, clause.source))
         head = ("clause", *(str(grade) for grade in _SHOWN), "violated", "source")
         return Table("clauses", "Clauses, by number of episodes", head, tuple(rows), specs={"violated": ".0%"})
@@ -166,9 +190,14 @@ def as_json(certificate: Certificate) -> str:
         "driver": certificate.driver,
         "rulebook": book.name,
         "rulebook_sha256": book.sha256,
+        "included_sha256": dict(book.included),
         "heard_m": book.heard_m,
+        "heard_late_m": book.heard_late_m,
         "reaction_s": book.reaction_s,
+        "coverage": dict(book.coverage),
+        "most_minor": book.most_minor,
         "passed": certificate.passed,
+        "lacks": certificate.lacks,
         "grade": certificate.grade,
         "means": {key: mean.json() for key, mean in certificate.means().items()},
         "clauses": [_clause_as_json(certificate, number) for number in range(len(book.clauses))],
@@ -193,10 +222,10 @@ def as_json(certificate: Certificate) -> str:
 def _clause_as_json(certificate: Certificate, number: int) -> dict[str, Any]:
     """A clause with its limits, and in how many episodes it applied: one that never did says nothing of a driver."""
     one = certificate.rulebook.clauses[number]
-    grades = [sitting.marks[number].grade for sitting in certificate.graded]
     limits = {"monitor": one.monitor, "numbers": dict(one.numbers), "minor": one.minor, "major": one.major}
-    named = {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source}
-    return {**named, **limits, "applied": sum(grade is not Grade.NOT_APPLICABLE for grade in grades)}
+    named = {"id": one.clause_id, "title": one.title, "text": one.text, "source": one.source, "group": one.group}
+    violated, applied = certificate.violated(number)
+    return {**named, **limits, "applied": applied, "violated": violated}
 
 
 def _mark_as_json(mark: Mark) -> dict[str, Any]:
@@ -297,6 +326,7 @@ def page_of(certificate: Certificate, command: str, pages: EpisodePages | None =
     lacking = len(certificate.without_result)
     parts += [f"{lacking} without a result"] if lacking else []
     lead = f"{certificate.driver} {verdict}. Episodes by their worst clause: {', '.join(parts) or 'none'}."
+    why = (Section("lacks", "Why there is no certificate", certificate.lacks),) if certificate.lacks else ()
     duties = Table(
         "duties",
         "The rulebook",
@@ -324,7 +354,7 @@ def page_of(certificate: Certificate, command: str, pages: EpisodePages | None =
     lacks = tuple(f"{sitting.episode}: no result: {sitting.lack}" for sitting in certificate.without_result)
     without = (Section("no_result", "Episodes without a result", lacks),) if lacks else ()
     marks = Section("episodes", "Episodes", tables=tuple(map(_marks, certificate.graded)))
-    sections = (summary, *without, _violations(sittings, pages), *([marks] if marks.tables else ()))
+    sections = (*why, summary, *without, _violations(sittings, pages), *([marks] if marks.tables else ()))
     return Page(f"Exam: {book.title}", lead, sections)
 
 
@@ -379,7 +409,7 @@ def compared(first: Content, second: Content) -> Table:
 
 
 def _compared(first: Content, second: Content) -> Table:
-    if first["rulebook_sha256"] != second["rulebook_sha256"]:
+    if any(first.get(key) != second.get(key) for key in ("rulebook_sha256", "included_sha256")):
         raise InputError("certificate", second["rulebook"], f"one of the same rulebook, {first['rulebook']}")
     sides = [{one["episode"]: one for one in content["episodes"] if one["marks"]} for content in (first, second)]
     both = [(sides[0][name], sides[1][name]) for name in sorted(sides[0].keys() & sides[1].keys())]

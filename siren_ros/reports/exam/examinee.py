@@ -8,7 +8,7 @@ Zuck 1985).
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -22,14 +22,15 @@ from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.evaluation.yielding.encounters import LaneOffsets, lane_offsets
 from siren_ros.scoring.judging.surrogate_safety import (
     Encounters,
+    Encroachment,
     PairMeasures,
     PredictedContacts,
     conflict_series,
     pair_measures,
 )
 from siren_ros.simulation.behaviour.driving.lane_path import road_limits
-from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
-from siren_ros.simulation.roads.routing import is_leftmost_of_several
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind
+from siren_ros.simulation.roads.routing import is_leftmost_of_several, is_plain_joint
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.world.actors import Lights
 
@@ -58,6 +59,12 @@ def rises(holds: Flags) -> Flags:
 def held_for(holds: Flags, steps: int) -> Flags:
     """Whether a condition has held at this step and at so many steps before it, which all were there."""
     return np.asarray(historically(holds, steps) & (np.arange(len(holds)) >= steps))
+
+
+def stretches(holds: Flags) -> list[tuple[int, int]]:
+    """Rows at which stretches of a condition begin, and the rows after their last ones."""
+    begins, ends = np.flatnonzero(rises(holds)), np.flatnonzero(rises(holds[::-1])[::-1]) + 1
+    return [*zip(begins.tolist(), ends.tolist(), strict=True)]
 
 
 def _last(holds: Flags) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
@@ -128,10 +135,40 @@ def lasting_deceleration_mps2(track: StateRows, lasting_s: float) -> Floats:
     return np.convolve(-track.accel_mps2, np.full(kernel, 1.0 / kernel), mode="valid")
 
 
+Movement: TypeAlias = tuple[int, int, Connection]
+"""First row in a junction, the row after the last one there, and the movement across it."""
+Crossing: TypeAlias = tuple[int, Encroachment, StateRows, Movement, Movement]
+"""The other one, its encounter with the driver, its track, and the movements of the driver and of the other one."""
+
+
+def movements_of(record: EpisodeRecord, track: StateRows, places: LanePlaces) -> list[Movement]:
+    """The ways of a vehicle across junctions, by its rows; joints of two pieces of one road are none."""
+    network, lanes, found = record.network, places.lane.tolist(), []
+    inside = [lane != NO_LANE and network.lanes[lane].kind is LaneKind.INTERNAL for lane in lanes]
+    edge = [NO_LANE if lane == NO_LANE else network.lanes[lane].edge for lane in lanes]
+    for begin, end in stretches(np.array(inside, np.bool_)):
+        ends = edge[begin - 1] if begin else NO_LANE, edge[end] if end < len(track) else NO_LANE
+        over = network.connections_over.get(lanes[(begin + end) // 2], ())
+        fits = [
+            sum(network.lanes[lane].edge == end for lane, end in zip((one.from_lane, one.to_lane), ends, strict=True))
+            for one in over
+        ]
+        if over and not is_plain_joint(network, one := over[int(np.argmax(fits))]):
+            found.append((begin, end, one))
+    return found
+
+
 class Examinee:
     """A driver of a record, where traffic keeps right: records of left-hand traffic are examined as mirror images."""
 
-    def __init__(self, record: EpisodeRecord, actor_id: int, heard_m: float, reaction_s: float) -> None:
+    def __init__(
+        self,
+        record: EpisodeRecord,
+        actor_id: int,
+        heard_m: float,
+        reaction_s: float,
+        paper: "Examinee | None" = None,
+    ) -> None:
         """Selects the driver.
 
         Args:
@@ -139,6 +176,7 @@ class Examinee:
             actor_id: The driver.
             heard_m: Gap at which a driver has to notice the siren of an EMV behind it.
             reaction_s: Time after which the driver has to respond.
+            paper: The paper's driver in its place, in the same episode; None where there is none.
 
         Raises:
             InputError: The episode has no such civilian vehicle, or no state of it.
@@ -148,7 +186,7 @@ class Examinee:
         if actor is None or actor.is_emv or actor_id in record.walker_ids:
             raise InputError("actor", actor_id, "a civilian vehicle of the episode")
         self.record, self.actor = record, actor
-        self.heard_m, self.reaction_steps = heard_m, steps_from_s(reaction_s)
+        self.heard_m, self.reaction_steps, self.paper = heard_m, steps_from_s(reaction_s), paper
         self.track: StateRows = record.track(actor_id)
         if not len(self.track):
             raise InputError("actor", actor_id, "a vehicle with states in the record")
@@ -262,10 +300,40 @@ class Examinee:
         right = {lane: road_limits(self.record.network, lane).right_m for lane in set(places.lane.tolist()) - {NO_LANE}}
         return np.asarray(places.offset_m - np.array([right.get(lane, np.nan) for lane in places.lane.tolist()]))
 
+    def with_emv(self, emv_id: int) -> tuple[Flags, StateRows, StateRows]:
+        """At which of the driver's rows an EMV is there, and the rows of both at these steps, along the road."""
+        own, emv = common_rows(self.along_road, self.record.track(emv_id))
+        return np.isin(self.track.step, own.step), own, emv
+
+    def distance_m(self, emv_id: int) -> Floats:
+        """Distance of the centres to an EMV at each row; infinite where its siren is silent."""
+        there, own, emv = self.with_emv(emv_id)
+        far = np.full(len(self.track), np.inf)
+        apart = np.hypot(own.x_m - emv.x_m, own.y_m - emv.y_m)
+        far[there] = np.where((emv.lights & Lights.SIREN) != 0, apart, np.inf)
+        return far
+
+    @cached_property
+    def crossings(self) -> "tuple[Crossing, ...]":
+        """Everybody whose way crosses the driver's in a junction, or meets it there from another road."""
+        own = movements_of(self.record, self.track, self.places)
+        found: list[Crossing] = []
+        for pair in self.conflicts if own else ():
+            if pair.encroachment is None or pair.actor_id in self.record.walker_ids:
+                continue
+            other = self.record.track(pair.actor_id)
+            theirs = movements_of(self.record, other, places_of(self.record, other))
+            met = [(mine, its) for mine in own for its in theirs if self._meet(mine[2], its[2])]
+            met.sort(key=lambda pair_of: abs(int(self.track.step[pair_of[0][0]]) - int(other.step[pair_of[1][0]])))
+            found += [(pair.actor_id, pair.encroachment, other, *met[0])] if met else []
+        return tuple(found)
+
+    def _meet(self, one: Connection, other: Connection) -> bool:
+        edges = self._edge_of_lane
+        return one.junction == other.junction and edges[one.from_lane] != edges[other.from_lane]
+
     def _call(self, emv_id: int) -> Call:
-        emv_track = self.record.track(emv_id)
-        own, emv = common_rows(self.along_road, emv_track)
-        there = np.isin(self.track.step, own.step)
+        there, own, emv = self.with_emv(emv_id)
         ahead, left = ahead_and_left_m(own, emv)
         own_lane, own_m = (column[there] for column in (self.places.lane, self._across_m(self.places)))
         emv_places = places_of(self.record, emv)

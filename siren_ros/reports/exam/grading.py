@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.base.numerics.arrays import Brief
-from siren_ros.base.params.folders import named_params_file, params_dir
+from siren_ros.base.params.folders import named_params_file, names_in_params, params_dir
 from siren_ros.base.params.parameters import StrictMapping, read_strict_yaml
 from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError, shown_text
 from siren_ros.reports.exam.examinee import Examinee
-from siren_ros.reports.exam.monitors import MONITORS, Finding, Numbers
+from siren_ros.reports.exam.finding import Finding, Numbers
+from siren_ros.reports.exam.monitors import MONITORS
 from siren_ros.running.generation.closed_loop import AnswerTimes
 from siren_ros.simulation.scenario.episode import EpisodeDescription
 
@@ -43,6 +44,8 @@ class Clause(Brief):
     major: float
     """Value beyond which a violation is major. Where it is above ``minor``, greater values are worse; otherwise smaller
     ones are."""
+    group: str = ""
+    """Group of clauses that have to apply in a least number of episodes (``Rulebook.coverage``)."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +55,27 @@ class Rulebook(Brief):
     name: str
     title: str
     heard_m: float
-    """Gap at which a driver has to notice the siren of an EMV that comes from behind."""
+    """Gap at which a driver can notice a siren at the earliest: from there on its duties are counted."""
+    heard_late_m: float
+    """Gap at which a driver notices it at the latest: a grave violation of a duty to act is one from there on, too."""
     reaction_s: float
     """Time after which a driver has to respond."""
     clauses: tuple[Clause, ...]
     sha256: str = ""
     """Hash of its file."""
+    coverage: Mapping[str, int] = field(default_factory=dict)
+    """Least number of episodes to which any clause of a group has to apply, by group."""
+    most_minor: float = 1.0
+    """Greatest share of episodes in which a clause may be violated."""
+    included: Mapping[str, str] = field(default_factory=dict)
+    """Hash of the book whose clauses this one has besides its own, by name."""
 
 
 def load_rulebook(name_or_path: str) -> Rulebook:
     """A rulebook by its name in ``params/rulebooks``, or of a file, whose name then says so.
+
+    With ``includes`` it has the clauses, the coverage and the share of minor violations of a shipped book first; a
+    clause of its own replaces the one with the same id.
 
     Raises:
         InputError: No such file, or one that cannot be used; names file, line, key, value and what is allowed.
@@ -69,19 +83,35 @@ def load_rulebook(name_or_path: str) -> Rulebook:
     file = named_params_file("rulebook", FOLDER, name_or_path)
     root = read_strict_yaml(file)
     shipped = file.resolve().parent == (params_dir() / FOLDER).resolve()
+    base = load_rulebook(root.text("includes", names_in_params(FOLDER))) if root.has("includes") else None
+    if base is not None and base.included:
+        raise InputError(root.where("includes"), base.name, "a book that includes none itself")
+    heard_m = root.number("heard_m", 1.0, 500.0)
+    clauses = tuple(_clause(entry) for entry in root.mappings("clauses"))
+    ids = [clause.clause_id for clause in clauses]
+    if not ids or len(set(ids)) < len(ids):
+        raise InputError(f"{Path(file)}: clauses", ", ".join(ids), "clauses, each with an id of its own")
     book = Rulebook(
         name=shown_text(file.stem if shipped else f"own rulebook {file.name}"),
         title=_text(root, "title"),
-        heard_m=root.number("heard_m", 1.0, 500.0),
+        heard_m=heard_m,
+        heard_late_m=root.number("heard_late_m", 1.0, heard_m) if root.has("heard_late_m") else heard_m,
         reaction_s=root.number("reaction_s", 0.0, 10.0),
-        clauses=tuple(_clause(entry) for entry in root.mappings("clauses")),
+        clauses=(*(one for one in (base.clauses if base else ()) if one.clause_id not in ids), *clauses),
         sha256=sha256_of_file(file),
+        coverage=_coverage(root) if root.has("coverage") else base.coverage if base else {},
+        most_minor=root.number("most_minor", 0.0, 1.0) if root.has("most_minor") else base.most_minor if base else 1.0,
+        included={base.name: base.sha256} if base else {},
     )
     root.finish()
-    ids = [clause.clause_id for clause in book.clauses]
-    if not ids or len(set(ids)) < len(ids):
-        raise InputError(f"{Path(file)}: clauses", ", ".join(ids), "clauses, each with an id of its own")
     return book
+
+
+def _coverage(root: StrictMapping) -> Mapping[str, int]:
+    entry = root.mapping("coverage")
+    least = {group: entry.integer(group, 0, 10_000) for group in entry.values}
+    entry.finish()
+    return least
 
 
 def _text(entry: StrictMapping, key: str) -> str:
@@ -105,6 +135,7 @@ def _clause(entry: StrictMapping) -> Clause:
         numbers=numbers,
         minor=entry.number("minor", -_LARGEST, _LARGEST),
         major=entry.number("major", -_LARGEST, _LARGEST),
+        group=_text(entry, "group") if entry.has("group") else "",
     )
     entry.finish()
     if clause.minor == clause.major:
@@ -178,17 +209,37 @@ def grade_of(clause: Clause, finding: Finding) -> Grade:
     return Grade.MINOR if value > sign * clause.minor else Grade.PASS
 
 
-def examine(record: EpisodeRecord, actor_id: int, rulebook: Rulebook, bag: str = "") -> Sitting:
+def examine(
+    record: EpisodeRecord,
+    actor_id: int,
+    rulebook: Rulebook,
+    bag: str = "",
+    paper: tuple[EpisodeRecord, int] | None = None,
+) -> Sitting:
     """The marks of a driver in an episode.
+
+    Args:
+        record: The episode.
+        actor_id: The driver.
+        rulebook: The rulebook.
+        bag: Its bag, for the sitting.
+        paper: The same episode with the paper's driver in its place, and that one's id.
 
     Raises:
         InputError: The episode has no such civilian vehicle.
     """
-    examinee = Examinee(record, actor_id, rulebook.heard_m, rulebook.reaction_s)
+    other = None if paper is None else Examinee(*paper, rulebook.heard_m, rulebook.reaction_s)
+    examinee = Examinee(record, actor_id, rulebook.heard_m, rulebook.reaction_s, other)
+    late = Examinee(record, actor_id, rulebook.heard_late_m, rulebook.reaction_s, other)
     marks = []
     for clause in rulebook.clauses:
-        finding = MONITORS[clause.monitor].find(examinee, clause.numbers)
-        marks.append(Mark(clause, grade_of(clause, finding), finding))
+        monitor = MONITORS[clause.monitor]
+        finding = monitor.find(examinee, clause.numbers)
+        grade = grade_of(clause, finding)
+        if grade is Grade.MAJOR and monitor.asks_to_act and rulebook.heard_late_m < rulebook.heard_m:
+            lately = grade_of(clause, monitor.find(late, clause.numbers))
+            grade = grade if lately is Grade.MAJOR else Grade.MINOR
+        marks.append(Mark(clause, grade, finding))
     return Sitting(bag, name_of(record.description), actor_id, tuple(marks))
 
 

@@ -3,50 +3,35 @@
 A monitor takes the driver and the clause's numbers, and gives a value or the reason why the clause does not apply.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.braking import safe_following_mps
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.base.tables import Measure
 from siren_ros.data.tracks import ahead_and_left_m
-from siren_ros.reports.exam.examinee import Examinee, held_for, lasting_deceleration_mps2, once, rises, since
+from siren_ros.reports.exam.examinee import Examinee, held_for, lasting_deceleration_mps2, once, rises, since, stretches
+from siren_ros.reports.exam.finding import (
+    MPS,
+    STANDS_MPS,
+    Finding,
+    M,
+    Monitor,
+    Numbers,
+    S,
+    first_step,
+    greatest,
+    least_of_last,
+)
+from siren_ros.reports.exam.rules import RULES
 from siren_ros.scoring.judging.surrogate_safety import longest_run_s
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind
-from siren_ros.simulation.roads.routing import rescue_boundary_m, rescue_sides
+from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS, rescue_boundary_m, rescue_sides
 from siren_ros.simulation.world.actors import Event, EventKind, Lights
 
-Numbers = Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What a monitor found."""
-
-    measure: Measure
-    step: int | None = None
-    """The step that decides: the worst one, or the first of the worst stretch."""
-    about: str = ""
-    """Class and id of the other actor, where one is involved."""
-
-
-@dataclass(frozen=True)
-class Monitor:
-    """A monitor and the numbers that a clause has to give it, with their least and greatest values."""
-
-    find: Callable[[Examinee, Numbers], Finding]
-    unit: str
-    meaning: str
-    numbers: Mapping[str, tuple[float, float]]
-
-
 _NOBODY_CALLED: Final = "no emergency vehicle with a siren came from behind"
-_STANDS_MPS: Final = 0.5
-"""A vehicle that is slower than this stands (``YieldThresholds.stop_mps``)."""
 _AT_EDGE_M: Final = 1.0
 """A driver with less space than this on its right is at the edge of the road."""
 _RED: Final = frozenset("rR")
@@ -117,7 +102,7 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
         stays = held_for(below | (call.gap_m <= 0.0), steps_from_s(_STAYS_S))
         by_itself = np.concatenate((stays, np.zeros(steps_from_s(_STAYS_S), np.bool_)))[-len(track) :]
         slower = by_itself[until] & (track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"])
-        responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < _STANDS_MPS)
+        responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < STANDS_MPS)
         first = int(np.argmax(responded)) if responded.any() else len(responded)
         able = ((free | (room.right_m > _AT_EDGE_M)) & ~examinee.in_junction & call.calls)[until]
         rows = int(able[:first].sum())
@@ -140,10 +125,10 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
         apart = 0.5 * (examinee.actor.width_m + examinee.record.actors[call.emv_id].width_m)
         close = call.calls & (call.gap_m <= numbers["gap_m"]) & (call.gap_m > 0.0)
         held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
-    ahead_m = _least_of_last(examinee.room.ahead_m, examinee.reaction_steps)
+    ahead_m = least_of_last(examinee.room.ahead_m, examinee.reaction_steps)
     held &= (examinee.to_right_edge_m > _AT_EDGE_M) & (examinee.to_left_line_m > numbers["left_line_m"])
     held &= (examinee.room.right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M)
-    return Finding(Measure(float(held.sum()) * STEP_S), _first_step(examinee, held))
+    return Finding(Measure(float(held.sum()) * STEP_S), first_step(examinee, held))
 
 
 def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -163,16 +148,7 @@ def right_edge(examinee: Examinee, numbers: Numbers) -> Finding:
     goes_there = before - lateral >= _GOES_M
     settled = held_for(examinee.called, examinee.reaction_steps + steps)
     counts = beside & settled & ~(examinee.in_junction | goes_there | examinee.room.hemmed)
-    return _greatest(
-        examinee, _least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction"
-    )
-
-
-def _least_of_last(values: Floats, steps: int) -> Floats:
-    """The least of each value and of those at so many steps before it."""
-    return np.asarray(
-        np.min([np.concatenate((np.full(k, np.inf), values))[: len(values)] for k in range(steps + 1)], axis=0)
-    )
+    return greatest(examinee, least_of_last(examinee.room.right_m, steps), counts, "it came at once, or in a junction")
 
 
 def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -189,20 +165,12 @@ def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
     clear = ~once(examinee.in_junction, stop)
     moves = once(examinee.aside_mps < -_MOVES_MPS, steps_from_s(_MOVED_S))
     at_edge = examinee.to_right_edge_m <= _AT_EDGE_M
-    could = _least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
+    could = least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
     there = held_for((at_edge | could) & ~moves, steps_from_s(_SETTLES_S))
     counts = near & settled & clear & there
-    return _greatest(
+    return greatest(
         examinee, examinee.track.speed_mps, counts, "the siren sounded too briefly, or the way was not free"
     )
-
-
-def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
-    """Longest time for which the driver stands in a junction while an EMV calls."""
-    if not examinee.calls:
-        return Finding(Measure.lacking(_NOBODY_CALLED))
-    stands = examinee.called & examinee.in_junction & (examinee.track.speed_mps < _STANDS_MPS)
-    return Finding(Measure(longest_run_s(stands, examinee.track.step)), _first_step(examinee, stands))
 
 
 def moves_off_before_the_last(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -216,7 +184,7 @@ def moves_off_before_the_last(examinee: Examinee, _numbers: Numbers) -> Finding:
     moved = np.diff(examinee.track.driven_m, append=examinee.track.driven_m[-1:])
     # Way that the driver needs to stop again does not count.
     counts = between & held_for(examinee.called, examinee.reaction_steps)
-    return Finding(Measure(float(moved[counts].sum())), _first_step(examinee, counts & (moved > _STANDS_MPS * STEP_S)))
+    return Finding(Measure(float(moved[counts].sum())), first_step(examinee, counts & (moved > STANDS_MPS * STEP_S)))
 
 
 def beyond_red_line(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -258,7 +226,7 @@ def without_indicator(examinee: Examinee, numbers: Numbers) -> Finding:
     for side, light in ((1.0, Lights.INDICATOR_LEFT), (-1.0, Lights.INDICATOR_RIGHT)):
         moves = (side * rate > numbers["least_mps"]) & ~examinee.in_junction
         shown = once((examinee.track.lights & light) != 0, steps_from_s(numbers["before_s"]))
-        for begin, end in _stretches(moves):
+        for begin, end in stretches(moves):
             if side * (lateral[end - 1] - lateral[begin]) < numbers["least_m"]:
                 continue
             seen, late = True, min(end, begin + steps_from_s(numbers["late_s"]))
@@ -288,7 +256,7 @@ def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:
     pairs, contacts = examinee.conflict_series
     ahead_m, _ = ahead_and_left_m(pairs.subject, pairs.other)
     rows = np.searchsorted(examinee.track.step, pairs.step)
-    drives, moves = examinee.track.speed_mps >= _STANDS_MPS, np.abs(examinee.aside_mps) > _MOVES_MPS
+    drives, moves = examinee.track.speed_mps >= STANDS_MPS, np.abs(examinee.aside_mps) > _MOVES_MPS
     times = np.where((drives[rows] & (ahead_m > 0.0)) | moves[rows], contacts.time_s, np.inf)
     if not np.isfinite(times).any():
         return Finding(Measure.lacking("nobody was near"))
@@ -313,7 +281,8 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time from the last EMV's passing until the driver is in the middle of a lane and drives.
 
     One that stands behind others or at the end of its lane drives on as it can. Time in which the EMV stands right
-    ahead does not count. Where the record ends before, the time until there, if that is longer than ``waits_s``.
+    ahead, or sounds its siren within ``near_m``, does not count. Where the record ends before, the time until there, if
+    that is longer than ``waits_s``.
     """
     if not any(call.passed.any() for call in examinee.calls):
         return Finding(
@@ -321,10 +290,13 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
         )
     last = max(int(np.argmax(call.passed)) for call in examinee.calls if call.passed.any())
     aside = np.abs(examinee.offsets.offset_m) > numbers["offset_m"]
-    stands = (examinee.track.speed_mps < _STANDS_MPS) & (examinee.room.ahead_m > _GO_ON_M)
+    stands = (examinee.track.speed_mps < STANDS_MPS) & (examinee.room.ahead_m > _GO_ON_M)
     back = ~(aside | stands)[last:]
     back &= ~examinee.called[last:]
-    ahead = [call.passed & (-call.gap_m < _RIGHT_AHEAD_M) & (call.speed_mps < _STANDS_MPS) for call in examinee.calls]
+    ahead = [call.passed & (-call.gap_m < _RIGHT_AHEAD_M) & (call.speed_mps < STANDS_MPS) for call in examinee.calls]
+    for call in examinee.calls:  # from the driver's front to the EMV's rear
+        lengths_m = examinee.actor.length_m + examinee.record.actors[call.emv_id].length_m
+        ahead.append(call.passed & call.siren & (-call.gap_m - lengths_m < numbers["near_m"]))
     counts = ~np.any(ahead, axis=0)[last:]
     if back.any():
         return Finding(Measure(float(counts[: np.argmax(back)].sum()) * STEP_S), int(examinee.track.step[last]))
@@ -352,7 +324,7 @@ def following(examinee: Examinee, numbers: Numbers) -> Finding:
         near = call.siren & (behind > 0.0) & (behind < numbers["gap_m"]) & (np.abs(call.left_m) < numbers["aside_m"])
         follows |= call.passed & near & (examinee.track.speed_mps > numbers["faster_mps"])
     follows &= ~once(examinee.in_junction, examinee.reaction_steps)
-    return Finding(Measure(longest_run_s(follows, examinee.track.step)), _first_step(examinee, follows))
+    return Finding(Measure(longest_run_s(follows, examinee.track.step)), first_step(examinee, follows))
 
 
 def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -371,12 +343,12 @@ def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
         lanes = examinee.places.lane[begin]
         side = np.where(lanes == NO_LANE, 0, rescue_sides(examinee.record.network)[lanes])
         middle = (lateral - examinee.offsets.offset_m)[begin]
-        wrong = _least_of_last(-side * (lateral - middle), examinee.reaction_steps)
+        wrong = least_of_last(-side * (lateral - middle), examinee.reaction_steps)
     else:
         leftmost = np.maximum.accumulate(np.where(once(counts), lateral, -np.inf))
         side, wrong = np.full(len(lateral), -1), lateral - leftmost[begin]
     lack = "the siren sounded in junctions or on roads without a rescue lane only"
-    return _greatest(examinee, np.maximum(wrong, 0.0), counts & (side != 0), lack)
+    return greatest(examinee, np.maximum(wrong, 0.0), counts & (side != 0), lack)
 
 
 def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -398,13 +370,15 @@ def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
     if not counts.any():
         return Finding(Measure.lacking("no traffic at walking pace on several lanes out of town"))
     closes = counts & (gap < 0.5 * numbers["width_m"])
-    return Finding(Measure(float(closes.sum() / counts.sum())), _first_step(examinee, closes))
+    return Finding(Measure(float(closes.sum() / counts.sum())), first_step(examinee, closes))
 
 
 def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
-    """Longest time for which the driver's centre is on a shoulder."""
-    there = np.asarray(examinee.lane_kinds == LaneKind.SHOULDER, np.bool_)
-    return Finding(Measure(longest_run_s(there, examinee.track.step)), _first_step(examinee, there))
+    """Longest time for which the driver's centre is on the shoulder of a road that leads out of town."""
+    lanes = examinee.record.network.lanes
+    fast = [lane != NO_LANE and lanes[lane].speed_limit_mps > TOWN_LIMIT_MPS for lane in examinee.places.lane.tolist()]
+    there = np.asarray((examinee.lane_kinds == LaneKind.SHOULDER) & np.array(fast, np.bool_))
+    return Finding(Measure(longest_run_s(there, examinee.track.step)), first_step(examinee, there))
 
 
 def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -425,70 +399,57 @@ def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
         moved_m = examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]
         moved = np.sign(call.left_m[left_at]) * moved_m > numbers["moved_m"]
         worst |= since(call.calls, aside) & call.calls & ~aside & moved & (call.gap_m > 0.0)
-    return Finding(Measure(longest_run_s(worst, examinee.track.step)), _first_step(examinee, worst))
+    return Finding(Measure(longest_run_s(worst, examinee.track.step)), first_step(examinee, worst))
 
 
-def _greatest(examinee: Examinee, values: Floats, counts: Flags, lack: str) -> Finding:
-    if not counts.any():
-        return Finding(Measure.lacking(lack))
-    worst = int(np.argmax(np.where(counts, values, -np.inf)))
-    return Finding(Measure(float(values[worst])), int(examinee.track.step[worst]))
-
-
-def _first_step(examinee: Examinee, holds: Flags) -> int | None:
-    return int(examinee.track.step[int(np.argmax(holds))]) if holds.any() else None
-
-
-def _stretches(holds: Flags) -> list[tuple[int, int]]:
-    """Rows at which stretches of a condition begin, and the rows after their last ones."""
-    begins, ends = np.flatnonzero(rises(holds)), np.flatnonzero(rises(holds[::-1])[::-1]) + 1
-    return [*zip(begins.tolist(), ends.tolist(), strict=True)]
-
-
-_M: Final = (0.0, 100.0)
-_S: Final = (0.0, 60.0)
-_MPS: Final = (0.0, 40.0)
 MONITORS: Final[Mapping[str, Monitor]] = {
+    **RULES,
     "contact": Monitor(contact, "m/s", "speed of the hardest contact", {}),
     "response": Monitor(
-        response, "s", "time to the first response", {"shift_m": _M, "slower_mps": _MPS, "aside_m": _M}
+        response, "s", "time to the first response", {"shift_m": M, "slower_mps": MPS, "aside_m": M}, asks_to_act=True
     ),
     "obstruction": Monitor(
         obstruction,
         "s",
         "time for which the EMV was stuck behind",
-        {"gap_m": _M, "slow_mps": _MPS, "left_line_m": (-1.0, 5.0)},
+        {"gap_m": M, "slow_mps": MPS, "left_line_m": (-1.0, 5.0)},
     ),
-    "right_edge": Monitor(right_edge, "m", "room left on the right as the EMV passes", {"move_s": _S}),
+    "right_edge": Monitor(right_edge, "m", "room left on the right as the EMV passes", {"move_s": S}, asks_to_act=True),
     "stands_until_passed": Monitor(
-        stands_until_passed, "m/s", "greatest speed while the EMV is near", {"gap_m": _M, "stop_s": _S}
+        stands_until_passed,
+        "m/s",
+        "greatest speed while the EMV is near",
+        {"gap_m": M, "stop_s": S},
+        asks_to_act=True,
     ),
-    "stands_in_junction": Monitor(stands_in_junction, "s", "time standing in a junction", {}),
     "moves_off": Monitor(moves_off_before_the_last, "m", "way driven between two EMVs", {}),
     "red_line": Monitor(beyond_red_line, "m", "way beyond a stop line at red", {}),
     "indicator": Monitor(
         without_indicator,
         "moves",
         "moves to the side without an indicator",
-        {"least_m": _M, "least_mps": _MPS, "before_s": _S, "late_s": _S},
+        {"least_m": M, "least_mps": MPS, "before_s": S, "late_s": S},
     ),
     "braking": Monitor(braking, "m/s²", "hardest deceleration", {"lasting_s": (0.05, 10.0)}),
     "time_to_collision": Monitor(time_to_collision, "s", "least time to collision", {}),
     "encroachment": Monitor(encroachment, "s", "least time behind somebody who crossed", {}),
     "return_to_lane": Monitor(
-        return_to_lane, "s", "time until it drives on in its lane", {"offset_m": _M, "waits_s": _S}
+        return_to_lane,
+        "s",
+        "time until it drives on in its lane",
+        {"offset_m": M, "waits_s": S, "near_m": (0.0, 500.0)},
     ),
     "following": Monitor(
-        following, "s", "time close behind the EMV", {"gap_m": (0.0, 500.0), "aside_m": _M, "faster_mps": _MPS}
+        following, "s", "time close behind the EMV", {"gap_m": (0.0, 500.0), "aside_m": M, "faster_mps": MPS}
     ),
     "wrong_side": Monitor(wrong_side, "m", "move to the wrong side", {"by_lane": (0.0, 1.0)}),
     "closed_corridor": Monitor(
         closed_corridor,
         "of the time",
         "body in the corridor at walking pace",
-        {"width_m": _M, "pace_mps": _MPS, "settle_s": _S},
+        {"width_m": M, "pace_mps": MPS, "settle_s": S},
     ),
     "on_shoulder": Monitor(on_shoulder, "s", "time on a shoulder", {}),
-    "back_in_the_way": Monitor(back_in_the_way, "s", "time back in the EMV's way", {"margin_m": _M, "moved_m": _M}),
+    "back_in_the_way": Monitor(back_in_the_way, "s", "time back in the EMV's way", {"margin_m": M, "moved_m": M}),
 }
 """The monitors by the names that rulebooks use."""

@@ -109,13 +109,13 @@ def sit_in_made_episode(made: MadeEpisode, rulebook: Rulebook) -> Sitting:
     record = read_episode(made.bag)
     seated = record.description.av_id
     actor_id = actor_in_seat(record) if seated == NO_ACTOR else seated
-    sitting = replace(examine(record, actor_id, rulebook, str(made.bag)), answers=made.answers)
     if made.paper is None:
-        return sitting
+        return replace(examine(record, actor_id, rulebook, str(made.bag)), answers=made.answers)
     model = read_episode(made.paper)
     name = record.actors[actor_id].name
     model_id = next(one for one, actor in model.actors.items() if actor.name == name)
-    return replace(sitting, others=compared_with_paper(record, actor_id, model, model_id))
+    sitting = examine(record, actor_id, rulebook, str(made.bag), (model, model_id))
+    return replace(sitting, answers=made.answers, others=compared_with_paper(record, actor_id, model, model_id))
 
 
 def certificate_of(driver: str, actor_id: int | None, rulebook: Rulebook, sittings: Sequence[Sitting]) -> Certificate:

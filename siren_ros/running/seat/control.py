@@ -40,16 +40,20 @@ _SEEN_ROWS: Final = 80
 _SIGNALS_S: Final = 2.0
 _SLOW_MPS: Final = 5.0
 """A slower vehicle may come to a stop."""
+_HEARD_M: Final = 50.0
+"""Distance at which a driver in a closed car hears a siren (De Lorenzo and Eilers 1991)."""
+_ACROSS_RAD: Final = math.pi / 6.0
+"""An EMV whose heading differs by more than this comes from another road, or from ahead."""
 _LATE_MPS2: Final = 5.0
 """A driver that would need harder braking before a red line drives on."""
 
 
-def speed_to_limit(sight: Sight) -> float:
-    """Speed limit, reduced before bends and the end of the path, in m/s."""
+def speed_to_limit(sight: Sight, factor: float = 1.0) -> float:
+    """Speed limit, by a factor, reduced before bends and the end of the path, in m/s."""
     way, curve = sight.way, sight.way.curve
     at = [sight.s_m + ahead for ahead in _LOOK_M]
     headings = curve.heading_rad([min(s, curve.length_m) for s in at]).tolist()
-    least = float(way.limit_mps[way.row(sight.s_m)])
+    least = float(way.limit_mps[way.row(sight.s_m)]) * factor
     for k in range(len(at) - 1):
         bend_1pm = abs(math.remainder(headings[k + 1] - headings[k], 2.0 * math.pi)) / (at[k + 1] - at[k])
         if bend_1pm > 0.01:
@@ -126,6 +130,40 @@ def indicators(sight: Sight) -> int:
     if sight.in_junction or not soon.any():
         return int(Lights.NONE)
     return indicator_to(float(soon[np.flatnonzero(soon)[0]]))
+
+
+def stop_sign_ahead_m(sight: Sight) -> tuple[float, float]:
+    """Arc length of the next line with a stop sign, and its distance from the own front; infinite without one."""
+    front_m = sight.s_m + 0.5 * sight.length_m
+    signs = (line.at_m for line in sight.way.lines if line.connection.must_stop and line.connection.signal_id is None)
+    at_m = next((at_m for at_m in signs if at_m > front_m - _LINE_M), math.inf)
+    return at_m, at_m - front_m
+
+
+def speed_to_stop_sign(sight: Sight, stood_m: float) -> float:
+    """Speed before the next line with a stop sign, in m/s; infinite without one, or where it has stood at that line."""
+    at_m, ahead_m = stop_sign_ahead_m(sight)
+    return math.inf if at_m <= stood_m + _LINE_M else math.sqrt(2.0 * _GENTLE_MPS2 * max(ahead_m - _LINE_M, 0.0))
+
+
+def speed_to_siren(sight: Sight) -> float:
+    """Speed before the next junction while a siren comes across, in m/s; infinite without one, or if it is too late."""
+    way, row, states = sight.way, sight.way.row(sight.s_m), sight.states
+    inside = way.in_junction[row : row + _SEEN_ROWS]
+    if not inside.any() or inside[0]:
+        return math.inf
+    entry_m = float(inside.argmax()) - 0.5 * sight.length_m
+    if entry_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
+        return math.inf
+    for siren in sight.sirens:
+        k = int(np.searchsorted(states.actor_id, siren.actor_id))
+        dx, dy = float(states.x_m[sight.row] - states.x_m[k]), float(states.y_m[sight.row] - states.y_m[k])
+        yaw = float(states.yaw_rad[k])
+        turned = abs(math.remainder(yaw - float(states.yaw_rad[sight.row]), 2.0 * math.pi))
+        comes = dx * math.cos(yaw) + dy * math.sin(yaw) > 0.0 and math.hypot(dx, dy) < _HEARD_M
+        if comes and not siren.along and turned > _ACROSS_RAD:
+            return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+    return math.inf
 
 
 COMES_S: Final = 2.5

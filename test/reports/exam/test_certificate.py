@@ -25,7 +25,9 @@ from siren_ros.reports.exam.grading import FOLDER, Grade, Sitting, examine, load
 from siren_ros.reports.study_report.page import EpisodePages, html_of
 from siren_ros.running.generation.closed_loop import AnswerTimes
 
-BOOK = load_rulebook("california")
+WHOLE = load_rulebook("california")
+BOOK = replace(WHOLE, coverage={})
+"""The book without the least number of episodes."""
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +51,29 @@ def test_the_driver_in_the_way_does_not_pass(certificate):
     assert not certificate.passed
     assert Certificate("x", BOOK, certificate.sittings[1:]).passed  # it touched nobody
     assert not Certificate("x", BOOK, ()).passed
+
+
+def test_a_certificate_needs_enough_episodes_and_few_violations(certificate):
+    kept = certificate.sittings[1]
+    (made_way,) = [clause for clause in WHOLE.clauses if clause.clause_id == "yield"]
+
+    def sitting(grade):
+        marks = tuple(replace(mark, grade=grade) if mark.clause == made_way else mark for mark in kept.marks)
+        return replace(kept, marks=marks)
+
+    def lacks(passes, minors):
+        sittings = (*(sitting(Grade.PASS),) * passes, *(sitting(Grade.MINOR),) * minors)
+        whole = Certificate("x", WHOLE, sittings)
+        assert whole.passed is not bool(whole.lacks)
+        return whole.lacks
+
+    # Traffic's clauses apply in all of them.
+    assert lacks(30, 0) == ()
+    assert lacks(29, 0) == tuple(f"{name}: applied in 29 episodes, at least 30 are needed" for name in WHOLE.coverage)
+    assert "making way: applied in 0" in Certificate("x", WHOLE, (kept,) * 30).lacks[0]
+    # Wilson's interval of 6 of 30 begins at 9.5 %, that of 7 of 30 at 11.8 %.
+    assert lacks(24, 6) == ()
+    assert lacks(23, 7) == ("Responds at once: violated in 7 of 30 episodes",)
 
 
 def test_the_same_exam_gives_the_same_json(certificate):
@@ -116,6 +141,8 @@ def test_the_page_has_one_section_for_all_episodes(certificate):
     for sittings, menu in ((many, ["Clauses", "Violations", "Episodes"]), ((), ["Clauses", "Violations"])):
         page = page_of(replace(certificate, sittings=sittings), "./env siren exam")
         assert [section.title for section in page.sections] == menu
+        few = page_of(replace(certificate, sittings=sittings, rulebook=WHOLE), "./env siren exam")
+        assert [section.title for section in few.sections] == ["Why there is no certificate", *menu]
         assert all(f'id="episodes_{sitting.episode}"' in html_of(page) for sitting in sittings)
 
 

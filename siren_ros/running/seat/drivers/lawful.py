@@ -20,7 +20,10 @@ from siren_ros.running.seat.control import (
     speed_to_limit,
     speed_to_passing_emv,
     speed_to_red,
+    speed_to_siren,
+    speed_to_stop_sign,
     steered,
+    stop_sign_ahead_m,
 )
 from siren_ros.running.seat.sight import Sight, Siren
 from siren_ros.simulation.world.actors import Lights, indicator_to
@@ -40,8 +43,8 @@ class Habits:
     uses_shoulder: bool = True
     """Whether it also uses the shoulder as road."""
     hears: bool = True
-    heard_m: float = 40.0
-    """Gap at which it notices a siren behind it."""
+    heard_m: float = 50.0
+    """Gap at which it notices a siren behind it: the greatest at which drivers in closed cars do."""
     reaction_s: float = 0.8
     other_side: bool = False
     """Whether it makes way to the wrong side."""
@@ -63,6 +66,18 @@ class Habits:
     stops_at_red: bool = True
     returns: bool = True
     """Whether it returns to its lane after the last EMV has passed."""
+    lets_across: bool = True
+    """Whether it waits before a junction while a siren comes across."""
+    limit_factor: float = 1.0
+    """Its speed on a free road, as a multiple of the limit."""
+    flees: bool = False
+    """Whether it drives away from a siren as fast as it can."""
+    parks: bool = False
+    """Whether it goes to the side at once, without any siren."""
+    beyond_m: float = 0.0
+    """How far beyond the edge of the road it makes way."""
+    blocks: bool = False
+    """Whether it stops on a junction to which a siren comes."""
 
 
 HABITS: Final[Mapping[str, Habits]] = {
@@ -85,6 +100,12 @@ FAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "follows": {"apart_m": 0.0, "chases": True},
     "never-returns": {"returns": False},
     "creeps": {"stops": False},
+    "flees": {"hears": False, "apart_m": 0.0, "flees": True, "stops_at_red": False, "lets_across": False},
+    "speeds": {"limit_factor": 2.0},
+    "parks": {"parks": True, "returns": False},
+    "off-road": {"beyond_m": 6.0, "uses_shoulder": True, "by_lane": False},
+    "blocks-the-junction": {"blocks": True, "lets_across": False},
+    "enters-before-a-siren": {"lets_across": False, "clears_junctions": False},
 }
 """Changes of a lawful driver's habits by name of the fault."""
 
@@ -135,6 +156,11 @@ _CHASE_M: Final = 60.0
 _CHASED_M: Final = 10.0
 """Gap up to which a driver follows an EMV, and which it keeps."""
 _FASTEST_CHASE_MPS: Final = 15.0
+_STANDS_MPS: Final = 0.2
+_AT_LINE_M: Final = 3.0
+"""A driver that stands this close before a line has stopped for its sign."""
+_FLEES_MPS: Final = 21.6
+"""Speed of a driver that flees."""
 _SLOW_MPS: Final = 8.0
 """Slower traffic may come to walking pace, so that a corridor must be opened before."""
 
@@ -162,6 +188,8 @@ class LawfulState:
     """Side to which it makes way."""
     speed_mps: float = 0.0
     """Speed when it began to make way."""
+    stood_m: float = -math.inf
+    """Arc length of the last line with a stop sign at which it has stood."""
 
 
 @dataclass(frozen=True)
@@ -176,11 +204,14 @@ class LawfulDriver:
     @property
     def start(self) -> LawfulState:
         """Start in its lane."""
-        return LawfulState()
+        return LawfulState(Phase.MAKES_WAY) if self.habits.parks else LawfulState()
 
     def step(self, state: LawfulState, sight: Sight) -> tuple[LawfulState, AvControl]:
         """Decide a step."""
         state = self._decided(state, sight)
+        line_m, ahead_m = stop_sign_ahead_m(sight)
+        if sight.speed_mps < _STANDS_MPS and ahead_m < _AT_LINE_M:
+            state = replace(state, stood_m=line_m)
         target, lights = self._target(state, sight)
         if state.phase is Phase.RETURNS and not self._is_free(target, sight):
             target = _middle_m(sight)
@@ -189,17 +220,28 @@ class LawfulDriver:
         if sight.speed_mps < _ROLLS_MPS:  # a wheeled vehicle cannot move sideways without rolling
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
         state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
-        wanted = min(self._speed(state, sight), speed_to_leader(sight, state.offset_m))
-        if state.phase is Phase.MAKES_WAY and not sight.in_junction:
-            wanted = min(wanted, speed_to_passing_emv(sight))
-        if state.phase is Phase.DRIVES:  # otherwise it would pass others in its lane
-            wanted = min(wanted, speed_to_leader(sight, 0.0))
-        if self.habits.clears_junctions:
-            wanted = min(wanted, speed_to_junction(sight))
-        if self.habits.stops_at_red:
-            wanted = min(wanted, speed_to_red(sight))
         hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
-        return state, steered(sight, wanted, state.offset_m, lights, hardest)
+        return state, steered(sight, self._wanted(state, sight), state.offset_m, lights, hardest)
+
+    def _wanted(self, state: LawfulState, sight: Sight) -> float:
+        """Target speed with regard to other vehicles, lines, junctions and sirens."""
+        habits = self.habits
+        if habits.flees and sight.sirens:
+            return min(_FLEES_MPS, speed_to_leader(sight, 0.0))
+        if habits.blocks and sight.in_junction and sight.sirens:
+            return 0.0
+        wanted = [self._speed(state, sight), speed_to_leader(sight, state.offset_m)]
+        if state.phase is Phase.MAKES_WAY and not sight.in_junction:
+            wanted.append(speed_to_passing_emv(sight))
+        if state.phase is Phase.DRIVES:  # otherwise it would pass others in its lane
+            wanted.append(speed_to_leader(sight, 0.0))
+        if habits.clears_junctions:
+            wanted.append(speed_to_junction(sight))
+        if habits.stops_at_red:
+            wanted += [speed_to_red(sight), speed_to_stop_sign(sight, state.stood_m)]
+        if habits.lets_across:
+            wanted.append(speed_to_siren(sight))
+        return min(wanted)
 
     def _decided(self, state: LawfulState, sight: Sight) -> LawfulState:
         """State with the phase that the sirens require."""
@@ -278,7 +320,7 @@ class LawfulDriver:
         if habits.by_lane and sight.way.duty[row] and not habits.uses_shoulder:
             return min(right + _EDGE_M, 0.0)
         edge = sight.way.right_m if habits.uses_shoulder else sight.way.driving_right_m
-        return min(float(edge[row]) + half_m + _EDGE_M, 0.0)
+        return min(float(edge[row]) + half_m + _EDGE_M, 0.0) - habits.beyond_m
 
     def _place_in_traffic(self, sight: Sight) -> float:
         """Offset in its lane: to the side if slow traffic must keep a corridor open."""
@@ -287,7 +329,7 @@ class LawfulDriver:
 
     def _speed(self, state: LawfulState, sight: Sight) -> float:
         """Target speed without regard to other vehicles and signals."""
-        cruise = speed_to_limit(sight)
+        cruise = speed_to_limit(sight, self.habits.limit_factor)
         if state.phase is not Phase.MAKES_WAY:
             chased = self._chased(sight)
             return min(cruise, self._speed_behind_emvs(sight)) if chased is None else _speed_of_chase(chased)

@@ -1,0 +1,210 @@
+"""Monitors of ordinary traffic and of sirens from other directions, on records made by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import (
+    CAR_LENGTH_M,
+    EASTBOUND,
+    EMV,
+    EMV_LENGTH_M,
+    SOUTHBOUND,
+    Driven,
+    crossing,
+    hand_made,
+    line,
+    with_states,
+)
+from made_encounters import CAR, IN_LANE, arc
+
+from siren_ros.reports.exam.examinee import Examinee
+from siren_ros.reports.exam.monitors import MONITORS
+from siren_ros.simulation.roads.road_network import JunctionKind
+from siren_ros.simulation.world.actors import Event, EventKind, Lights
+
+OTHER = 3
+LIMIT_MPS = 13.9
+HEARD_M = 50.0
+REACTION_S = 3.0
+FAR = Driven(line((-1.75, -30.0), (-1.75, -120.0)), arc((0.1, 30.0)))
+"""An EMV that nobody hears: its siren is silent."""
+
+
+def recorded(vehicles, *, siren=(), control=JunctionKind.PRIORITY_STOP, signal=lambda _: ""):
+    """The record with the sirens of these EMVs on; they are the EMVs, or number 1 where there is none."""
+    record = hand_made(crossing(control), {EMV: FAR, **vehicles}, signal)
+    if not siren:
+        return record
+
+    def lit(state):
+        lights = state.lights.copy()
+        lights[np.isin(state.actor_id, siren)] |= int(Lights.SIREN)
+        return lights
+
+    actors = {one: replace(actor, is_emv=one in siren) for one, actor in record.actors.items()}
+    described = replace(record.description, emv_ids=tuple(siren))
+    return with_states(replace(record, actors=actors, description=described), lights=lit)
+
+
+def found(name, record, paper=None, heard_m=HEARD_M, **numbers):
+    other = None if paper is None else Examinee(paper, CAR, heard_m, REACTION_S)
+    return MONITORS[name].find(Examinee(record, CAR, heard_m, REACTION_S, other), numbers)
+
+
+def value(name, record, **others):
+    """The value, which is the same where traffic keeps left."""
+    one, mirrored = (found(name, each, **others).measure for each in (record, record.mirrored()))
+    assert one.valid
+    assert mirrored.value == pytest.approx(one.value, abs=1e-6)
+    return one.value
+
+
+def north(*pieces, start_m=0.0):
+    return Driven(IN_LANE, arc(*pieces, start_m=start_m))
+
+
+def test_speed_above_the_limit_has_to_last():
+    assert value("speeding", recorded({CAR: north((20.0, 4.0))}), lasting_s=1.0) == pytest.approx(20.0 - LIMIT_MPS)
+    assert value("speeding", recorded({CAR: north((13.0, 4.0))}), lasting_s=1.0) == 0.0
+    brief = north((13.0, 2.0), (20.0, 0.6), (13.0, 2.0))
+    assert value("speeding", recorded({CAR: brief}), lasting_s=1.0) == 0.0
+
+
+def test_time_off_the_road():
+    verge = line((10.9, -120.0), (10.9, -20.0))  # the shoulder ends at 9.5 m, the next road begins at 12.25 m
+    assert value("off_road", recorded({CAR: Driven(verge, arc((10.0, 5.0)))})) == pytest.approx(5.0, abs=0.1)
+    whole = value("off_road", recorded({CAR: north((10.0, 22.0))}))  # across the junction
+    assert whole == 0.0
+
+
+@pytest.mark.parametrize(("pieces", "least_mps"), [(((5.0, 19.0), (0.0, 2.0), (5.0, 3.0)), 0.0), (((5.0, 24.0),), 5.0)])
+def test_a_stop_sign_asks_for_a_standstill_before_its_line(pieces, least_mps):
+    record = recorded({CAR: north(*pieces)})
+    step = round((20.0 if least_mps else 22.0) / 0.05)  # its centre is at the line
+    crossed = Event(step, EventKind.STOP_LINE_CROSSED, CAR, detail={"must_stop": 1, "junction": "J", "direction": "s"})
+    assert value("stop_sign", replace(record, events=(crossed,))) == pytest.approx(least_mps, abs=0.3)
+    assert not found("stop_sign", record).measure.valid
+
+
+def crossed_by(other, after_s, emv=False):
+    """A driver to the north at 10 m/s, and one to the east that comes to the place so long after it has left."""
+    left_s = (120.0 - 5.25 + 0.9 + 0.5 * CAR_LENGTH_M - 20.0) / 10.0
+    length_m, width_m = (EMV_LENGTH_M, 2.1) if emv else (CAR_LENGTH_M, 1.8)
+    left_s += 0.5 * (width_m - 1.8) / 10.0
+    comes_m = 110.0 + 5.25 - 0.9 - 0.5 * length_m
+    east = Driven(EASTBOUND, arc((10.0, 13.0), start_m=comes_m - 10.0 * (left_s + after_s)))
+    return {CAR: north((10.0, 13.0), start_m=20.0), other: east}
+
+
+def test_time_before_somebody_with_the_right_of_way():
+    record = recorded(crossed_by(OTHER, 0.8))
+    assert value("right_of_way", record) == pytest.approx(0.8, abs=0.11)
+    assert found("right_of_way", record).about == f"sedan {OTHER}"
+    second = value("right_of_way", recorded(crossed_by(OTHER, -3.0)))
+    assert second == 60.0  # the other one went first
+    # A movement that gives way has no right of way, but a siren has it.
+    network = replace(record.network, connections=tuple(replace(c, gives_way=True) for c in record.network.connections))
+    assert not found("right_of_way", replace(record, network=network)).measure.valid
+    sounds = recorded(crossed_by(EMV, 0.8, emv=True), siren=(EMV,))
+    assert value("right_of_way", replace(sounds, network=network)) == pytest.approx(0.8, abs=0.11)
+
+
+@pytest.mark.parametrize(("letters", "binds"), [("gggrGrr", True), ("GGGrgrr", False), ("gggrgrr", False)])
+def test_the_signal_says_who_goes_first(letters, binds):
+    record = recorded(crossed_by(OTHER, 0.8), control=JunctionKind.SIGNAL, signal=lambda _: letters)
+    assert found("right_of_way", record).measure.valid is binds
+
+
+def test_somebody_with_the_right_of_way_is_made_to_brake():
+    record = recorded(crossed_by(OTHER, 0.5))
+
+    def braked(state):
+        accel = np.zeros(len(state))
+        accel[state.actor_id == OTHER] = -5.0 if 170 <= state.step <= 190 else 0.0
+        return accel
+
+    assert value("forced_braking", with_states(record, accel_mps2=braked)) == pytest.approx(5.0)
+    assert value("forced_braking", record) == 0.0
+    later = with_states(recorded(crossed_by(OTHER, -3.0)), accel_mps2=braked)
+    assert value("forced_braking", later) == 0.0
+
+
+def test_a_junction_is_left_unless_others_go_first():
+    stands = {CAR: north((10.0, 3.0), (0.0, 6.0), (10.0, 5.0), start_m=80.0)}
+    assert value("blocks_junction", recorded(stands)) == pytest.approx(6.0, abs=0.15)
+    waits = recorded(stands, control=JunctionKind.SIGNAL, signal=lambda _: "ggggggg")
+    assert value("blocks_junction", waits) == 0.0
+    assert not found("blocks_junction", recorded({CAR: north((1.0, 5.0))})).measure.valid
+
+
+def east(*pieces, start_m=0.0):
+    return Driven(EASTBOUND, arc(*pieces, start_m=start_m))
+
+
+@pytest.mark.parametrize("emvs", [(EMV, OTHER), (OTHER, EMV)])
+def test_nobody_stands_in_a_junction_to_which_a_siren_comes(emvs):
+    comes, away = east((0.0, 8.0), start_m=70.0), Driven(line((5.25, 20.0), (5.25, 110.0)), arc((5.0, 8.0)))
+    inside, outside = (north((0.0, 8.0), start_m=start_m) for start_m in (110.0, 96.0))
+    vehicles = dict(zip(emvs, (comes, away), strict=True))
+    record = recorded({**vehicles, CAR: inside}, siren=(EMV, OTHER))
+    assert value("stands_in_junction", record) == pytest.approx(8.0, abs=0.1)
+    assert value("stands_in_junction", recorded({**vehicles, CAR: outside}, siren=(EMV, OTHER))) == 0.0
+    assert not found("stands_in_junction", record, heard_m=8.0).measure.valid
+    assert not found("stands_in_junction", recorded({emvs[1]: away, CAR: inside}, siren=(emvs[1],))).measure.valid
+
+
+@pytest.mark.parametrize("emvs", [(EMV, OTHER), (OTHER, EMV)])
+def test_nobody_enters_before_a_siren_that_comes_across(emvs):
+    numbers = {"soon_s": 5.0, "brakes_mps2": 3.4}
+    waits = east((0.0, 14.0), start_m=64.0)  # it does not come across
+    car = north((0.0, 6.0), (10.0, 8.0), start_m=92.0)  # stands 8 m before the line, and then drives
+    comes = east((8.0, 10.0), (8.0, 4.0), start_m=50.0)
+    record = recorded({**dict(zip(emvs, (comes, waits), strict=True)), CAR: car}, siren=(EMV, OTHER))
+    first = value("enters_before_siren", record, **numbers)
+    assert first == pytest.approx(0.0, abs=1e-9)  # the EMV goes first
+    late = east((8.0, 10.0), (8.0, 4.0), start_m=50.0 - 24.0)
+    record = recorded({**dict(zip(emvs, (late, waits), strict=True)), CAR: car}, siren=(EMV, OTHER))
+    # It stands as it hears the siren, at 50 m, so that the whole way to the line is left.
+    assert value("enters_before_siren", record, **numbers) == pytest.approx(8.0, abs=0.6)
+    assert found("enters_before_siren", record, heard_m=8.0, **numbers).measure.value == 0.0
+    unheard = replace(record, description=replace(record.description, emv_ids=(EMV, OTHER)))
+    silent = with_states(unheard, lights=lambda state: np.zeros(len(state), np.uint8))
+    assert not found("enters_before_siren", silent, **numbers).measure.valid
+
+
+def test_a_driver_before_an_emv_from_ahead_stops_or_goes_to_the_edge():
+    numbers = {"gap_m": 30.0, "aside_m": 12.0, "edge_m": 1.0, "seen_m": 300.0, "stop_s": 1.0}
+    emv = Driven(SOUTHBOUND, arc((10.0, 18.0)))
+    drives, stops = north((4.0, 18.0), start_m=20.0), north((4.0, 4.0), (0.0, 14.0), start_m=20.0)
+    edge = Driven(line((7.7, -120.0), (7.7, -20.0)), arc((4.0, 18.0), start_m=20.0))  # 0.9 m to the edge at 9.5 m
+    for car, speed_mps in ((drives, 4.0), (stops, 0.0), (edge, 0.0)):
+        record = recorded({EMV: emv, CAR: car}, siren=(EMV,))
+        assert value("before_oncoming", record, **numbers) == pytest.approx(speed_mps, abs=0.1)
+    record = recorded({EMV: emv, CAR: drives}, siren=(EMV,))
+    assert not found("before_oncoming", record, **{**numbers, "aside_m": 3.0}).measure.valid
+
+
+def test_progress_is_that_without_an_emergency_vehicle():
+    numbers = {"near_m": 40.0, "after_s": 1.0, "least_m": 20.0}
+    emv = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((20.0, 11.0), start_m=0.0))
+    paper, parks = (
+        recorded({EMV: emv, CAR: car}, siren=(EMV,))
+        for car in (north((5.0, 11.0), start_m=30.0), north((1.0, 11.0), start_m=30.0))
+    )
+    assert value("progress", parks, paper=paper, **numbers) == pytest.approx(0.2, abs=0.01)
+    assert value("progress", paper, paper=paper, **numbers) == pytest.approx(1.0)
+    assert not found("progress", parks, **numbers).measure.valid
+    assert not found("progress", parks, paper=paper, **{**numbers, "near_m": 400.0}).measure.valid
+
+
+def test_who_flees_has_not_been_asked():
+    emv = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 8.0)))
+    paper, flees = (
+        recorded({EMV: emv, CAR: car}, siren=(EMV,))
+        for car in (north((5.0, 8.0), start_m=40.0), north((20.0, 8.0), start_m=70.0))
+    )
+    called_s = Examinee(paper, CAR, HEARD_M, REACTION_S).called.sum() * 0.05
+    assert value("evades", flees, paper=paper) == pytest.approx(called_s)
+    assert value("evades", paper, paper=paper) == 0.0
+    assert not found("evades", flees).measure.valid

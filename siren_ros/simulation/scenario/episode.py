@@ -7,7 +7,7 @@ what a model has seen.
 
 import hashlib
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -294,11 +294,13 @@ class EpisodeIdentity:
     seed: int
     values: str = ""
     """Values of parameters in place of those that the seed draws, as a request has them."""
+    map_sha256: str = field(default="", compare=False)
+    """SHA-256 of the compiled map, which a file's name cannot hide; empty where it is not known."""
 
     @staticmethod
     def of(episode: EpisodeDescription) -> "EpisodeIdentity":
         """The identity of a recorded episode."""
-        return EpisodeIdentity(episode.map_name, episode.template, episode.seed, episode.draw)
+        return EpisodeIdentity(episode.map_name, episode.template, episode.seed, episode.draw, episode.map_sha256)
 
     @staticmethod
     def of_request(request: EpisodeRequest, template: str = "") -> "EpisodeIdentity":
@@ -313,6 +315,11 @@ class EpisodeIdentity:
     def text(self) -> str:
         """The identity in one line, with sorted parameters: ``town S2 103``, ``town S2 103 emv.speed_mps=12.5``."""
         return f"{self.map_name} {self.template} {self.seed} {text_of_values(values_of(self.values))}".rstrip()
+
+    @property
+    def content(self) -> str:
+        """The same with the map's hash in place of its name; empty where it is not known."""
+        return replace(self, map_name=self.map_sha256).text if self.map_sha256 else ""
 
 
 @dataclass(frozen=True)
@@ -358,7 +365,7 @@ class SeenEpisodes:
     """The episodes that a model has seen, as its card lists them."""
 
     trained: frozenset[str]
-    """``EpisodeIdentity.text`` of the episodes on which the model was trained."""
+    """``EpisodeIdentity.text`` of the episodes of the training, and ``content`` where the card has it."""
     watched: frozenset[str] = frozenset()
     """``EpisodeIdentity.text`` of the episodes that were looked at during its training."""
 
@@ -367,22 +374,31 @@ class SeenEpisodes:
         """What the card of a trained network lists under ``data``; None where it lists no episodes."""
         data = card.get("data", {})
         trained, watched = (data.get(split, {}).get("keys") for split in (Split.TRAIN, Split.VAL))
-        return None if trained is None else SeenEpisodes(frozenset(trained), frozenset(watched or ()))
+        contents = data.get(Split.TRAIN, {}).get("contents", ())
+        return None if trained is None else SeenEpisodes(frozenset((*trained, *contents)), frozenset(watched or ()))
 
     @property
     def maps(self) -> frozenset[str]:
-        """Names of the maps that it was trained on."""
+        """Names of the maps that it was trained on, and their hashes where the card has them."""
         return frozenset(_words(self.trained, 0))
 
     def split_of(self, episode: EpisodeIdentity) -> Split:
-        """How an episode relates to the model: the split that the episode would have by this model's training."""
-        if episode.text in self.trained:
+        """How an episode relates to the model: the split that the episode would have by this model's training.
+
+        Where the card has hashes of maps, these decide and not the names of files.
+        """
+        maps = self.maps
+        hashed = bool(episode.map_sha256) and any(len(name) == _SHA256_DIGITS for name in maps)
+        if (episode.content if hashed else episode.text) in self.trained:
             return Split.TRAIN
         if episode.text in self.watched:
             return Split.VAL
         if episode.template not in _words(self.trained, 1):
             return Split.TEST_TEMPLATE
-        return Split.TEST_SEED if episode.map_name in self.maps else Split.TEST_MAP
+        return Split.TEST_SEED if (episode.map_sha256 if hashed else episode.map_name) in maps else Split.TEST_MAP
+
+
+_SHA256_DIGITS: Final = 64
 
 
 def _words(texts: Collection[str], place: int) -> set[str]:

@@ -170,6 +170,23 @@ def test_the_rule_of_the_project_has_maps_and_a_template_of_its_own() -> None:
     assert rule.test_templates == {"S8", "sealed"}
 
 
+def test_a_map_under_another_name_is_known_by_its_content() -> None:
+    town, other = "a" * 64, "b" * 64
+    card = {"data": {"train": {"keys": ["town S1 1"], "contents": [f"{town} S1 1"]}}}
+    seen = SeenEpisodes.of_card(card)
+    assert seen is not None
+    expected = {
+        EpisodeIdentity("town", "S1", 1, map_sha256=town): Split.TRAIN,
+        EpisodeIdentity("renamed", "S1", 1, map_sha256=town): Split.TRAIN,
+        EpisodeIdentity("renamed", "S1", 2, map_sha256=town): Split.TEST_SEED,
+        EpisodeIdentity("renamed", "S1", 3, map_sha256=other): Split.TEST_MAP,
+        EpisodeIdentity("far", "S1", 1): Split.TEST_MAP,
+    }
+    assert {episode: seen.split_of(episode) for episode in expected} == expected
+    # Another map that bears the name of the one that was trained on:
+    assert seen.split_of(EpisodeIdentity("town", "S1", 2, map_sha256=other)) is Split.TEST_MAP
+
+
 def test_how_an_episode_stands_to_a_model() -> None:
     seen = SeenEpisodes(frozenset({"town S1 1", "town S2 1", "other S1 4"}), frozenset({"town S1 9"}))
     expected = {

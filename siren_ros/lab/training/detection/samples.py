@@ -112,8 +112,9 @@ def about_episode(bag: Path) -> dict[str, Any]:
     """Template, level, seed and map of a bag's episode, and what decides its split (``EpisodeIdentity.text``)."""
     with open_source(bag) as source:
         episode = source.description
-    names = {"template": episode.template, "level": episode.level.name}
-    return {**names, "seed": episode.seed, "map": episode.map_name, "key": EpisodeIdentity.of(episode).text}
+    names, identity = {"template": episode.template, "level": episode.level.name}, EpisodeIdentity.of(episode)
+    keys = {"key": identity.text, "content": identity.content}
+    return {**names, "seed": episode.seed, "map": episode.map_name, **keys}
 
 
 def boxes_of_truth(truth: GroundTruth) -> Floats32:

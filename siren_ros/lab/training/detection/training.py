@@ -164,7 +164,12 @@ def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[
             "frames": len(draws),
             "frames_sha256": hashlib.sha256(b"".join(episode.digest() for episode in trained)).hexdigest(),
         },
-        "data": {Split.TRAIN.value: {"keys": sorted({str(about["key"]) for about in abouts})}},
+        "data": {
+            Split.TRAIN.value: {
+                "keys": sorted({str(about["key"]) for about in abouts}),
+                "contents": sorted({str(about.get("content", "")) for about in abouts} - {""}),
+            }
+        },
         "fitting": {
             "processor_s": round(fitted.processor_s),
             "plans": [{"from_step": first, "steps": steps, "frames": frames} for first, steps, frames in fitted.plans],

@@ -193,6 +193,8 @@ class EpisodeKey:
     level: str
     seed: int
     map_name: str
+    content: str = ""
+    """``EpisodeIdentity.content``; empty in files of earlier versions."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +271,9 @@ def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
                 of_tracker = np.sort(rows[draw::TRACKERS])
                 parts.append(_seen(tracks.select(of_tracker).batch, logged.select(of_tracker)))
     return EpisodeFeatures(
-        EpisodeKey(episode.template, episode.level.name, episode.seed, episode.map_name),
+        EpisodeKey(
+            episode.template, episode.level.name, episode.seed, episode.map_name, EpisodeIdentity.of(episode).content
+        ),
         split,
         names=parts[0][1],
         features=joined([features for features, _, _ in parts]),

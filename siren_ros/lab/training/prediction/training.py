@@ -168,6 +168,7 @@ def train_variant(
         "processor_s": round(fitted.processor_s),
     }
     card["data"] = _data_json(data)
+    card["data"][Split.TRAIN.value]["contents"] = sorted({episode.content for episode in store.episodes} - {""})
     write_network(path, fitted.onnx, card)
     network = load_network(path)
     judged = {split: [file for planned, file in data.files if planned.split is split] for split in _JUDGED}

@@ -59,11 +59,12 @@ class EpisodeFrames:
     map_name: str = ""
     values: str = ""
     """Parameters that were set instead of drawn."""
+    map_sha256: str = ""
 
     @property
     def identity(self) -> EpisodeIdentity:
         """Values that decide the episode's split."""
-        return EpisodeIdentity(self.map_name, self.template, self.seed, self.values)
+        return EpisodeIdentity(self.map_name, self.template, self.seed, self.values, self.map_sha256)
 
     def __len__(self) -> int:
         return len(self.step)
@@ -237,6 +238,7 @@ def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
             suite=described.sensor_suite,
             map_name=described.map_name,
             values=described.draw,
+            map_sha256=described.map_sha256,
         )
 
 

@@ -41,7 +41,7 @@ def test_weights_and_card_are_written(tmp_path) -> None:
         "frames": 6,
         "frames_sha256": sha256(made_episode(1, 3).digest() + made_episode(2, 3).digest()).hexdigest(),
     }
-    assert card["data"] == {"train": {"keys": ["made S2 1", "made S2 2"]}}
+    assert card["data"] == {"train": {"keys": ["made S2 1", "made S2 2"], "contents": []}}
     assert "--steps 5 --seed 0" in card["command"]
     assert card["fitting"] == {"processor_s": 12, "plans": [{"from_step": 0, "steps": 5, "frames": 6}]}
     assert (card["form_version"], card["parameters"], card["figures"]) == (FORM_VERSION, 7, {})

@@ -40,6 +40,10 @@ _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
+_CAR_M: Final = 7.6
+"""Length of road that a car takes in a queue (Highway Capacity Manual 2000, chapter 16)."""
+_ROW_M: Final = 4.0 * _CAR_M
+"""Road for a row that crosses until the EMV comes."""
 _CROSSED: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
 
@@ -78,6 +82,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
       direction drive ahead of it where no site of the map has a second lane.
     * The junction is so large that who passes at the end of the green is inside when the EMV comes. No signal or stop
       sign right behind it holds up those who pass. Both hold where a map has such a site.
+    * Nobody stands inside before a signal or stop sign right behind, and a row of vehicles fits on a road from which
+      others come across; the latter holds where a map has such a site.
     * Where nobody has to stop, the EMV uses its right only before traffic that the template brings. Of all-way stops,
       two-way stops, give-way lines and junctions without any control, the first kind that a map has is taken.
     * No other road crosses a motorway on a bridge: vehicles of both would meet, since the world is flat.
@@ -98,6 +104,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
         _prefer(found, _SMALL, lambda site: all(stays_inside(network, site, group) for group in template.demand.groups))
     if template.site_kind in _CROSSED:
         _prefer(found, _HELD_UP, lambda site: _exit_m(network, site) >= LEAST_QUEUE_M)
+    if _has_group(template, Placement.CROSSING):
+        _prefer(found, _SHORT_SIDE, lambda site: _side_m(network, site) >= _ROW_M)
     for control in Control:
         _prefer(found, WEAKER, partial(_is_controlled, control))
     if template.site_kind in _NO_SHOULDER:
@@ -291,6 +299,19 @@ def _exit_m(network: RoadNetwork, site: Site) -> float:
     return length_m
 
 
+def _side_m(network: RoadNetwork, site: Site) -> float:
+    """Length of the longest road, without a junction, from which others come across."""
+    lanes = {network.connections[index].from_lane for index in site.crossing}
+    return max((quiet_reach_m(network, lane, _ROW_M) for lane in lanes), default=0.0)
+
+
+def _is_left_free(network: RoadNetwork, site: Site, _: Template) -> bool:
+    ends = [network.lanes[network.connections[index].to_lane] for index in (*site.connections, *site.crossing)]
+    short = [way for lane in ends if lane.length_m < _CAR_M for way in network.connections_from.get(lane.index, ())]
+    held = any(way.must_stop or way.signal_id is not None for way in short)
+    return site.kind not in _CROSSED or not held
+
+
 def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
     least = 2 if _has_group(template, Placement.ADJACENT_LANE) else site.kind is not SiteKind.MOTORWAY_STRETCH
     return len(site.connections) >= least
@@ -335,6 +356,7 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "no second lane that leads on beside the EMV's": _has_lanes,
     "a turn, where the EMV has to go straight on": _goes_straight_on,
     "no stop sign, and no traffic of the template to give way to": _is_judged,
+    "a signal or stop sign right behind it, before which a car would stand inside": _is_left_free,
     "a stop sign at its end": _ends_free,
     "no signal or stop sign, at which a queue would wait beside the shoulder": _holds_queue,
 }
@@ -345,6 +367,7 @@ _ONE_LANE: Final = "one lane leads on, and others have a second one"
 _SMALL: Final = "a junction that vehicles leave before the EMV comes, and others have a larger one"
 _HELD_UP: Final = f"a signal or stop sign less than {LEAST_QUEUE_M:.0f} m behind it, and others have none"
 _SHOULDER: Final = "a shoulder, and others have none"
+_SHORT_SIDE: Final = f"less than {_ROW_M:.0f} m of road from which others come across, and others have more"
 _JOINED: Final = "a junction on the way on which vehicles change lanes, and others have none"
 
 

@@ -171,6 +171,32 @@ def test_a_signal_right_behind_a_site_holds_up_those_who_pass(
     assert lacking == ((text,) if held_up else ())
 
 
+@pytest.mark.parametrize(
+    ("end", "length_m", "lacks"),
+    [
+        ("to_lane", 7.0, "a signal or stop sign right behind it, before which a car would stand inside"),
+        ("to_lane", 8.0, ""),
+        ("from_lane", 30.0, "less than 30 m of road from which others come across, and others have more"),
+        ("from_lane", 31.0, ""),
+    ],
+)
+def test_who_crosses_has_road_to_come_from_and_to_leave_to(
+    town: RoadNetwork, end: str, length_m: float, lacks: str
+) -> None:
+    site = good_sites(town, load_template("S4"))[0]
+    short = {getattr(town.connections[index], end) for index in site.crossing}
+    lanes = [
+        replace(lane, centre=lane.centre.cut(0.0, length_m)) if lane.index in short else lane for lane in town.lanes
+    ]
+    ways = [
+        replace(way, signal_id="S", signal_link=0) if short & {way.from_lane, way.to_lane} else way
+        for way in town.connections
+    ]
+    found = shortcomings(replace(town, lanes=tuple(lanes), connections=tuple(ways)), load_template("S4"))
+    lacking = next(texts for other, texts in found.items() if other.name == site.name)
+    assert lacking == ((Lack(lacks),) if lacks else ())
+
+
 def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
     template = load_template("S2")
     good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]

@@ -215,7 +215,8 @@ def examine(
         bags: Folder or folders of recorded episodes, or folders that hold such folders; with ``study`` its folder.
         driver: With ``study`` the AV's driver: ``siren`` (the paper's), ``idm``, ``learned``, ``lawful-PLACE``,
             ``FAULT-PLACE`` or an ONNX file. Without it the name that the certificate gives to the driver.
-        study: Episodes to make first, as ``generate_study`` makes them; None grades the bags as they are.
+        study: Episodes to make first, as ``generate_study`` makes them; None grades the bags as they are. Its seat
+            may name a ROS program in place of ``driver``.
         paired: Whether the study is made again with the paper's driver, in the folder ``paper`` of ``bags``, so that
             the certificate tells what the driver does to others in comparison.
         actor_id: The driver in recorded episodes; None for the AV under test.
@@ -229,7 +230,7 @@ def examine(
 
     Raises:
         InputError: The rulebook, the driver, the study or the folder cannot be used, or an episode has no AV under
-            test while ``actor_id`` is None. The exam of a ROS program needs ``siren exam --av``.
+            test while ``actor_id`` is None.
         BagError: A bag cannot be read.
     """
     from siren_ros.base.processes.process_pool import ProcessPool
@@ -251,7 +252,8 @@ def examine(
     on_bag = _moved(progress, len(calls))
     with ProcessPool(min(workers, len(calls))) as pool:
         sittings = pool.map(sit, calls, on_bag)
-    return certificate_of(driver, actor_id, book, [*sittings, *lacks])
+    name = driver or (study.seat.program if study else "")
+    return certificate_of(name, actor_id, book, [*sittings, *lacks])
 
 
 def iterate_samples(bags: Folders, window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:
@@ -309,6 +311,8 @@ def _with_driver(study: Study, driver: str) -> Study:
     from siren_ros.errors import InputError
     from siren_ros.running.studies.matrix import Seat
 
+    if not driver and study.seat.program:
+        return study
     if not driver:
         raise InputError("driver", driver, "with a study: the name of a driver, or its ONNX file")
     return replace(study, seat=Seat(driver))

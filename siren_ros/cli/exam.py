@@ -1,6 +1,7 @@
 """``siren exam``: grades how drivers make way, by a rulebook, in recorded episodes or in a study made for it.
 
-``siren exam compare A B`` compares two drivers by their certificates, episode by episode.
+``siren exam compare A B`` compares two drivers by their certificates, episode by episode; ``siren exam verify`` grades
+the episodes of a certificate again.
 """
 
 import argparse
@@ -19,20 +20,23 @@ from siren_ros.cli.command import Command, complain
 from siren_ros.cli.generate import MATRIX, add_matrix, asked_of
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.data.recording.bag_reader import bags_among
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text, write_text, writing
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text
 from siren_ros.reports.exam.certificate import (
     Certificate,
-    as_json,
-    as_junit,
     compared,
-    page_of,
     read_certificate,
     shown_again,
     violations_of,
 )
 from siren_ros.reports.exam.grading import FOLDER, Rulebook, Sitting, load_rulebook
-from siren_ros.reports.exam.sitting import certificate_of, make_exam, sit_in_bag, sit_in_made_episode
-from siren_ros.reports.study_report.page import EpisodePages, html_of
+from siren_ros.reports.exam.sitting import (
+    certificate_of,
+    make_exam,
+    sit_in_bag,
+    sit_in_made_episode,
+    write_certificate,
+)
+from siren_ros.reports.exam.verifying import differences
 from siren_ros.running.studies.episode_row import EpisodeRow
 from siren_ros.running.studies.matrix import Seat, Study
 from siren_ros.running.studies.run_study import RETRIES, TIMEOUT_S, LocalWorkers, StudyBar, WorkerOptions, run_study
@@ -58,16 +62,39 @@ def compare(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def add_verification(verb: argparse.ArgumentParser) -> None:
+    """Adds the description and the options of the command."""
+    verb.description = (
+        "Grades the episodes of a certificate again, found by their hashes among BAGS, and compares rulebook, marks "
+        "and verdict. The exit code is 1 if anything differs or is missing."
+    )
+    verb.add_argument("certificate", type=Path, metavar="CERTIFICATE", help="certificate.json")
+    verb.add_argument("bags", type=Path, metavar="BAGS", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument("--rulebook", default="", metavar="FILE", help="own rulebook (default: the shipped one)")
+    add_processes(verb)
+    verb.set_defaults(run=verify)
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Prints what differs."""
+    content = read_certificate(arguments.certificate)
+    bags = bags_among(arguments.bags)
+    found = differences(content, bags, arguments.rulebook, processes_of(arguments))
+    for line in found:
+        print(line)
+    print(f"{len(content['episodes'])} episodes, {len(found)} differences")
+    return EXIT_FAILED if found else EXIT_OK
+
+
 _DEFAULT: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
 _LONGEST: Final = 100_000
 """Characters of the command on a certificate, which names each bag."""
-_PAGES: Final = 20
-"""Most episodes with a page of their own."""
 
 
 def add_arguments(verb: Command) -> None:
     """Adds the description and the options of the command."""
     verb.add_variant("compare", "exam.add_comparison")
+    verb.add_variant("verify", "exam.add_verification")
     verb.description = (
         "Grades a driver, clause by clause of a rulebook: pass, minor, major, or not applicable. With BAG it is the AV "
         "under test of recorded episodes. With --driver or --av the exam first makes a study in --out, with that "
@@ -75,7 +102,9 @@ def add_arguments(verb: Command) -> None:
         "certificate as HTML, JSON and JUnit XML. The exit code is 1 if a clause is violated gravely, if "
         "none is applicable, or if an episode has no result."
     )
-    verb.epilog = "`siren exam compare` compares two certificates; see `siren exam compare --help`."
+    verb.epilog = (
+        "`siren exam compare` compares two certificates, `siren exam verify` grades one again; see their --help."
+    )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="*", help="bags, or folders with bags at any depth")
     verb.add_argument(
         "--rulebook",
@@ -166,15 +195,8 @@ def _write(arguments: argparse.Namespace, certificate: Certificate) -> None:
             words += [f"--{name.replace('_', '-')}", *map(str, value if isinstance(value, list) else [value])]
     words += ["--real-time"] * arguments.real_time + ["--alone"] * arguments.alone
     words += ["--out", str(out)]
-    with writing(out, "folder"):
-        out.mkdir(parents=True, exist_ok=True)
-    pages = EpisodePages(out / "pages", _PAGES, {Path(sitting.bag) for sitting in certificate.graded})
-    write_text(
-        out / "certificate.html", html_of(page_of(certificate, shown_text(shlex.join(words), most=_LONGEST), pages))
-    )
-    write_text(out / "certificate.json", as_json(certificate))
-    write_text(out / "certificate.xml", as_junit(certificate))
-    written, _, errors = pages.write(processes_of(arguments))
+    command = shown_text(shlex.join(words), most=_LONGEST)
+    written, errors = write_certificate(certificate, out, command, processes_of(arguments))
     for error in errors:
         complain(error)
     print(f"{out}: certificate.html, certificate.json, certificate.xml, {written} pages of episodes")

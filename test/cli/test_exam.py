@@ -92,6 +92,16 @@ def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, 
     assert [sorted(one["others"]) for one in content["episodes"]] == [["braked_hard", "emv_delay_s"]] * 2
     made = {path: path.stat().st_mtime_ns for path in out.rglob("*.mcap")}
     assert len(made) == 4  # two with the driver, two with the paper's
+    verify = ["exam", "verify", str(out / "certificate.json"), "--workers", "1"]
+    assert "2 episodes, 0 differences" in siren([*verify, str(out)]).out
+    assert "no bag has the hash" in siren([*verify, str(out / "paper")], code=1).out
+    mark = next(mark for mark in content["episodes"][0]["marks"] if mark["grade"] == "pass")
+    mark["grade"], content["heard_m"] = "minor", 5000
+    verify[2] = str(tmp_path / "forged.json")
+    Path(verify[2]).write_text(json.dumps(content), encoding="utf-8")
+    forged = siren([*verify, str(out)], code=1).out
+    assert "heard_m differs" in forged
+    assert f"S2_L3_seed0_town: {mark['clause']}: minor on the certificate, pass from the bag" in forged
     siren(words, code=1)
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*.mcap")} == made
     assert (out / "certificate.json").read_bytes() == certificate

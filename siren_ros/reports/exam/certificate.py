@@ -24,6 +24,7 @@ from siren_ros.reports.exam.examinee import OTHERS
 from siren_ros.reports.exam.grading import VIOLATED, Grade, Mark, Rulebook, Sitting, worst_of
 from siren_ros.reports.exam.monitors import MONITORS
 from siren_ros.reports.study_report.page import EpisodePages, Link, Page, Section, quoted
+from siren_ros.scoring.evaluation.realism.ledger import read_ledger
 from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
 
 _VIOLATIONS: Final = "violations"
@@ -136,7 +137,7 @@ class Certificate(Brief):
     def tables(self) -> list[Table]:
         """All tables of the certificate: the summary, and effects and latency where they are known."""
         known = self.effects(), self.latency()
-        return [self.summary(), *(table for table in known if table is not None)]
+        return [self.summary(), self.per_way(), *(table for table in known if table is not None)]
 
     def effects(self) -> Table | None:
         """The effect of the driver on others, compared with the paper's driver in its place.
@@ -157,6 +158,14 @@ class Certificate(Brief):
         others = {key: mean_of([one[key] for one in paired]) for key in OTHERS} if paired else {}
         return {_VIOLATIONS: mean_of(violated), **others}
 
+    def per_way(self) -> Table:
+        """Violations and the figures of ``OTHERS`` in an episode, and on the road, where active EMVs are rare."""
+        times, names = WAY_KM / km_per_emv(), {_VIOLATIONS: "violated clauses", **OTHERS}
+        rows: list[Row] = [(names[key], mean, mean.scaled(times)) for key, mean in self.means().items()]
+        caption = f"An automated vehicle meets an active emergency vehicle once in {km_per_emv():g} km"
+        head = ("figure", "an encounter", f"{WAY_KM:,} km")
+        return Table("per_way", caption, head, tuple(rows), spec=".2f")
+
     def latency(self) -> Table | None:
         """How fast the program answered in real time; None where that was not measured."""
         times = [sitting.answers for sitting in self.graded if sitting.answers is not None]
@@ -171,6 +180,15 @@ class Certificate(Brief):
         )
         caption = f"Wall time to an answer; number of episodes: {len(times)}"
         return Table("latency", caption, ("figure", "value"), rows, spec=".1f")
+
+
+WAY_KM: Final = 100_000
+"""Way for which the certificate tells how often something happens."""
+
+
+def km_per_emv() -> float:
+    """Way between two active EMVs that an automated vehicle meets (line V01 of ``params/realism/ledger.yaml``)."""
+    return next(line.value for line in read_ledger() if line.line_id == "V01")
 
 
 def mean_of(values: Sequence[float]) -> Interval:
@@ -200,12 +218,18 @@ def as_json(certificate: Certificate) -> str:
         "lacks": certificate.lacks,
         "grade": certificate.grade,
         "means": {key: mean.json() for key, mean in certificate.means().items()},
+        "km_per_emv": km_per_emv(),
         "clauses": [_clause_as_json(certificate, number) for number in range(len(book.clauses))],
         "episodes": [
             {
                 "episode": shown_text(sitting.episode),
                 "bag": shown_text(sitting.bag),
-                "bag_sha256": bag_sha256(Path(sitting.bag)) if Path(sitting.bag).exists() else None,
+                "bag_sha256": _bag_sha256(sitting.bag),
+                **(
+                    {"paper": shown_text(sitting.paper), "paper_sha256": _bag_sha256(sitting.paper)}
+                    if sitting.paper
+                    else {}
+                ),
                 "actor_id": sitting.actor_id,
                 "grade": sitting.grade,
                 "no_result": shown_text(sitting.lack),
@@ -217,6 +241,10 @@ def as_json(certificate: Certificate) -> str:
         ],
     }
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _bag_sha256(bag: str) -> str | None:
+    return bag_sha256(Path(bag)) if Path(bag).exists() else None
 
 
 def _clause_as_json(certificate: Certificate, number: int) -> dict[str, Any]:

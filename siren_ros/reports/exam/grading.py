@@ -179,6 +179,8 @@ class Sitting(Brief):
     """Why there is no result."""
     others: Mapping[str, float] = field(default_factory=dict)
     """Effects of the driver on others, compared with the paper's driver in its place (``others.py``)."""
+    paper: str = ""
+    """Bag of the same episode with the paper's driver; empty where there is none."""
     answers: AnswerTimes | None = None
     """Answer times of the program that drove; None where none did, or where its time was not limited."""
 

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import shapely
 
-from siren_ros.base.numerics.arrays import Flags
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.base.tables import Measure
@@ -218,28 +217,26 @@ def before_oncoming(examinee: Examinee, numbers: Numbers) -> Finding:
 def progress(examinee: Examinee, numbers: Numbers) -> Finding:
     """The driver's way as a share of that of the paper's driver in its place, in the time without an EMV.
 
-    Time in which an EMV with its siren is within ``near_m`` of either does not count, nor the ``after_s`` after it.
+    Time in which an EMV with its siren calls the driver or is within ``near_m`` does not count, nor the ``after_s``
+    after it.
     """
-    paper = examinee.paper
-    if paper is None:
+    if examinee.paper is None:
         return Finding(Measure.lacking("there is no episode with the paper's driver"))
+    near = [examinee.distance_m(emv_id) <= numbers["near_m"] for emv_id in examinee.record.emv_ids]
+    busy = examinee.track.step[np.any([*near, examinee.called], axis=0)]
+    steps = range(examinee.track.step[0], min(one.record.states[-1].step for one in (examinee, examinee.paper)) + 1)
+    free = np.full(len(steps), True)
+    for later in range(steps_from_s(numbers["after_s"]) + 1):
+        free[np.minimum(busy - steps.start + later, len(free) - 1)] = False
     ways = []
-    for one in (examinee, paper):
-        near = [one.distance_m(emv_id) <= numbers["near_m"] for emv_id in one.record.emv_ids]
-        rows = one.track.step - one.record.states[0].step
-        free = np.full(one.record.steps, True)
-        busy = rows[np.any([*near, np.zeros(len(rows), np.bool_)], axis=0)]
-        for later in range(steps_from_s(numbers["after_s"]) + 1):
-            free[np.minimum(busy + later, len(free) - 1)] = False
-        way = np.zeros(len(free))
-        way[rows] = one.track.speed_mps * STEP_S
-        ways.append((free, way))
-    steps = min(len(way) for _, way in ways)
-    counts: Flags = ways[0][0][:steps] & ways[1][0][:steps]
-    own_m, paper_m = (float(way[:steps][counts].sum()) for _, way in ways)
-    if paper_m < numbers["least_m"]:
-        return Finding(Measure.lacking("an emergency vehicle was near nearly all of the time"))
-    return Finding(Measure(own_m / paper_m))
+    for track in (examinee.track, examinee.paper.track):
+        rows = np.isin(track.step, steps)
+        way = np.zeros(len(steps))
+        way[track.step[rows] - steps.start] = track.speed_mps[rows] * STEP_S
+        ways.append(float(way[free].sum()))
+    if ways[1] < numbers["least_m"]:
+        return Finding(Measure.lacking("an emergency vehicle was near, or the paper's driver did not get on, either"))
+    return Finding(Measure(ways[0] / ways[1]))
 
 
 def evades(examinee: Examinee, _numbers: Numbers) -> Finding:

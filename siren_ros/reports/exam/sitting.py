@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from siren_ros.data.recording.bag_reader import read_episode
-from siren_ros.errors import InputError, shown_text
-from siren_ros.reports.exam.certificate import Certificate
+from siren_ros.errors import InputError, shown_text, write_text, writing
+from siren_ros.reports.exam.certificate import Certificate, as_json, as_junit, page_of
 from siren_ros.reports.exam.examinee import PAPER, actor_in_seat, compared_with_paper
 from siren_ros.reports.exam.grading import Rulebook, Sitting, examine
+from siren_ros.reports.study_report.page import EpisodePages, html_of
 from siren_ros.running.generation.closed_loop import AnswerTimes
 from siren_ros.running.seat.drivers.drivers import driver_of
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
@@ -20,6 +21,8 @@ from siren_ros.simulation.world.actors import NO_ACTOR
 
 PAPER_FOLDER: Final = "paper"
 """Folder of the episodes with the paper's driver, in that of an exam."""
+_PAGES: Final = 20
+"""Most episodes with a page of their own."""
 StudyMaker: TypeAlias = Callable[[Study, Path], Sequence[EpisodeRow]]
 """Makes the episodes of a study in a folder, and gives their rows."""
 
@@ -33,6 +36,8 @@ class MadeEpisode:
     """Bag of the same episode with the paper's driver; None where there is none."""
     answers: AnswerTimes | None
     """Answer times of the program that drove (``Sitting.answers``)."""
+    actor_id: int | None = None
+    """The driver; None for the AV under test, or who would be it."""
 
 
 def make_exam(
@@ -107,7 +112,7 @@ def sit_in_made_episode(made: MadeEpisode, rulebook: Rulebook) -> Sitting:
         BagError: A bag cannot be read.
     """
     record = read_episode(made.bag)
-    seated = record.description.av_id
+    seated = record.description.av_id if made.actor_id is None else made.actor_id
     actor_id = actor_in_seat(record) if seated == NO_ACTOR else seated
     if made.paper is None:
         return replace(examine(record, actor_id, rulebook, str(made.bag)), answers=made.answers)
@@ -115,7 +120,33 @@ def sit_in_made_episode(made: MadeEpisode, rulebook: Rulebook) -> Sitting:
     name = record.actors[actor_id].name
     model_id = next(one for one, actor in model.actors.items() if actor.name == name)
     sitting = examine(record, actor_id, rulebook, str(made.bag), (model, model_id))
-    return replace(sitting, answers=made.answers, others=compared_with_paper(record, actor_id, model, model_id))
+    others = compared_with_paper(record, actor_id, model, model_id)
+    return replace(sitting, answers=made.answers, others=others, paper=str(made.paper))
+
+
+def write_certificate(certificate: Certificate, out: Path, command: str, jobs: int) -> tuple[int, tuple[str, ...]]:
+    """Writes ``certificate.html``, ``.json`` and ``.xml``, and the pages of the episodes with violations.
+
+    Args:
+        certificate: The exam.
+        out: Folder; it is made if missing.
+        command: It makes the certificate again.
+        jobs: Processes that write pages.
+
+    Returns:
+        The number of pages, and why others are missing.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    with writing(out, "folder"):
+        out.mkdir(parents=True, exist_ok=True)
+    pages = EpisodePages(out / "pages", _PAGES, {Path(sitting.bag) for sitting in certificate.graded})
+    write_text(out / "certificate.html", html_of(page_of(certificate, command, pages)))
+    write_text(out / "certificate.json", as_json(certificate))
+    write_text(out / "certificate.xml", as_junit(certificate))
+    written, _, errors = pages.write(jobs)
+    return written, errors
 
 
 def certificate_of(driver: str, actor_id: int | None, rulebook: Rulebook, sittings: Sequence[Sitting]) -> Certificate:

@@ -10,7 +10,7 @@ from siren_nodes.sensor_sim import SensorSim  # type: ignore[import-not-found] #
 from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.sensor_messages.mounted_suite import MountedSuite, Published
 from siren_ros.errors import InputError
-from siren_ros.running.carla.session import CarlaSession, sensed_elsewhere
+from siren_ros.running.carla.session import CarlaSession
 from siren_ros.running.ros.programs.program import run_program
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.scenario.episode import EpisodeDescription
@@ -37,7 +37,7 @@ class CarlaBridge(SensorSim):
 
     def measured(self, states: ActorStates, signals: Sequence[SignalState]) -> Iterator[Published]:
         """Messages of a step."""
-        return sensed_elsewhere(self._session, self.sensing, states, self.actors, signals)
+        return self._session.messages(self.sensing, states, self.actors, signals)
 
     def close(self, closing: EpisodeClosing) -> None:
         """Leave the server as it was."""

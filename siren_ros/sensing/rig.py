@@ -114,8 +114,12 @@ _PARKED_M: Final = 150.0
 """Vehicles parked farther away than this are left out."""
 
 
-Elsewhere = Callable[[int, tuple[CameraFrame, ...]], tuple[tuple[LidarSweep, ...], tuple[CameraFrame, ...]]]
-"""Gives the sweeps and pictures of another simulator at a step; takes those that this machine drew for labels."""
+Elsewhere = Callable[
+    [ActorStates, Mapping[int, ActorDescription], Matrix, tuple[CameraFrame, ...]],
+    tuple[tuple[LidarSweep, ...], tuple[CameraFrame, ...]],
+]
+"""Gives the sweeps and pictures of another simulator at a step, from all actors but the carrier, what they are, the
+pose of the carrier, and the pictures that this machine drew for labels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +308,8 @@ class SensorRig:
             sweeps = tuple(sweep() for sweep in swept)
             frames = tuple(develop() for develop in exposed)
             if self._elsewhere is not None:
-                sweeps, frames = self._elsewhere(step, frames)
+                away = states.select(states.actor_id != hidden)
+                sweeps, frames = self._elsewhere(away, descriptions, base, frames)
             truth = self._truth(states, descriptions, hidden, base, sweeps)
             labels = self._labels(frames, base, placement, descriptions)
             return Observations(step, sweeps, frames, truth, labels, others)

@@ -45,5 +45,5 @@ def test_a_live_episode_holds_what_its_bag_holds_when_it_is_played(cosim, town, 
         run = cosim(*(words[:3]), "bag:=broken", "kitti:=false", cwd=tmp_path)
         assert run.code == 1
         assert "sensor_sim" in run.err
-        assert "cannot be spawned" in run.err
+        assert "Spawn failed" in run.err
         assert not server.get("settings")[0]

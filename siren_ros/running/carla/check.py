@@ -19,7 +19,7 @@ from siren_ros.data.interfaces.measurements import from_point_cloud
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing
 from siren_ros.running.carla.server_map import drive_sha256
-from siren_ros.running.carla.session import CALL_S, CarlaSession, sensed_elsewhere
+from siren_ros.running.carla.session import CALL_S, CarlaSession
 from siren_ros.sensing.lidar.lidar import LidarSweep
 from siren_ros.sensing.rig import SensorRig
 from siren_ros.sensing.suite import load_suite
@@ -78,7 +78,7 @@ def examine(
         sensing, counts, clouds = TrailingSensing(mounted, trails=False), dict[str, int](), []
         for step in range(_STEPS):
             states = _states(network, actors, step)
-            for topic, message in sensed_elsewhere(session, sensing, states, actors, ()):
+            for topic, message in session.messages(sensing, states, actors, ()):
                 counts[topic.name] = counts.get(topic.name, 0) + 1
                 if topic.type_name == topics.LIDAR.type_name:
                     clouds.append((topic.name, message))
@@ -163,7 +163,7 @@ def _poses(
             yield {**line, "there": False}
             continue
         place = found.get_transform()
-        asked = actor_pose(x, y, yaw, 0.0, *session.box_of(actor_id))
+        asked = actor_pose(x, y, yaw, 0.0, *session.boxes[actor_id])
         yield {
             **line,
             "there": True,

@@ -19,7 +19,7 @@ from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.data.sensor_messages.mounted_suite import Published, TrailingSensing
 from siren_ros.data.sensor_messages.sensor_topics import topics_of
 from siren_ros.errors import BagError
-from siren_ros.running.carla.session import CALL_S, CarlaSession, sensed_elsewhere
+from siren_ros.running.carla.session import CALL_S, CarlaSession
 from siren_ros.running.generation.closed_loop import RecordedEpisode, record_messages
 from siren_ros.simulation.world.actors import ActorDescription, TrafficState
 
@@ -87,7 +87,7 @@ def _messages(
         if traffic is None or traffic.step != step_of_time_ns(message.time_ns):
             raise BagError(str(source.path), f"an episode with {topics.TRAFFIC.name} at every step")
         states = from_actor_states(message.read())
-        yield from (_sent(*each) for each in sensed_elsewhere(session, sensing, states, actors, traffic.signals))
+        yield from (_sent(*each) for each in session.messages(sensing, states, actors, traffic.signals))
 
 
 def _sent(topic: Topic, message: Any) -> tuple[Topic, bytes]:

@@ -55,7 +55,6 @@ def carla_sensors(spec: LidarSpec | CameraSpec) -> Iterator[tuple[str, Mapping[s
 
 def sweep_of(
     spec: LidarSpec,
-    step: int,
     measured: Any,
     map_from_lidar: Matrix,
     states: ActorStates,
@@ -91,7 +90,7 @@ def sweep_of(
         on = _inside(place, near, row, actors[actor_id])
         points["instance"][on] = actor_id
         count[row] = len(on)
-    return LidarSweep(spec.name, step, points, near.actor_id, count)
+    return LidarSweep(spec.name, states.step, points, near.actor_id, count)
 
 
 def _inside(

@@ -11,7 +11,7 @@ import re
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -34,9 +34,9 @@ from siren_ros.data.sensor_messages.mounted_suite import (
     mounted_suites,
     setup_messages,
 )
-from siren_ros.data.sensor_messages.sensor_topics import Carrier, carriers_of, noise_seed
+from siren_ros.data.sensor_messages.sensor_topics import Carrier, noise_seed
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.running.carla.sensed import carla_sensors, frame_of, sweep_of
+from siren_ros.running.carla.sensed import LIDAR, carla_sensors, frame_of, sweep_of
 from siren_ros.running.carla.server_map import (
     MOST_M,
     TRAFFIC_LIGHT,
@@ -49,7 +49,7 @@ from siren_ros.running.carla.server_map import (
 from siren_ros.sensing.camera.camera import CameraFrame
 from siren_ros.sensing.lidar.lidar import LidarSweep
 from siren_ros.sensing.look import Look, load_look, look_of
-from siren_ros.sensing.specification import CameraSpec, LidarSpec, Mount, map_from_base
+from siren_ros.sensing.specification import CameraSpec, LidarSpec, Mount
 from siren_ros.sensing.suite import SensorSuite
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.scenario.episode import EpisodeDescription
@@ -93,43 +93,40 @@ Key = tuple[str, str, str]
 
 
 @contextmanager
-def called(address: str) -> Iterator[None]:
-    """Around calls of the client while an episode runs: an error of the server is one of the episode.
+def calling(address: str, *, begun: bool = True) -> Iterator[None]:
+    """Around calls of the client: its error is one of the episode, or of the input while nothing has begun.
 
     Raises:
-        EpisodeError: With what the client says.
+        EpisodeError, InputError: With what the client says.
     """
     try:
         yield
     except (RuntimeError, IndexError) as error:  # the second: a blueprint that the server does not have
-        raise EpisodeError(f"the CARLA server at {address}: {' '.join(str(error).split())}") from error
+        told = " ".join(str(error).split())
+        if begun:
+            raise EpisodeError(f"the CARLA server at {address}: {told}") from error
+        raise InputError("carla", address, f"a CARLA server that answers ({told})") from error
 
 
-def client_library(address: str) -> Any:
-    """CARLA's client; InputError where it is not installed."""
-    try:
-        return import_module("carla")
-    except ImportError as error:
-        raise InputError("carla", address, "an environment with CARLA's client (./env --with carla)") from error
-
-
-def connected(carla: Any, address: str, timeout_s: float = CALL_S) -> Any:
-    """A client of the server at ``HOST:PORT``, after a look at its version.
+def connected(address: str, timeout_s: float = CALL_S) -> tuple[Any, Any]:
+    """CARLA's client library, and a client of the server at ``HOST:PORT``, after a look at its version.
 
     Raises:
-        InputError: Nothing listens there, what listens is no CARLA server, or it has another version than the client.
+        InputError: No library; nothing listens there, it is no CARLA server, or it has another version than the client.
     """
     host, _, port = address.partition(":")
     try:
-        number = int(port or DEFAULT_PORT)
+        carla, number = import_module("carla"), int(port or DEFAULT_PORT)
         theirs, ours = _version_at(host, number, timeout_s), version("carla")
+    except ImportError as error:
+        raise InputError("carla", address, "an environment with CARLA's client (./env --with carla)") from error
     except (OSError, ValueError, OverflowError) as error:
         raise InputError("carla", address, f"HOST:PORT of a running CARLA server ({error})") from error
     if theirs != ours:
         raise InputError("carla", address, f"a CARLA server of the client's version {ours}; this one is {theirs}")
     client = carla.Client(host, number, _THREADS)
     client.set_timeout(timeout_s)
-    return client
+    return carla, client
 
 
 def _version_at(host: str, port: int, timeout_s: float) -> str:
@@ -157,37 +154,31 @@ class CarlaSession:
 
     def __init__(self, address: str, timeout_s: float = CALL_S) -> None:
         """Connect; InputError as ``connected``."""
-        self.address = address
-        self.carla = client_library(address)
-        self._timeout_s = timeout_s
-        self.client = connected(self.carla, address, timeout_s)
-        with self._refused():
-            self.world = self.client.get_world()
-            self.map = self.world.get_map()
-            self._library = self.world.get_blueprint_library()
-            self._settings, self._weather = self.world.get_settings(), self.world.get_weather()
-        self.blueprint_names = frozenset(each.id for each in self._library)
+        self.address, self._timeout_s = address, timeout_s
+        self.carla, self.client = connected(address, timeout_s)
         self.things: dict[int, Any] = {}
+        """CARLA's actors by our ids."""
+        self.boxes: dict[int, tuple[Floats, Floats]] = {}
+        """Centre and half sizes of an actor's box in CARLA's axes, zeros where it has none."""
         self._sizes: dict[int, ActorDescription] = {}
-        self._shown: Mapping[int, ActorDescription] = {}
-        self._boxes: dict[int, tuple[Floats, Floats]] = {}
-        self._lights: dict[int, int] = {}
-        self._steered: dict[int, float] = {}
-        self._rolled_m: dict[int, float] = {}
+        self._told: dict[tuple[object, str], float] = {}
+        """What the server was told last of a thing, so that it is told changes."""
         self._heads: dict[str, set[tuple[str, int]]] = {}
         self._lamps: dict[str, Any] = {}
-        self._colours: dict[str, int] = {}
         self._sensors: dict[Key, Any] = {}
         self._arrived: dict[Key, queue.SimpleQueue[Any]] = {}
         self._waiting: list[tuple[Carrier, int, SensorSuite, Mount | None]] = []
-        self._carriers: dict[str, tuple[int, Mount | None]] = {}
-        self._seeds: dict[str, int] = {}
-        self._states = ActorStates.empty()
         self._encoder = ThreadPoolExecutor(1, "jpeg")
-        self._frame, self._differences, self._changed = 0, {"places": 0.0}, False
+        self._frame, self._changed = 0, False
+        self._differences: dict[str, float] = {}
+        with calling(address, begun=False):
+            self._look_at(self.client.get_world())
 
-    def _refused(self) -> Any:
-        return _as_input_error(self.address)
+    def _look_at(self, world: Any) -> None:
+        self.world, self.map = world, world.get_map()
+        self._library = world.get_blueprint_library()
+        self.blueprint_names = frozenset(each.id for each in self._library)
+        self._settings, self._weather = world.get_settings(), world.get_weather()
 
     def __enter__(self) -> Self:
         return self
@@ -199,41 +190,34 @@ class CarlaSession:
 
     def load(self, drive: str) -> None:
         """Make the server build a map of OpenDRIVE, where it does not have it; InputError where it fails."""
+        # CARLA makes lights only of signals of this type; SUMO's exports have types for arrows.
+        drive = re.sub(r'type="10000\d\d"', f'type="{TRAFFIC_LIGHT}"', drive)
         self.client.set_timeout(LOAD_S)
-        with self._refused():
-            # CARLA makes lights only of signals of this type; SUMO's exports have types for arrows.
-            drive = re.sub(r'type="10000\d\d"', f'type="{TRAFFIC_LIGHT}"', drive)
-            self.world = self.client.generate_opendrive_world(drive, self.carla.OpendriveGenerationParameters())
-            self.map = self.world.get_map()
-            self._settings, self._weather = self.world.get_settings(), self.world.get_weather()
+        with calling(self.address, begun=False):
+            self._look_at(self.client.generate_opendrive_world(drive, self.carla.OpendriveGenerationParameters()))
         self.client.set_timeout(self._timeout_s)
 
-    def begin(self, network: RoadNetwork, look: Look) -> None:
+    def _begin(self, network: RoadNetwork, look: Look) -> None:
         """Check the map, take over the clock and the signals, and set the weather. InputError: another map."""
         self._differences = lane_distances(self.carla, self.map, network)
         if not is_same(self._differences):
-            found = f"{self._differences.get('share_m', math.inf):.1f} m away at 95 % of the places"
-            raise InputError(
-                "carla", self.map.name, f"the map of the episode (lanes are {found}; {MOST_M} m are allowed)"
-            )
-        with self._refused():
+            allowed = f"the map of the episode, with lanes within {MOST_M} m at 95 % of the places"
+            raise InputError("carla", f"{self.map.name}: {self._differences.get('share_m', math.inf):.1f} m", allowed)
+        with calling(self.address, begun=False):
             settings, self._changed = self.world.get_settings(), True
             settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_S
             self.world.apply_settings(settings, self._timeout_s)
             self._heads = signal_heads(self.map, network)
             lamps = self.world.get_actors().filter("traffic.traffic_light*")
             self._lamps = {each.get_opendrive_id(): each for each in lamps}
-            if lamps:
+            if self._lamps:
                 self.world.freeze_all_traffic_lights(True)
-            self.world.set_weather(self._weather_of(look))
-
-    def _weather_of(self, look: Look) -> Any:
-        weather = self.world.get_weather()
-        weather.sun_altitude_angle = math.degrees(look.sun_elevation_rad)
-        weather.sun_azimuth_angle = -math.degrees(look.sun_azimuth_rad) % 360.0
-        weather.cloudiness, weather.wetness = 100.0 * look.cloud_cover, 100.0 * look.wetness
-        weather.precipitation = 100.0 * min(1.0, look.rain_mm_per_h / _HEAVIEST_RAIN_MM_PER_H)
-        return weather
+            weather = self.world.get_weather()
+            weather.sun_altitude_angle = math.degrees(look.sun_elevation_rad)
+            weather.sun_azimuth_angle = -math.degrees(look.sun_azimuth_rad) % 360.0
+            weather.cloudiness, weather.wetness = 100.0 * look.cloud_cover, 100.0 * look.wetness
+            weather.precipitation = 100.0 * min(1.0, look.rain_mm_per_h / _HEAVIEST_RAIN_MM_PER_H)
+            self.world.set_weather(weather)
 
     def suites(
         self, episode: EpisodeDescription, network: RoadNetwork, wants_raw: Callable[[Topic], bool]
@@ -243,21 +227,20 @@ class CarlaSession:
         Raises:
             InputError: A suite that cannot be loaded, or another map.
         """
-        self.begin(network, load_look(look_of(episode), episode.files))
-        self._seeds = {carrier.name: noise_seed(episode.seed, carrier) for carrier, _, _ in carriers_of(episode)}
+        self._begin(network, load_look(look_of(episode), episode.files))
         mounted = tuple(
             mounted_suites(
                 episode,
                 network,
                 lambda topic: topic.name.count("/") == _RAW_PARTS and wants_raw(topic),
                 in_background=False,
-                elsewhere=lambda suite, carrier: partial(self.measured, suite, carrier),
+                elsewhere=lambda suite, carrier: partial(
+                    self._measured, suite, carrier.name, noise_seed(episode.seed, carrier)
+                ),
             )
         )
-        ids = {carrier.name: actor_id for carrier, actor_id, _ in carriers_of(episode)}
         for each in mounted:
-            self._waiting.append((each.carrier, ids[each.carrier.name], each.rig.suite, each.rig.station))
-        self._carriers = {carrier.name: (actor_id, station) for carrier, actor_id, _, station in self._waiting}
+            self._waiting.append((each.carrier, each.messages.carrier_id, each.rig.suite, each.rig.station))
         return mounted
 
     def setup(self, mounted: Sequence[MountedSuite]) -> Iterator[Published]:
@@ -272,68 +255,61 @@ class CarlaSession:
     @property
     def account(self) -> dict[str, object]:
         """The server, and what of the episode it shows otherwise."""
-        missing = {
-            kind.name.lower(): next(
-                iter(cast_of(ActorDescription(1, "", kind, 0, 0, 0, (0, 0, 0)), self.blueprint_names)), "nothing"
-            )
-            for kind, rows in blueprints().items()
-            if not rows.keys() & self.blueprint_names
+        actors = [ActorDescription(1, "", kind, 0, 0, 0, (0, 0, 0)) for kind in blueprints()]
+        stands = {
+            actor.actor_class.name.lower(): next(iter(cast_of(actor, self.blueprint_names)), "nothing")
+            for actor in actors
+            if not blueprints()[actor.actor_class].keys() & self.blueprint_names
         }
         return {
             "simulator": f"CARLA {self.client.get_client_version()}",
             "pictures_by": "CARLA",
             "map": {"name": self.map.name, "sha256": drive_sha256(self.map), "lanes": self._differences},
-            "signals": f"{len(set(self._heads) & set(self._lamps))} of {len(self._lamps)}",
-            "replaced": missing,
+            "signals": f"{len(self._heads.keys() & self._lamps.keys())} of {len(self._lamps)}",
+            "replaced": stands,
         }
 
     # At each step.
 
-    def advance(
-        self, states: ActorStates, actors: Mapping[int, ActorDescription], signals: Iterable[SignalState]
-    ) -> Mapping[int, ActorDescription]:
-        """Show a step in the server and let it sense; returns the actors with the sizes of CARLA's boxes.
+    def messages(
+        self,
+        sensing: TrailingSensing,
+        states: ActorStates,
+        actors: Mapping[int, ActorDescription],
+        signals: Sequence[SignalState],
+    ) -> Iterator[Published]:
+        """Show a step in the server, let it sense, and yield the messages of the step.
 
         Raises:
             EpisodeError: The server refuses, is gone, or does not answer in time.
         """
-        with called(self.address):
-            present = set(states.actor_id.tolist())
-            self._remove([actor_id for actor_id in self.things if actor_id not in present])
+        with calling(self.address):
+            self._destroy([self.things.pop(each) for each in tuple(self.things) if each not in states.actor_id])
             for row, actor_id in enumerate(states.actor_id.tolist()):
                 if actor_id not in self.things:
-                    self._spawn(states, row, actors[actor_id])
+                    self._spawn(float(states.x_m[row]), float(states.y_m[row]), actors[actor_id])
             self._place(states, actors)
             self._show_signals(signals)
             self._mount()
             self._frame = self.world.tick(self._timeout_s)
-            self._states, self._shown = states, {**actors, **self._sizes}
-        return self._shown
+        yield from sensing.step(states, {**actors, **self._sizes}, signals)
 
-    def _spawn(self, states: ActorStates, row: int, actor: ActorDescription) -> None:
+    def _spawn(self, x_m: float, y_m: float, actor: ActorDescription) -> None:
         carla, names = self.carla, cast_of(actor, self.blueprint_names)
-        if not names:
-            raise EpisodeError(
-                f"the CARLA server at {self.address} has no blueprint for {actor.actor_class.name.lower()}"
-            )
-        blueprint = self._library.find(names[0])
+        blueprint = self._library.find(names[0] if names else actor.actor_class.name.lower())
         if blueprint.has_attribute("color") and not actor.actor_class.is_emergency:
             blueprint.set_attribute("color", ",".join(map(str, actor.colour_rgb)))
         if blueprint.has_attribute("role_name"):
             carries = any(actor.actor_id == carrier for _, carrier, _, _ in self._waiting)
             blueprint.set_attribute("role_name", "hero" if carries else f"siren_{actor.actor_id}")
-        x, y, refusal = float(states.x_m[row]), float(states.y_m[row]), ""
         for height_m in _SPAWN_HEIGHTS_M:
-            place = carla.Transform(carla.Location(x, -y, self._ground_m(x, y) + height_m), carla.Rotation())
+            place = carla.Location(x_m, -y_m, self._ground_m(x_m, y_m) + height_m)
             try:
-                thing = self.world.spawn_actor(blueprint, place)
+                thing = self.world.spawn_actor(blueprint, carla.Transform(place, carla.Rotation()))
                 break
             except RuntimeError as error:
-                if "spawn" not in str(error).lower():
-                    raise
-                refusal = str(error)
-        else:
-            raise EpisodeError(f"actor {actor.actor_id} ({names[0]}) cannot be spawned in CARLA: {refusal}")
+                if height_m == _SPAWN_HEIGHTS_M[-1] or "spawn" not in str(error).lower():
+                    raise EpisodeError(f"actor {actor.actor_id} ({blueprint.id}) in CARLA: {error}") from error
         self.things[actor.actor_id] = thing
         thing.set_simulate_physics(False)
         box = thing.bounding_box
@@ -341,13 +317,9 @@ class CarlaSession:
         if actor.actor_class in TWO_WHEELED or extent.min() <= 0.0:
             centre, extent = np.zeros(3), np.zeros(3)
         else:
-            length_m, width_m, height_m = (float(2.0 * value) for value in extent)
+            length_m, width_m, height_m = (2.0 * extent).tolist()
             self._sizes[actor.actor_id] = replace(actor, length_m=length_m, width_m=width_m, height_m=height_m)
-        self._boxes[actor.actor_id] = (centre, extent)
-
-    def box_of(self, actor_id: int) -> tuple[Floats, Floats]:
-        """Centre and half sizes of an actor's box in CARLA's axes, zeros where it has none."""
-        return self._boxes[actor_id]
+        self.boxes[actor.actor_id] = (centre, extent)
 
     def _ground_m(self, x_m: float, y_m: float) -> float:
         return float(place_of(self.carla, self.map, x_m, y_m).transform.location.z)
@@ -356,15 +328,14 @@ class CarlaSession:
         command, batch = self.carla.command, []
         for row, actor_id in enumerate(states.actor_id.tolist()):
             x, y, yaw = (float(values[row]) for values in (states.x_m, states.y_m, states.yaw_rad))
-            pose = self._transform(actor_pose(x, y, yaw, self._ground_m(x, y), *self._boxes[actor_id]))
+            pose = self._transform(actor_pose(x, y, yaw, self._ground_m(x, y), *self.boxes[actor_id]))
             thing, speed_mps = self.things[actor_id], float(states.speed_mps[row])
             if actors[actor_id].actor_class is ActorClass.PEDESTRIAN:
                 batch.append(command.ApplyWalkerState(thing.id, pose, speed_mps))
                 continue
             batch.append(command.ApplyTransform(thing.id, pose))
             lights = carla_lights(int(states.lights[row]))  # with an actor in place of its id, the client sends 1
-            if self._lights.get(actor_id, 0) != lights:
-                self._lights[actor_id] = lights
+            if self._is_new(actor_id, "lights", lights):
                 batch.append(command.SetVehicleLightState(thing.id, lights))
             if actors[actor_id].actor_class not in TWO_WHEELED:
                 self._turn_wheels(actor_id, float(np.degrees(states.steer_rad[row])), speed_mps * STEP_S)
@@ -372,15 +343,21 @@ class CarlaSession:
             if response.has_error():
                 raise EpisodeError(f"the CARLA server at {self.address}: {response.error}")
 
+    def _is_new(self, thing: object, what: str, value: float, change: float = 0.0) -> bool:
+        """Whether a value differs by more than a change from what the server was told last, which is 0 at first."""
+        new = abs(self._told.get((thing, what), 0.0) - value) > change
+        if new:
+            self._told[thing, what] = value
+        return new
+
     def _turn_wheels(self, actor_id: int, steer_deg: float, moved_m: float) -> None:
         thing, wheels = self.things[actor_id], self.carla.VehicleWheelLocation
-        if abs(self._steered.get(actor_id, 0.0) - steer_deg) >= _STEER_DEG:
-            self._steered[actor_id] = steer_deg
+        if self._is_new(actor_id, "steering", steer_deg, _STEER_DEG):
             for wheel in (wheels.FL_Wheel, wheels.FR_Wheel):
                 thing.set_wheel_steer_direction(wheel, -steer_deg)
-        if moved_m > 0.0:
-            self._rolled_m[actor_id] = self._rolled_m.get(actor_id, 0.0) + moved_m
-            turned_deg = math.degrees(self._rolled_m[actor_id] / _WHEEL_RADIUS_M) % 360.0
+        rolled_m = self._told.get((actor_id, "rolled"), 0.0) + moved_m
+        if self._is_new(actor_id, "rolled", rolled_m):
+            turned_deg = math.degrees(rolled_m / _WHEEL_RADIUS_M) % 360.0
             for wheel in (wheels.FL_Wheel, wheels.FR_Wheel, wheels.BL_Wheel, wheels.BR_Wheel):
                 thing.set_wheel_pitch_angle(wheel, -turned_deg)
 
@@ -389,8 +366,7 @@ class CarlaSession:
         for name, lamp in self._lamps.items():
             letters = [states[signal][link] for signal, link in self._heads.get(name, ()) if signal in states]
             colour = signal_colour(letters)
-            if letters and self._colours.get(name) != colour:
-                self._colours[name] = colour
+            if letters and self._is_new(name, "colour", colour + 1):
                 lamp.set_state(self.carla.TrafficLightState.values[colour])
 
     def _mount(self) -> None:
@@ -401,9 +377,20 @@ class CarlaSession:
         self._waiting = [each for each in self._waiting if each not in ready]
         for carrier, actor_id, suite, station in ready:
             for spec in _sensors_of(suite):
+                pose, parent = spec.mount.base_from_sensor, None
+                if station is not None:
+                    pose = station.base_from_sensor @ pose
+                    pose[2, 3] += self._ground_m(pose[0, 3], pose[1, 3])
+                else:
+                    parent, (centre, extent) = self.things[actor_id], self.boxes[actor_id]
+                    pose[:3, 3] += (centre[0], -centre[1], centre[2] - extent[2])
                 for kind, attributes in carla_sensors(spec):
-                    key = (carrier.name, spec.name, kind)
-                    self._attach(key, spec.mount, attributes, None if station is not None else actor_id, station)
+                    blueprint, key = self._library.find(kind), (carrier.name, spec.name, kind)
+                    for name, value in attributes.items():
+                        blueprint.set_attribute(name, value)
+                    thing = self.world.spawn_actor(blueprint, self._transform(carla_pose(pose)), attach_to=parent)
+                    self._sensors[key], self._arrived[key] = thing, queue.SimpleQueue()
+                    thing.listen(self._arrived[key].put)
         for _ in range(_WARM_UP_FRAMES):
             frame = self.world.tick(self._timeout_s)
             waiting = [key for key, queue_ in self._arrived.items() if queue_.empty()]
@@ -413,98 +400,56 @@ class CarlaSession:
                 return
         raise EpisodeError(f"the CARLA server at {self.address}: no frame of {waiting[0][1]} in {_WARM_UP_FRAMES}")
 
-    def _attach(
-        self, key: Key, mount: Mount, attributes: Mapping[str, str], carrier_id: int | None, station: Mount | None
-    ) -> None:
-        blueprint = self._library.find(key[2])
-        for name, value in attributes.items():
-            blueprint.set_attribute(name, value)
-        pose, parent = mount.base_from_sensor, None
-        if station is not None:
-            pose = station.base_from_sensor @ pose
-            pose[2, 3] += self._ground_m(pose[0, 3], pose[1, 3])
-        elif carrier_id is not None:
-            centre, extent = self._boxes[carrier_id]
-            pose[:3, 3] += (centre[0], -centre[1], centre[2] - extent[2])
-            parent = self.things[carrier_id]
-        thing = self.world.spawn_actor(blueprint, self._transform(carla_pose(pose)), attach_to=parent)
-        self._sensors[key], self._arrived[key] = thing, queue.SimpleQueue()
-        thing.listen(self._arrived[key].put)
-
     def _transform(self, pose: tuple[float, float, float, float, float, float]) -> Any:
         return self.carla.Transform(self.carla.Location(*pose[:3]), self.carla.Rotation(*pose[3:]))
 
     def _take(self, key: Key, frame: int) -> Any:
         """What a sensor measured at a frame; earlier frames are dropped."""
-        while True:
-            try:
-                measured = self._arrived[key].get(timeout=self._timeout_s)
-            except queue.Empty:
-                break
+        with suppress(queue.Empty):
+            while (measured := self._arrived[key].get(timeout=self._timeout_s)).frame < frame:
+                pass
             if measured.frame == frame:
                 return measured
-            if measured.frame > frame:
-                break
-        name = f"{key[1]} ({key[2]})"
-        raise EpisodeError(
-            f"the CARLA server at {self.address}: no frame {frame} of {name} within {self._timeout_s:g} s"
-        )
+        raise EpisodeError(f"the CARLA server at {self.address}: no frame {frame} of {key[1]} in {self._timeout_s:g} s")
 
-    def measured(
-        self, suite: SensorSuite, carrier: Carrier, step: int, drawn: tuple[CameraFrame, ...]
+    def _measured(
+        self,
+        suite: SensorSuite,
+        carrier: str,
+        seed: int,
+        states: ActorStates,
+        actors: Mapping[int, ActorDescription],
+        base: Matrix,
+        drawn: tuple[CameraFrame, ...],
     ) -> tuple[tuple[LidarSweep, ...], tuple[CameraFrame, ...]]:
-        """Sweeps and pictures of a carrier that are due at the step that was shown last; implements ``Elsewhere``.
-
-        Raises:
-            EpisodeError: A frame is missing.
-        """
-        got = {key: self._take(key, self._frame) for key in self._sensors if key[0] == carrier.name}
-
-        def of(spec: LidarSpec | CameraSpec) -> dict[str, Any]:
-            return {key[2]: value for key, value in got.items() if key[1] == spec.name}
-
-        labels = {frame.sensor: frame.image.instance for frame in drawn}
-        due = [spec for spec in _sensors_of(suite) if step % spec.period_steps == 0 and of(spec)]
+        """Sweeps and pictures of a carrier that are due at the step that was shown last; see ``Elsewhere``."""
+        step, labels = states.step, {frame.sensor: frame.image.instance for frame in drawn}
+        got = {key[1:]: self._take(key, self._frame) for key in self._sensors if key[0] == carrier}
         sweeps, frames = [], []
-        for spec in due:
-            if isinstance(spec, LidarSpec):
-                (measured,) = of(spec).values()
-                sweeps.append(self._sweep(spec, step, measured, carrier))
+        for spec in _sensors_of(suite):
+            of = {kind: measured for (name, kind), measured in got.items() if name == spec.name}
+            if step % spec.period_steps or not of:
                 continue
-            frame = frame_of(spec, self._seeds[carrier.name], step, of(spec), self._encoder)
-            image = replace(frame.image, instance=labels.get(spec.name))
-            frames.append(replace(frame, image=image))
+            if isinstance(spec, LidarSpec):
+                sweeps.append(sweep_of(spec, of[LIDAR], base @ spec.mount.base_from_sensor, states, actors))
+                continue
+            frame = frame_of(spec, seed, step, of, self._encoder)
+            frames.append(replace(frame, image=replace(frame.image, instance=labels.get(spec.name))))
         return tuple(sweeps), tuple(frames)
-
-    def _sweep(self, spec: LidarSpec, step: int, measured: Any, carrier: Carrier) -> LidarSweep:
-        states, (carrier_id, station) = self._states, self._carriers[carrier.name]
-        row = states.row_of(carrier_id)
-        if station is not None:
-            base: Matrix = station.base_from_sensor
-        elif row is None:
-            raise EpisodeError(f"the carrier of {spec.name}, actor {carrier_id}, is not on the map")
-        else:
-            places = (states.x_m, states.y_m, states.z_m, states.yaw_rad)
-            base = map_from_base(*(float(values[row]) for values in places))
-            states = states.select(states.actor_id != carrier_id)
-        return sweep_of(spec, step, measured, base @ spec.mount.base_from_sensor, states, self._shown)
 
     # After the last step.
 
-    def _remove(self, gone: Sequence[int]) -> None:
-        if gone:
-            things = [self.things.pop(actor_id) for actor_id in gone]
+    def _destroy(self, things: Sequence[Any]) -> None:
+        if things:
             self.client.apply_batch_sync([self.carla.command.DestroyActor(each.id) for each in things], False)
 
     def close(self) -> None:
         """Destroy what was spawned, and restore signals, weather and settings, as far as the server still answers."""
-        self.client.set_timeout(CLOSE_S)
+        self.client.set_timeout(min(CLOSE_S, self._timeout_s))
         try:
             for sensor in self._sensors.values():
                 sensor.stop()
-            things = [*self._sensors.values(), *self.things.values()]
-            if things:
-                self.client.apply_batch_sync([self.carla.command.DestroyActor(each.id) for each in things], False)
+            self._destroy([*self._sensors.values(), *self.things.values()])
             if self._changed:
                 if self._lamps:
                     self.world.freeze_all_traffic_lights(False)
@@ -517,22 +462,3 @@ class CarlaSession:
             self.things.clear()
             self._changed = False
             self._encoder.shutdown()
-
-
-@contextmanager
-def _as_input_error(address: str) -> Iterator[None]:
-    try:
-        yield
-    except RuntimeError as error:
-        raise InputError("carla", address, f"a CARLA server that answers ({' '.join(str(error).split())})") from error
-
-
-def sensed_elsewhere(
-    session: CarlaSession,
-    sensing: TrailingSensing,
-    states: ActorStates,
-    actors: Mapping[int, ActorDescription],
-    signals: Sequence[SignalState],
-) -> Iterator[Published]:
-    """Messages of a step that a server senses; raises EpisodeError as ``CarlaSession.advance``."""
-    yield from sensing.step(states, session.advance(states, actors, signals), signals)

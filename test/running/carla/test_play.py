@@ -103,7 +103,7 @@ def test_a_check_finds_what_a_server_has_and_what_it_does_not(server, bag):
         ("die between frames", "time-out"),
         ("drop a frame", "no frame"),
         ("die spawning", "time-out"),
-        ("refuse spawn", "cannot be spawned"),
+        ("refuse spawn", "Spawn failed"),
     ],
 )
 def test_a_fault_of_the_server_ends_the_episode_with_a_partial_bag(fault, said, server, bag, tmp_path):

@@ -31,10 +31,6 @@ class CarlaBridge(SensorSim):
         self._session = self._open.enter_context(CarlaSession(self.config.carla))
         return self._session.suites(episode, network, self.has_listeners)
 
-    def setup(self, suites: Sequence[MountedSuite]) -> Iterator[Published]:
-        """Messages before the first step; they name the server."""
-        return self._session.setup(suites)
-
     def measured(self, states: ActorStates, signals: Sequence[SignalState]) -> Iterator[Published]:
         """Messages of a step."""
         return self._session.messages(self.sensing, states, self.actors, signals)
@@ -43,10 +39,6 @@ class CarlaBridge(SensorSim):
         """Leave the server as it was."""
         self._open.close()
         super().close(closing)
-
-    def discard(self) -> None:
-        """Leave the server as it was."""
-        self._open.close()
 
     def destroy_node(self) -> None:
         """Leave the server as it was, however the episode ended."""

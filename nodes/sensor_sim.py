@@ -51,17 +51,13 @@ class SensorSim(Participant[SensorSimConfig]):
             for topic in suite.topics:
                 self.add_output(topic)
         self.sensing = TrailingSensing(suites, trails=self.config.trails)
-        for topic, message in self.setup(suites):
+        for topic, message in setup_messages(suites):
             self.send(topic, message)
 
     def mounted(self, episode: EpisodeDescription, network: RoadNetwork) -> Sequence[MountedSuite]:
         """The suites of the episode."""
         trails = self.config.trails
         return tuple(mounted_suites(episode, network, self.has_listeners, in_background=trails))
-
-    def setup(self, suites: Sequence[MountedSuite]) -> Iterator[Published]:
-        """Messages before the first step."""
-        return setup_messages(suites)
 
     def measured(self, states: ActorStates, signals: Sequence[SignalState]) -> Iterator[Published]:
         """Messages that are ready at a step."""

@@ -344,6 +344,8 @@ class CarlaServer:
         return [[1, content[0]]]
 
     def on_tick_cue(self, *_: Any) -> Any:
+        if self.fault.name == "slow":
+            time.sleep(0.2)
         if self._faulty() and self.fault.name in {"die in a tick", "never tick"}:
             if self.fault.name == "die in a tick":
                 self.close()

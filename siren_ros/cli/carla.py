@@ -63,15 +63,8 @@ def run_play(arguments: argparse.Namespace) -> int:
     out = arguments.out or bag.with_name(f"{bag.resolve().name}_carla")
     with tqdm(unit="step", desc="play", disable=None, leave=False) as bar:
         step_on = steps_of(bar)
-        recorded = play(
-            bag,
-            out,
-            _address(arguments),
-            load=arguments.load_map,
-            overwrite=arguments.overwrite,
-            timeout_s=arguments.timeout_s,
-            on_step=lambda _: step_on(),
-        )
+        how = {"load": arguments.load_map, "overwrite": arguments.overwrite, "timeout_s": arguments.timeout_s}
+        recorded = play(bag, out, _address(arguments), **how, on_step=lambda _: step_on())
     outcome = recorded.outcome
     place = "no bag" if recorded.bag is None else f"{recorded.bag.path} ({recorded.bag.size_bytes / 1e6:.1f} MB)"
     print(f"{place}: {outcome.end.value} after {outcome.steps} steps" + f": {outcome.reason}" * bool(outcome.reason))

@@ -184,6 +184,8 @@ class SensorRig:
         casts = any(types[type(spec)].casts for spec in suite.others)
         self._sees_bodies = bool(suite.lidars or suite.cameras or casts)
         self._elsewhere = elsewhere
+        self.simulator: Mapping[str, object] = {}
+        """What ``account`` says of another simulator that measures."""
         self._drawn = suite.cameras
         lidars = suite.lidars
         if elsewhere is not None:
@@ -238,7 +240,7 @@ class SensorRig:
     @property
     def account(self) -> dict[str, object]:
         """How this machine simulates the sensors, for the episode's record; complete after ``prepare``."""
-        return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
+        return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes), **self.simulator}
 
     def prepare(self) -> None:
         """Compile the shaders and load the loops over rays now, in the thread that will observe.

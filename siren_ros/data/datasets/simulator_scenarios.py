@@ -177,15 +177,8 @@ class OpenScenarioExporter(FilesExporter):
 def scenario(tracks: Sequence[Track], road: str, description: str, dialect: str = "") -> Element:
     """The whole document, in OpenSCENARIO 1.2 or in ``RUNNER``."""
     root, runner = Element("OpenSCENARIO"), dialect == RUNNER
-    child(
-        root,
-        "FileHeader",
-        revMajor=_MAJOR,
-        revMinor=0 if runner else _MINOR,
-        date=_DATE,
-        author="SIREN",
-        description=description,
-    )
+    about = {"date": _DATE, "author": "SIREN", "description": description}
+    child(root, "FileHeader", revMajor=_MAJOR, revMinor=0 if runner else _MINOR, **about)
     child(root, "ParameterDeclarations")
     child(root, "CatalogLocations")
     child(root, "RoadNetwork/LogicFile", filepath=road)
@@ -271,12 +264,8 @@ def _position(parent: Element, place: Floats) -> None:
 
 def _follow(action: Element, track: Track, name: str, dialect: str) -> None:
     follow = child(action, "PrivateAction/RoutingAction/FollowTrajectoryAction")
-    trajectory = child(
-        follow,
-        "Trajectory" if dialect == RUNNER else "TrajectoryRef/Trajectory",
-        name=f"{name}Trajectory",
-        closed=False,
-    )
+    path = "Trajectory" if dialect == RUNNER else "TrajectoryRef/Trajectory"
+    trajectory = child(follow, path, name=f"{name}Trajectory", closed=False)
     line = child(trajectory, "Shape/Polyline")
     for frame, place in zip(track.frame.tolist(), rear_axle(track, dialect), strict=True):
         _position(child(line, "Vertex", time=float(frame) * FRAME_S), place)

@@ -11,8 +11,9 @@ from functools import cache
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from siren_ros.base.numerics.arrays import Floats, Matrix
+from siren_ros.base.numerics.arrays import Floats, Floats32, Matrix
 from siren_ros.base.params import parameters
 from siren_ros.base.params.folders import params_dir
 from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Lights
@@ -20,15 +21,15 @@ from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Ligh
 _FILE: Final = "carla.yaml"
 _SIMILAR_M: Final = 0.5
 """Lengths of which the nearer is not preferred: half of what separates the classes of passenger cars."""
+Bytes = npt.NDArray[np.uint8]
 CarlaPose = tuple[float, float, float, float, float, float]
 """x, y, z in metres, pitch, yaw, roll in degrees, as CARLA means them."""
 
-_BRAKE, _RIGHT, _LEFT, _SPECIAL = 8, 16, 32, 512 | 1024
 _LIGHTS: Final = {
-    Lights.BRAKE: _BRAKE,
-    Lights.INDICATOR_RIGHT: _RIGHT,
-    Lights.INDICATOR_LEFT: _LEFT,
-    Lights.BEACON: _SPECIAL,
+    Lights.BRAKE: 8,
+    Lights.INDICATOR_RIGHT: 16,
+    Lights.INDICATOR_LEFT: 32,
+    Lights.BEACON: 512 | 1024,
 }
 """CARLA's flags (``VehicleLightState``) of our lights; it has no siren."""
 RED, YELLOW, GREEN, OFF = range(4)
@@ -115,22 +116,17 @@ _CLASS_OF_TAG: Final = np.arange(256, dtype=np.uint8)
 _CLASS_OF_TAG[list(_CLASSES)] = list(_CLASSES.values())
 
 
-def pixels_of(bgra: bytes, width: int, height: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def pixels_of(bgra: bytes, width: int, height: int) -> Bytes:
     """The raw data of a picture of CARLA as blue, green, red, alpha, shape ``(height, width, 4)``; not writable."""
     return np.frombuffer(bgra, np.uint8).reshape(height, width, 4)
 
 
-def depth_of(
-    bgra: np.ndarray[tuple[int, ...], np.dtype[np.uint8]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+def depth_of(bgra: Bytes) -> Floats32:
     """Metres along the optical axis of a picture of CARLA's depth camera; 0 where it ends, which is the sky."""
-    steps = bgra[..., 2].astype(np.float64) + 256.0 * bgra[..., 1] + 65536.0 * bgra[..., 0]
-    depth = steps * (_MAX_DEPTH_M / _DEPTH_STEPS)
+    depth = (bgra[..., 2] + 256.0 * bgra[..., 1] + 65536.0 * bgra[..., 0]) * (_MAX_DEPTH_M / _DEPTH_STEPS)
     return np.where(depth < _MAX_DEPTH_M, depth, 0.0).astype(np.float32)
 
 
-def classes_of(
-    bgra: np.ndarray[tuple[int, ...], np.dtype[np.uint8]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def classes_of(bgra: Bytes) -> Bytes:
     """Our semantic classes of a picture of CARLA's semantic camera, whose red channel has the tags."""
     return _CLASS_OF_TAG[bgra[..., 2]]

@@ -9,7 +9,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Protocol, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -289,12 +289,7 @@ def read_anew(read: Callable[[Any], Any], message: Any) -> Any:
     return read(message)
 
 
-class _Stepped(Protocol):
-    @property
-    def step(self) -> int: ...
-
-
-Item = TypeVar("Item", bound=_Stepped)
+Item = TypeVar("Item", ActorStates, TrafficState, Event)
 
 
 def _of_steps(items: Sequence[Item], steps: range | None) -> tuple[Item, ...]:

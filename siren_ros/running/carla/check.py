@@ -5,22 +5,18 @@ says of poses, boxes, lights and measurements stands next to what was asked, and
 """
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.geometry import wrap_angle
-from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.carla import actor_pose, blueprints, carla_lights
 from siren_ros.data.interfaces.measurements import from_point_cloud
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing
-from siren_ros.running.carla.server_map import drive_sha256
 from siren_ros.running.carla.session import CALL_S, CarlaSession
-from siren_ros.sensing.lidar.lidar import LidarSweep
 from siren_ros.sensing.rig import SensorRig
 from siren_ros.sensing.suite import load_suite
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
@@ -29,14 +25,7 @@ from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.episode import EpisodeDescription
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.world.actors import (
-    ACTOR_STATE_DTYPES,
-    EMERGENCY_CLASSES,
-    ActorClass,
-    ActorDescription,
-    ActorStates,
-    Lights,
-)
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Lights
 
 _STEPS: Final = 3
 _SPACING_M: Final = 15.0
@@ -61,37 +50,33 @@ def examine(
     with CarlaSession(address, timeout_s) as session:
         network = _compiled(session) if record is None else record.network
         actors = {actor.actor_id: actor for actor in _one_of_each()}
-        episode = EpisodeDescription(
-            *(
-                "check",
-                EmergencyLevel.L2,
-                0,
-                session.map.name,
-                drive_sha256(session.map),
-                0.0,
-                suite_name,
-                "paper",
-                (1,),
-            )
-        )
-        mounted = session.suites(episode, network, lambda _: False)
-        sensing, counts, clouds = TrailingSensing(mounted, trails=False), dict[str, int](), []
+        about = ("check", EmergencyLevel.L2, 0, session.map.name, "", 0.0, suite_name, "paper", (1,))
+        episode = EpisodeDescription(*about)
+        sensing = TrailingSensing(session.suites(episode, network, lambda _: False), trails=False)
+        counts: dict[str, int] = {}
+        clouds: dict[str, Any] = {}
         for step in range(_STEPS):
             states = _states(network, actors, step)
             for topic, message in session.messages(sensing, states, actors, ()):
                 counts[topic.name] = counts.get(topic.name, 0) + 1
-                if topic.type_name == topics.LIDAR.type_name:
-                    clouds.append((topic.name, message))
-        found = {
+                clouds |= {topic.name: from_point_cloud(message)} if topic.name.endswith("/points") else {}
+        boxes = {each.type_id: each.bounding_box.extent for each in session.things.values()}
+        found: dict[str, Any] = {
             "client": session.client.get_client_version(),
             "server": session.client.get_server_version(),
             **session.account,
-            "blueprints": _blueprints(session),
+            "blueprints": {
+                kind.name.lower(): sorted(rows.keys() & session.blueprint_names) for kind, rows in blueprints().items()
+            },
+            "boxes_m": {name: [round(2.0 * side, 3) for side in (box.x, box.y, box.z)] for name, box in boxes.items()},
             "poses": list(_poses(session, states, actors)),
             "messages": counts,
-            "ranges": _ranges(suite_name, network, states, actors, clouds),
+            "ranges_m": {name: _medians(points) for name, points in clouds.items()},
         }
-    return {**found, "verdict": _verdict(found)}
+    rig = SensorRig(load_suite(suite_name), network, 0)
+    sweeps = rig.observe(states, actors, (), 1).sweeps
+    found["our_ranges_m"] = {sweep.sensor: _medians(sweep.points) for sweep in sweeps}
+    return {**found, "verdict": list(_verdict(found))}
 
 
 def _compiled(session: CarlaSession) -> RoadNetwork:
@@ -107,24 +92,17 @@ def _one_of_each() -> Iterator[ActorDescription]:
     kinds = sorted(ActorClass, key=lambda kind: kind is not ActorClass.AMBULANCE)
     for actor_id, kind in enumerate(kinds, 1):
         size = sizes.get(kind)
-        length_m, width_m, height_m = (size.length_m, size.width_m, size.height_m) if size else (0.5, 0.5, 1.75)
-        is_emv = kind in EMERGENCY_CLASSES
-        yield ActorDescription(actor_id, kind.name, kind, length_m, width_m, height_m, (200, 30, 30), is_emv)
+        sides_m = (size.length_m, size.width_m, size.height_m) if size else (0.5, 0.5, 1.75)
+        yield ActorDescription(actor_id, kind.name, kind, *sides_m, (200, 30, 30), kind.is_emergency)
 
 
 def _states(network: RoadNetwork, actors: Mapping[int, ActorDescription], step: int) -> ActorStates:
     """The actors one behind the other on the longest lanes, half a metre further at each step, with all lights."""
     lanes = [lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and not network.edges[lane.edge].internal]
-    lanes.sort(key=lambda lane: -float(lane.centre.arc_m[-1]))
-    places = []
-    for lane in lanes:
-        line = lane.centre
-        for arc_m in np.arange(_SPACING_M / 2.0, float(line.arc_m[-1]) - _SPACING_M / 2.0, _SPACING_M) + 0.5 * step:
-            here, ahead = (
-                np.array([np.interp(arc_m + away, line.arc_m, line.points[:, k]) for k in range(2)])
-                for away in (0.0, 0.5)
-            )
-            places.append((*here, np.arctan2(*(ahead - here)[::-1])))
+    places: list[tuple[float, ...]] = []
+    for line in sorted((lane.centre for lane in lanes), key=lambda line: -float(line.arc_m[-1])):
+        along_m = np.arange(_SPACING_M / 2.0, float(line.arc_m[-1]) - _SPACING_M / 2.0, _SPACING_M) + 0.5 * step
+        places += [(*line.at(np.array([at_m]))[0].tolist(), float(line.heading_rad(at_m))) for at_m in along_m.tolist()]
     count = min(len(actors), len(places))
     columns: dict[str, Any] = {name: np.zeros(count, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
     columns["actor_id"] = np.array(sorted(actors)[:count], np.uint32)
@@ -133,82 +111,42 @@ def _states(network: RoadNetwork, actors: Mapping[int, ActorDescription], step: 
     return ActorStates(step, **columns)
 
 
-def _blueprints(session: CarlaSession) -> dict[str, dict[str, list[float] | None]]:
-    """For each class and blueprint of the table the box of the one that was spawned, None where there is none."""
-    names = session.blueprint_names
-    boxes = {thing.type_id: thing.bounding_box for thing in session.things.values()}
-    return {
-        kind.name.lower(): {
-            name: [round(2.0 * value, 3) for value in (box.extent.x, box.extent.y, box.extent.z)]
-            if (box := boxes.get(name))
-            else []
-            for name in rows
-            if name in names
-        }
-        for kind, rows in blueprints().items()
-    }
-
-
 def _poses(
     session: CarlaSession, states: ActorStates, actors: Mapping[int, ActorDescription]
 ) -> Iterator[dict[str, object]]:
-    """For each actor how far its box's centre is from where it was asked to be, and its lights."""
+    """For each actor how far it is from where it was asked to be, and its lights."""
     snapshot, lights = session.world.get_snapshot(), session.world.get_vehicles_light_states()
     for row, actor_id in enumerate(states.actor_id.tolist()):
-        thing = session.things[actor_id]
-        found = snapshot.find(thing.id)
+        thing, kind = session.things[actor_id], actors[actor_id].actor_class
+        place = snapshot.find(thing.id).get_transform()
         x, y, yaw = (float(values[row]) for values in (states.x_m, states.y_m, states.yaw_rad))
-        line: dict[str, object] = {"actor": actors[actor_id].actor_class.name.lower(), "blueprint": thing.type_id}
-        if found is None:
-            yield {**line, "there": False}
-            continue
-        place = found.get_transform()
         asked = actor_pose(x, y, yaw, 0.0, *session.boxes[actor_id])
         yield {
-            **line,
-            "there": True,
+            "actor": kind.name.lower(),
+            "blueprint": thing.type_id,
             "away_m": float(np.hypot(place.location.x - asked[0], place.location.y - asked[1])),
             "turned_deg": float(abs(np.degrees(wrap_angle(np.radians(place.rotation.yaw - asked[4]))))),
             "height_m": float(place.location.z),
-            "lights_asked": carla_lights(int(states.lights[row])),
+            "lights_asked": 0 if kind is ActorClass.PEDESTRIAN else carla_lights(int(states.lights[row])),
             "lights": int(lights.get(thing.id, 0)),
         }
 
 
-def _ranges(
-    suite_name: str,
-    network: RoadNetwork,
-    states: ActorStates,
-    actors: Mapping[int, ActorDescription],
-    clouds: Sequence[tuple[str, Any]],
-) -> dict[str, dict[str, list[float]]]:
-    """Median range of each of the lowest rings of the first LiDAR, CARLA's and our own from the same place."""
-    suite = load_suite(suite_name)
-    if not suite.lidars or not clouds:
-        return {}
-    rig = SensorRig(suite, network, 0)
-    sweep: LidarSweep = rig.observe(states, actors, (), 1).sweeps[0]
-    theirs = from_point_cloud(clouds[-1][1])
-    return {clouds[-1][0]: {"carla_m": _medians(theirs), "siren_m": _medians(sweep.points)}}
-
-
 def _medians(points: Any) -> list[float]:
-    distance: Floats = np.sqrt(sum(points[name].astype(np.float64) ** 2 for name in "xyz"))
+    """Median range of each of the lowest rings, 0 for a ring without points."""
+    distance = np.sqrt(sum(points[name].astype(np.float64) ** 2 for name in "xyz"))
     rings = [distance[points["ring"] == ring] for ring in range(_FLAT_RINGS)]
     return [round(float(np.median(ring)), 2) if len(ring) else 0.0 for ring in rings]
 
 
-def _verdict(found: Mapping[str, Any]) -> list[str]:
-    wrong = [f"no blueprint of its own for {kind}: {name} stands for it" for kind, name in found["replaced"].items()]
+def _verdict(found: Mapping[str, Any]) -> Iterator[str]:
+    for kind, name in found["replaced"].items():
+        yield f"no blueprint of its own for {kind}: {name} stands for it"
     for pose in found["poses"]:
-        if not pose["there"]:
-            wrong.append(f"{pose['blueprint']} was spawned and is not in the snapshot")
-        elif pose["away_m"] > _NEAR_M or pose["turned_deg"] > _NEAR_DEG:
-            wrong.append(f"{pose['blueprint']} is {pose['away_m']:.3f} m, {pose['turned_deg']:.2f}° from its place")
-        elif not pose["blueprint"].startswith("walker") and pose["lights"] != pose["lights_asked"]:
-            wrong.append(f"{pose['blueprint']} shows the lights {pose['lights']}, not {pose['lights_asked']}")
-    silent = [name for name, count in found["messages"].items() if not count]
-    return wrong + [f"nothing on {name}" for name in silent]
+        if pose["away_m"] > _NEAR_M or pose["turned_deg"] > _NEAR_DEG:
+            yield f"{pose['blueprint']} is {pose['away_m']:.3f} m, {pose['turned_deg']:.2f}° from its place"
+        if pose["lights"] != pose["lights_asked"]:
+            yield f"{pose['blueprint']} shows the lights {pose['lights']}, not {pose['lights_asked']}"
 
 
 def lines_of(found: Mapping[str, Any]) -> Iterator[str]:
@@ -219,13 +157,12 @@ def lines_of(found: Mapping[str, Any]) -> Iterator[str]:
     away = f"{lanes['median_m']:.3f} m (median), {lanes['share_m']:.3f} m (95 %)"
     yield f"  lanes at {lanes['places']:.0f} places are away from ours by {away}"
     yield f"  traffic lights that show our signals: {found['signals']}"
-    for kind, rows in found["blueprints"].items():
-        yield f"{kind}: " + (", ".join(f"{name} {box or ''}".strip() for name, box in rows.items()) or "none")
-    worst = max((pose["away_m"] for pose in found["poses"] if pose["there"]), default=0.0)
+    for kind, names in found["blueprints"].items():
+        yield f"{kind}: " + (", ".join(f"{name} {found['boxes_m'].get(name, '')}".strip() for name in names) or "none")
+    worst = max(pose["away_m"] for pose in found["poses"])
     yield f"{len(found['poses'])} actors, at most {worst * 1000.0:.2f} mm from their places"
-    for name, count in sorted(found["messages"].items()):
-        yield f"  {name}: {count}"
-    for name, rows in found["ranges"].items():
-        yield f"  {name}: ranges of the lowest rings {rows['carla_m']} m, of our LiDAR {rows['siren_m']} m"
+    yield from (f"  {name}: {count} messages" for name, count in sorted(found["messages"].items()))
+    for key, whose in (("ranges_m", "CARLA's"), ("our_ranges_m", "our")):
+        yield from (f"  {name}: {whose} ranges of the lowest rings {rows} m" for name, rows in found[key].items())
     yield from (f"WRONG: {line}" for line in found["verdict"])
     yield "this server can be used" if not found["verdict"] else "this server differs from what the bridge expects"

@@ -4,7 +4,7 @@ All other messages stay as they are. States, labels and outcome are those of the
 """
 
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from siren_ros.data.interfaces.conversions import from_actor_states, from_traffi
 from siren_ros.data.interfaces.topics import Topic
 from siren_ros.data.recording.bag_folder import check_new_bag
 from siren_ros.data.recording.bag_reader import open_bag
-from siren_ros.data.sensor_messages.mounted_suite import Published, TrailingSensing
+from siren_ros.data.sensor_messages.mounted_suite import Published, TrailingSensing, setup_messages
 from siren_ros.data.sensor_messages.sensor_topics import topics_of
 from siren_ros.errors import BagError
 from siren_ros.running.carla.session import CALL_S, CarlaSession
@@ -40,10 +40,10 @@ def play(
 
     Args:
         bag: Folder of the recorded episode.
-        out: Folder of the bag to write.
+        out: Folder of the bag to write; with ``overwrite`` it replaces an earlier one.
         address: The server.
         load: Whether the server builds the episode's map first, from its OpenDRIVE.
-        overwrite: Whether the new bag replaces an earlier one there.
+        overwrite: See ``out``.
         timeout_s: Deadline of each call of the server and of each frame.
         on_step: Called with each step that is recorded.
 
@@ -58,9 +58,8 @@ def play(
             session.load(opendrive_of(source).decode())
         mounted = session.suites(source.description, source.network, lambda _: False)
         sensing = TrailingSensing(mounted, trails=False)
-        messages = _messages(source, session, sensing, session.setup(mounted))
-        with closing(messages):
-            return record_messages(source.description, out, messages, overwrite=overwrite, on_step=on_step)
+        messages = _messages(source, session, sensing, setup_messages(mounted))
+        return record_messages(source.description, out, messages, overwrite=overwrite, on_step=on_step)
 
 
 def _messages(
@@ -71,23 +70,18 @@ def _messages(
     kept.pop(topics.OUTCOME.name)
     actors: dict[int, ActorDescription] = {}
     traffic: TrafficState | None = None
-    first = True
+    yield from starmap(_sent, setup)
     for message in source.bag.messages(kept):
         topic = kept[message.topic]
         yield topic, bytes(message.cdr)
-        if topic.latched or topic not in (topics.TRAFFIC, topics.ACTORS):
-            continue
-        if first:
-            yield from (_sent(*each) for each in setup)
-            first = False
         if topic == topics.TRAFFIC:
             traffic = from_traffic_state(message.read())
             actors.update({actor.actor_id: actor for actor in traffic.spawned})
-            continue
-        if traffic is None or traffic.step != step_of_time_ns(message.time_ns):
-            raise BagError(str(source.path), f"an episode with {topics.TRAFFIC.name} at every step")
-        states = from_actor_states(message.read())
-        yield from (_sent(*each) for each in session.messages(sensing, states, actors, traffic.signals))
+        elif topic == topics.ACTORS:
+            if traffic is None or traffic.step != step_of_time_ns(message.time_ns):
+                raise BagError(str(source.path), f"an episode with {topics.TRAFFIC.name} at every step")
+            states = from_actor_states(message.read())
+            yield from starmap(_sent, session.messages(sensing, states, actors, traffic.signals))
 
 
 def _sent(topic: Topic, message: Any) -> tuple[Topic, bytes]:

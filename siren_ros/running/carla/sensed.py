@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Matrix
+from siren_ros.base.numerics.arrays import Matrix, Rows
 from siren_ros.base.numerics.units import STEPS_PER_S
 from siren_ros.data.interfaces.carla import classes_of, depth_of, pixels_of
 from siren_ros.sensing.camera.camera import CameraFrame, developed
@@ -72,14 +72,8 @@ def sweep_of(
     column = np.minimum((share * spec.columns).round().astype(np.intp), spec.columns - 1)
     order = np.lexsort((ring, column))
     points = np.zeros(len(raw), LIDAR_POINT_DTYPE)
-    for name, values in (
-        ("x", raw[:, 0]),
-        ("y", -raw[:, 1]),
-        ("z", raw[:, 2]),
-        ("intensity", raw[:, 3]),
-        ("ring", ring),
-    ):
-        points[name] = values[order]
+    points["x"], points["y"], points["z"], points["intensity"] = (raw * (1.0, -1.0, 1.0, 1.0))[order].T
+    points["ring"] = ring[order]
     points["time"] = (column[order] - (spec.columns - 1)) / (spec.columns * spec.rate_hz)
     distance_m = np.hypot(states.x_m - map_from_lidar[0, 3], states.y_m - map_from_lidar[1, 3])
     near = states.select(distance_m < spec.range_m)
@@ -93,13 +87,8 @@ def sweep_of(
     return LidarSweep(spec.name, states.step, points, near.actor_id, count)
 
 
-def _inside(
-    place: Matrix, states: ActorStates, row: int, actor: ActorDescription
-) -> np.ndarray[Any, np.dtype[np.intp]]:
-    """Rows of the points in an actor's box and its skin; a first look at the circle around it leaves few of them.
-
-    What is lower than the skin is the road.
-    """
+def _inside(place: Matrix, states: ActorStates, row: int, actor: ActorDescription) -> Rows:
+    """Rows of the points in an actor's box and its skin, without the road below."""
     reach_m = np.hypot(actor.length_m, actor.width_m) / 2.0 + _SKIN_M
     x, y = place[:, 0] - states.x_m[row], place[:, 1] - states.y_m[row]
     near = np.flatnonzero((np.abs(x) < reach_m) & (np.abs(y) < reach_m))

@@ -1,6 +1,5 @@
 """A server's map next to ours: distances of lanes, the heads of signals for our movements, heights of the ground."""
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
@@ -37,16 +36,12 @@ def lane_distances(carla: Any, carla_map: Any, network: RoadNetwork) -> dict[str
         edge = network.edges[lane.edge]
         if lane.kind is not LaneKind.DRIVING or edge.internal or edge.prolonged_m:
             continue
-        length_m = float(lane.centre.arc_m[-1])
-        for arc_m in np.arange(SAMPLE_M / 2.0, length_m, SAMPLE_M):
-            x, y = (float(np.interp(arc_m, lane.centre.arc_m, lane.centre.points[:, k])) for k in range(2))
-            ahead = np.diff(
-                [lane.centre.points[np.searchsorted(lane.centre.arc_m, arc_m) + k] for k in (-1, 0)], axis=0
-            )
+        for arc_m in np.arange(SAMPLE_M / 2.0, float(lane.centre.arc_m[-1]), SAMPLE_M):
+            x, y = lane.centre.at(np.array([arc_m]))[0].tolist()
             waypoint = place_of(carla, carla_map, x, y).transform
             offsets.append(float(np.hypot(waypoint.location.x - x, -waypoint.location.y - y)))
-            yaw = -np.radians(waypoint.rotation.yaw)
-            turns.append(abs(float(wrap_angle(np.arctan2(ahead[0, 1], ahead[0, 0]) - yaw))))
+            turned_rad = lane.centre.heading_rad(arc_m) + np.radians(waypoint.rotation.yaw)
+            turns.append(abs(float(wrap_angle(turned_rad))))
     if not offsets:
         return {"places": 0.0}
     values = {"median_m": np.median(offsets), "share_m": np.quantile(offsets, _SHARE), "most_m": max(offsets)}
@@ -57,11 +52,6 @@ def lane_distances(carla: Any, carla_map: Any, network: RoadNetwork) -> dict[str
 def is_same(distances: Mapping[str, float]) -> bool:
     """Whether lanes with these distances are those of one map."""
     return bool(distances["places"]) and distances["share_m"] <= MOST_M
-
-
-def drive_sha256(carla_map: Any) -> str:
-    """SHA-256 of the server's OpenDRIVE."""
-    return hashlib.sha256(carla_map.to_opendrive().encode()).hexdigest()
 
 
 def signal_heads(carla_map: Any, network: RoadNetwork) -> dict[str, set[tuple[str, int]]]:

@@ -4,7 +4,7 @@ Every call has a deadline. What the server refuses before the first step is an e
 episode.
 """
 
-import json
+import hashlib
 import math
 import queue
 import re
@@ -25,22 +25,14 @@ from siren_ros.base.numerics.arrays import Floats, Matrix
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.interfaces import topics
 from siren_ros.data.interfaces.carla import actor_pose, blueprints, carla_lights, carla_pose, cast_of, signal_colour
-from siren_ros.data.interfaces.messages import make_message
 from siren_ros.data.interfaces.topics import Topic
-from siren_ros.data.sensor_messages.mounted_suite import (
-    MountedSuite,
-    Published,
-    TrailingSensing,
-    mounted_suites,
-    setup_messages,
-)
+from siren_ros.data.sensor_messages.mounted_suite import MountedSuite, Published, TrailingSensing, mounted_suites
 from siren_ros.data.sensor_messages.sensor_topics import Carrier, noise_seed
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.running.carla.sensed import LIDAR, carla_sensors, frame_of, sweep_of
 from siren_ros.running.carla.server_map import (
     MOST_M,
     TRAFFIC_LIGHT,
-    drive_sha256,
     is_same,
     lane_distances,
     place_of,
@@ -86,7 +78,6 @@ _RAW_PARTS: Final = topics.IMAGE.name.count("/")
 _ASK_VERSION: Final = b"\x94\x00\x01\xa7version\x91\x91\xc2"
 _TOLD: Final = b"\x94\x01\x01\xc0"
 """MessagePack-RPC: the call ``version`` with the number 1, and how its answer without an error begins."""
-_MOST_TOLD: Final = 200
 
 Key = tuple[str, str, str]
 """A sensor in the server: names of its carrier and of itself, and its blueprint."""
@@ -130,15 +121,13 @@ def connected(address: str, timeout_s: float = CALL_S) -> tuple[Any, Any]:
 
 
 def _version_at(host: str, port: int, timeout_s: float) -> str:
-    """The version that a server names; the client is asked later, as another program's words abort its process.
+    """The version that a server names; the client comes later, as another program's words abort its process.
 
-    Raises:
-        OSError: Nothing listens there, or it does not answer in time.
-        ValueError: What listens is no CARLA server.
+    OSError where nothing answers there, ValueError where what answers is no CARLA server.
     """
     with socket.create_connection((host, port), timeout_s) as connection:
         connection.sendall(_ASK_VERSION)
-        told = connection.recv(_MOST_TOLD)
+        told = connection.recv(200)
     if not told.startswith(_TOLD) or not (found := re.search(rb"\d+\.\d+[\w.-]*", told)):
         raise ValueError("what answers there is no CARLA server")
     return found.group().decode()
@@ -240,17 +229,9 @@ class CarlaSession:
             )
         )
         for each in mounted:
+            each.rig.simulator = self.account
             self._waiting.append((each.carrier, each.messages.carrier_id, each.rig.suite, each.rig.station))
         return mounted
-
-    def setup(self, mounted: Sequence[MountedSuite]) -> Iterator[Published]:
-        """Messages before the first step; the account of the sensors names the simulator."""
-        for topic, message in setup_messages(mounted):
-            if topic != topics.SENSING:
-                yield topic, message
-                continue
-            accounts = {name: {**account, **self.account} for name, account in json.loads(message.data).items()}
-            yield topic, make_message(topic.type_name, data=json.dumps(accounts, sort_keys=True))
 
     @property
     def account(self) -> dict[str, object]:
@@ -264,7 +245,11 @@ class CarlaSession:
         return {
             "simulator": f"CARLA {self.client.get_client_version()}",
             "pictures_by": "CARLA",
-            "map": {"name": self.map.name, "sha256": drive_sha256(self.map), "lanes": self._differences},
+            "map": {
+                "name": self.map.name,
+                "sha256": hashlib.sha256(self.map.to_opendrive().encode()).hexdigest(),
+                "lanes": self._differences,
+            },
             "signals": f"{len(self._heads.keys() & self._lamps.keys())} of {len(self._lamps)}",
             "replaced": stands,
         }

@@ -275,13 +275,9 @@ def record_messages(
     overwrite: bool = False,
     on_step: Callable[[int], None] = lambda _: None,
 ) -> RecordedEpisode:
-    """Write the bag of an episode from all its messages, and judge it; the arguments are those of ``record_episode``.
+    """Write the bag of an episode from all its messages, which are closed in any case, and judge it.
 
-    The messages are closed in any case. One that raises ``EpisodeError`` ends the episode, whose bag is then partial.
-
-    Raises:
-        InputError: The bag exists already or cannot be written.
-        EpisodeError: The disk is full, or the folder is gone.
+    Arguments and errors are those of ``record_episode``.
     """
     latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
     options = BagOptions(overwrite=overwrite)

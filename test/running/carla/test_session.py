@@ -1,7 +1,11 @@
 """Servers that cannot be used: one line, exit code 2, nothing changed there, and nothing hangs."""
 
+import signal
 import socket
+import subprocess
+import sys
 import threading
+import time
 
 import pytest
 from carla_server import carla_server
@@ -77,6 +81,30 @@ def test_a_server_without_anything_for_people_ends_the_episode_and_names_what_la
     with carla_server(drive, {"walker.pedestrian.0001": (0.4, 0.4, 1.8)}) as server:
         code, _ = played(bag, tmp_path / "out", server.port(), capsys)
     assert code == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("signal_", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_play_and_puts_the_server_back(signal_, code, server, bag, tmp_path):
+    server.set(fault=("slow", 0))
+    words = [
+        "carla",
+        "play",
+        str(bag),
+        "--host",
+        "127.0.0.1",
+        "--port",
+        str(server.port()),
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    with subprocess.Popen([sys.executable, "-m", "siren_ros.cli.main", *words], stderr=subprocess.DEVNULL) as program:
+        while len(server.get("history")) < 5 and program.poll() is None:
+            time.sleep(0.05)
+        program.send_signal(signal_)
+        assert program.wait(60.0) == code
+    assert not server.get("settings")[0]
+    assert {one.kind for one in server.get("actors").values()} == {"traffic.traffic_light"}
     assert not (tmp_path / "out").exists()
 
 

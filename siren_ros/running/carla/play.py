@@ -43,7 +43,6 @@ def play(
         out: Folder of the bag to write; with ``overwrite`` it replaces an earlier one.
         address: The server.
         load: Whether the server builds the episode's map first, from its OpenDRIVE.
-        overwrite: See ``out``.
         timeout_s: Deadline of each call of the server and of each frame.
         on_step: Called with each step that is recorded.
 

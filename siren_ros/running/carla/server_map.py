@@ -29,7 +29,7 @@ def place_of(carla: Any, carla_map: Any, x_m: float, y_m: float) -> Any:
 def lane_distances(carla: Any, carla_map: Any, network: RoadNetwork) -> dict[str, float]:
     """How far the driving lanes of two maps are from each other: ``places``, and metres and degrees of the differences.
 
-    Junctions and the ends of roads that were prolonged are left out, because there the maps may differ.
+    Junctions and roads that were prolonged are left out: there the maps may differ.
     """
     offsets, turns = [], []
     for lane in network.lanes:

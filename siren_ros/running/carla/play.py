@@ -40,9 +40,10 @@ def play(
 
     Args:
         bag: Folder of the recorded episode.
-        out: Folder of the bag to write; with ``overwrite`` it replaces an earlier one.
+        out: Folder of the bag to write.
         address: The server.
         load: Whether the server builds the episode's map first, from its OpenDRIVE.
+        overwrite: Whether the new bag replaces an earlier one there.
         timeout_s: Deadline of each call of the server and of each frame.
         on_step: Called with each step that is recorded.
 

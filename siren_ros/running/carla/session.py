@@ -175,8 +175,6 @@ class CarlaSession:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    # Before the first step.
-
     def load(self, drive: str) -> None:
         """Make the server build a map of OpenDRIVE, where it does not have it; InputError where it fails."""
         # CARLA makes lights only of signals of this type; SUMO's exports have types for arrows.
@@ -253,8 +251,6 @@ class CarlaSession:
             "signals": f"{len(self._heads.keys() & self._lamps.keys())} of {len(self._lamps)}",
             "replaced": stands,
         }
-
-    # At each step.
 
     def messages(
         self,
@@ -421,8 +417,6 @@ class CarlaSession:
             frame = frame_of(spec, seed, step, of, self._encoder)
             frames.append(replace(frame, image=replace(frame.image, instance=labels.get(spec.name))))
         return tuple(sweeps), tuple(frames)
-
-    # After the last step.
 
     def _destroy(self, things: Sequence[Any]) -> None:
         if things:

@@ -75,6 +75,7 @@ MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "duration_s": float,
     "demand": str,
     "values": str,
+    "salt": str,
 }
 """Options of the matrix, by the study's fields that they stand for, and how their words are read."""
 
@@ -100,6 +101,7 @@ def add_matrix(matrix: "argparse._ArgumentGroup", templates: str, levels: str, s
         metavar="PATH=N,…",
         help="values of the templates' parameters, which the seeds then do not draw: emv.speed_mps=12.5,duration_s=60",
     )
+    matrix.add_argument("--salt", metavar="FILE", help="secret of 16 bytes or more in hexadecimal: seals the episodes")
 
 
 def asked_of(arguments: argparse.Namespace, matrix: Mapping[str, Callable[[Any], Any]] = MATRIX) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from siren_ros.reports.exam.finding import Finding, Numbers
 from siren_ros.reports.exam.monitors import MONITORS
 from siren_ros.running.generation.closed_loop import AnswerTimes
 from siren_ros.simulation.scenario.episode import EpisodeDescription
+from siren_ros.simulation.scenario.sealing import SEALED
 
 FOLDER = "rulebooks"
 _LARGEST = 1e6
@@ -242,9 +243,11 @@ def examine(
             lately = grade_of(clause, monitor.find(late, clause.numbers))
             grade = grade if lately is Grade.MAJOR else Grade.MINOR
         marks.append(Mark(clause, grade, finding))
-    return Sitting(bag, name_of(record.description), actor_id, tuple(marks))
+    return Sitting(bag, name_of(record.description, bag), actor_id, tuple(marks))
 
 
-def name_of(described: EpisodeDescription) -> str:
-    """The name of an episode in an exam."""
+def name_of(described: EpisodeDescription, bag: str) -> str:
+    """The name of an episode in an exam; a sealed one has that of its bag."""
+    if SEALED in described.parameters:
+        return Path(bag).name
     return f"{described.template}_{described.level.name}_seed{described.seed}_{described.map_name}"

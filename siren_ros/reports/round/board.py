@@ -89,7 +89,8 @@ def score_round(
     plan = read_plan(private)
     questions = questions_with_truth(plan, private, private / BAGS)
     found = sorted(submissions.glob("*"))
-    paths = [path for path in found if path.suffix == ".parquet" or (path / COMMAND_FILE).is_file()]
+    known = [path for path in found if path.suffix == ".parquet" or (path / COMMAND_FILE).is_file()]
+    paths = [path for path in known if not path.is_symlink()]
     names = [shown_text(path.stem) for path in paths]
     if not paths or len(set(names)) < len(names):
         raise InputError("submissions", str(submissions), f"NAME.parquet and folders NAME/{COMMAND_FILE}, each once")
@@ -107,7 +108,7 @@ def score_round(
             else:
                 shutil.copyfile(path, file)
             errors_of(questions, _read(file, len(questions)))
-        except SirenError as error:
+        except (SirenError, OSError) as error:
             file.unlink(missing_ok=True)
             refused[name] = shown_text(str(error).replace(f"{submissions}/", "").replace(f"{out / ANSWERS}/", ""))
     content = {**board_of(plan, questions, out / ANSWERS), "refused": refused, "submissions": about}

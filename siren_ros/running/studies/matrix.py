@@ -23,6 +23,7 @@ from siren_ros.simulation.roads.maps.map_compiler import name_of_map, source_sha
 from siren_ros.simulation.scenario.episode import MAX_SEED, EpisodeRequest, text_of_values, values_of
 from siren_ros.simulation.scenario.paper import EmergencyLevel, level_name
 from siren_ros.simulation.scenario.scenario import DRAWN_BY_NAME, Template, ValueRange
+from siren_ros.simulation.scenario.sealing import seed_of
 from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand.own_demand import sha256_of_demand
 
@@ -147,6 +148,8 @@ class Study(Brief):
     """Own background traffic of every episode, as ``EpisodeRequest.demand``."""
     values: str = ""
     """Values of template parameters instead of those drawn by seeds, as ``EpisodeRequest.values``."""
+    salt: str = ""
+    """File with the secret that seals every episode, as ``EpisodeRequest.salt``."""
     draws: DrawPlan | None = None
     """Draws of parameters; None if each seed draws its own values."""
     risk_videos: int = 0
@@ -156,7 +159,8 @@ class Study(Brief):
 
     def to_json(self) -> dict[str, Any]:
         """The study as JSON types."""
-        return dict(json.loads(json.dumps(asdict(self))))
+        content = dict(json.loads(json.dumps(asdict(self))))
+        return {name: value for name, value in content.items() if value or name != "salt"}
 
 
 @dataclass(frozen=True)
@@ -202,6 +206,7 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
         duration_s=study.duration_s,
         values=study.values,
         demand=study.demand,
+        salt=study.salt,
         av="civilian" if study.seat else "",
     )
     check_fields(base)
@@ -264,6 +269,7 @@ class _Inputs:
             self._maps[source] = source_sha256_of(source)
         seated: list[object] = [asdict(seat)] if seat else []
         seated += [sha256_of_demand(Path(request.demand))] if request.demand else []
+        seated += [seed_of(request)] if request.salt else []
         return _sha256([request.to_json(), self._files[key], self._maps[source], self._versions, *seated])
 
 

@@ -208,7 +208,7 @@ def attempt_episode(
         "mcap_sha256": mcap_sha256,
         "metadata_sha256": metadata_sha256,
         "map_sha256": recorded.description.map_sha256,
-        "site": str(recorded.description.site["name"]),
+        "site": str(recorded.description.site.get("name", "")),
         "versions": dict(present_versions()),
         "setup_s": ready_s - began_s,
         "run_s": run_s,

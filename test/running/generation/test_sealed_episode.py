@@ -1,5 +1,6 @@
 """Tests of sealed episodes from their request to their bag: trying seeds gives nothing, evaluators read them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,15 @@ import pytest
 from recorded_episode import quick_template
 
 from siren_ros.base.numerics.arrays import Points
-from siren_ros.data.episode_source import bag_sha256
+from siren_ros.data.episode_source import bag_sha256, open_source
+from siren_ros.data.interfaces import topics
 from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.reports.exam.grading import load_rulebook
+from siren_ros.reports.exam.sitting import sit_in_bag
 from siren_ros.running.generation.closed_loop import closed_loop, record_episode
 from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.seat.drivers.drivers import driver_of
+from siren_ros.running.seat.seated import answers_of
 from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
 from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -71,6 +77,20 @@ def test_a_sealed_bag_follows_from_its_salt_and_says_nothing(asked: EpisodeReque
     assert all(int(actor.name, 16) for actor in record.actors.values())
     spawned = [actor.actor_id for traffic in record.traffic for actor in traffic.spawned if not actor.is_emv]
     assert spawned != list(range(spawned[0], spawned[0] + len(spawned)))
+
+
+def test_a_driver_sits_a_sealed_exam_and_is_told_map_and_route_alone(asked: EpisodeRequest, tmp_path: Path) -> None:
+    setup = set_up_episode(replace(asked, av="civilian", duration_s=2.0))
+    record_episode(setup, tmp_path / "exam1", answers_of(setup, driver_of("idm")))
+    with open_source(tmp_path / "exam1") as source:
+        told = {topic: source.has(topic) for topic in (topics.MAP, topics.AV_ROUTE)}
+        description = source.description
+    assert all(told.values())
+    assert description.parameters["av"] == {"actor_id": 2, "name": "", "sensors": "none"}
+    assert (description.template, description.level, description.seed, description.site) == ("sealed", 0, 0, {})
+    sitting = sit_in_bag(tmp_path / "exam1", None, load_rulebook("california"))
+    assert sitting.episode == "exam1"
+    assert sitting.marks
 
 
 def test_predictions_are_scored_on_a_sealed_bag(bag: Path) -> None:

@@ -368,3 +368,13 @@ def test_a_template_with_its_own_map_is_made_on_it_unless_another_one_is_named()
 
     assert maps_of("town") == ["motorway", ""]
     assert maps_of("motorway") == ["motorway", "motorway"]
+
+
+def test_a_sealed_study_is_planned_anew_with_another_salt(tmp_path: Path) -> None:
+    hashes = set()
+    for number in range(2):
+        (tmp_path / f"salt{number}").write_text(f"{number:032x}")
+        (planned,) = plan_study(Study(("S2",), salt=str(tmp_path / f"salt{number}")))
+        hashes.add(planned.inputs_sha256)
+    (planned,) = plan_study(Study(("S2",)))
+    assert len({*hashes, planned.inputs_sha256}) == 3

@@ -1,8 +1,8 @@
 """Asks a program of somebody else, one line after the other, within limits of time, memory and files.
 
-It gets the next line only when it has answered the last one. Everything that it started ends with it. Limits are those
-of its processes (``setrlimit(2)``), or of a container where one is asked for. A container hides other files from it; so
-does Linux's Landlock where the kernel has it.
+It gets the next line only when it has answered the last one. Its group of processes ends with it; one that leaves the
+group has its processor time and no more. Limits are those of its processes (``setrlimit(2)``), or of a container where
+one is asked for. A container hides other files from it; so does Linux's Landlock where the kernel has it.
 """
 
 import ctypes
@@ -69,7 +69,7 @@ READ_AT: Final = "/read"
 _OWN_AT: Final = "/submission"
 
 
-def container_words(image: str, folder: Path, readable: Path, memory_mb: int) -> list[str]:
+def container_words(image: str, folder: Path, readable: Path, memory_mb: int, processor_s: float) -> list[str]:
     """The command line of a container without network, in which a program sees its folder and another one, read-only.
 
     Raises:
@@ -81,6 +81,7 @@ def container_words(image: str, folder: Path, readable: Path, memory_mb: int) ->
     mounts = ((folder, _OWN_AT), (readable, READ_AT))
     bound = [word for place, inside in mounts for word in ("-v", f"{place.resolve()}:{inside}:ro")]
     limits = ["--memory", f"{memory_mb}m", "--pids-limit", str(_PROCESSES), "--cap-drop", "ALL"]
+    limits += ["--ulimit", f"cpu={int(processor_s) + 1}", "--init"]
     hidden = ["--network", "none", "--read-only", "--tmpfs", "/tmp"]  # noqa: S108 - in the container
     return [engine, "run", "--rm", "-i", *hidden, *limits, *bound, "-w", _OWN_AT, image]
 
@@ -109,7 +110,7 @@ def asked_program(
 ) -> Iterator[Callable[[str], str]]:
     """Start a program in a folder, and give the function that writes a line to it and returns the line it answers.
 
-    The program sees no environment but a path, a language and a temporary home.
+    The program sees no variables but a path, a language and a temporary home.
 
     Args:
         words: The command line; that of ``container_words`` and the program's own for a container.
@@ -130,6 +131,8 @@ def asked_program(
     places = os.pathsep.join((_SYSTEM, *(str(place.resolve()) for place in (*readable, *interpreter))))
     with tempfile.TemporaryDirectory(prefix="siren-asked-") as home, tempfile.TemporaryFile() as said:
         environment = {"PATH": os.defpath, "LANG": "C.UTF-8", "HOME": home, "TMPDIR": home}
+        if not readable:  # a container's engine needs that of its user; the program in it gets none of it
+            environment = dict(os.environ)
         about = (str(_landlock()), home, places, *map(str, limits))
         program = subprocess.Popen(  # noqa: S603 - a program that the organiser was asked to run, no shell
             [sys.executable, "-I", "-S", "-c", _WITH_LIMITS, *about, *words] if readable else words,

@@ -54,7 +54,7 @@ from siren_ros.scoring.evaluation.prediction.questions import (
 )
 from siren_ros.scoring.evaluation.prediction.samples import ScoredSamples
 from siren_ros.scoring.evaluation.prediction.submission import ROWS_OF_FRAME, read_prediction_file, submission
-from siren_ros.scoring.evaluation.scores import Score, csv_of, leaderboard, standings
+from siren_ros.scoring.evaluation.scores import Score, Scores, csv_of, leaderboard, standings
 from siren_ros.scoring.evaluation.statistics import BlockSums, block_sums, interval_of_mean
 
 COMMAND_FILE: Final = "command"
@@ -131,15 +131,17 @@ def _asked(
             words = split((program / COMMAND_FILE).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise InputError("program", program.name, f"a command line in {COMMAND_FILE} ({error})") from error
-        around = container_words(container, program, Path(readable), memory_mb) if container else []
-        words = [*around, *words, READ_AT if container else readable]
+        processor_s = answer_s * len(names)
+        if container:
+            words = [*container_words(container, program, Path(readable), memory_mb, processor_s), *words]
+        words = [*words, READ_AT if container else readable]
         rows: list[Answer] = []
         with asked_program(
             words,
             program,
             answer_s=answer_s,
             memory_mb=memory_mb,
-            processor_s=answer_s * len(names),
+            processor_s=processor_s,
             readable=() if container else (program, Path(readable)),
         ) as ask:
             for name in names:
@@ -203,20 +205,13 @@ def publish_round(folder: Path, out: Path) -> None:
         for name in (SALT_FILE, PLAN_FILE):
             shutil.copyfile(private / name, out / name)
     write_text(out / BOARD_FILE, json.dumps(content, indent=1) + "\n")
-    write_text(out / "board.csv", csv_of(_scores(board)))
+    write_text(out / "board.csv", csv_of(Scores.of_json(board).rows))
     write_text(out / "board.html", html_of(page_of(content)))
-
-
-def _scores(board: Content) -> list[Score]:
-    return [
-        Score(row["model"], row["kind"], row["group"], row["metric"], interval_of_json(row), row["samples"])
-        for row in board["rows"]
-    ]
 
 
 def tables_of(board: Content) -> tuple[Table, ...]:
     """The ranking of a board; none where nobody is ranked."""
-    scores = [*_scores(board), *map(_difference, board["differences"])]
+    scores = [*Scores.of_json(board).rows, *map(_difference, board["differences"])]
     return (leaderboard(scores, "episodes"),) if scores else ()
 
 

@@ -86,14 +86,15 @@ for line in sys.stdin:
 
 def test_a_container_has_no_network_and_reads_two_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda name, **_: "/usr/bin/podman" if name == "podman" else None)
-    words = container_words("python:3.12", tmp_path / "own", tmp_path / "maps", 512)
+    words = container_words("python:3.12", tmp_path / "own", tmp_path / "maps", 512, 60.0)
     assert words[:4] == ["/usr/bin/podman", "run", "--rm", "-i"]
     assert words[words.index("--network") + 1] == "none"
     assert words[words.index("--memory") + 1] == "512m"
+    assert words[words.index("--ulimit") + 1] == "cpu=61"
     assert [word for word in words if word.startswith(str(tmp_path))] == [
         f"{tmp_path}/own:/submission:ro",
         f"{tmp_path}/maps:/read:ro",
     ]
     monkeypatch.setattr("shutil.which", lambda *_, **__: None)
     with pytest.raises(InputError, match="docker or podman"):
-        container_words("python:3.12", tmp_path, tmp_path, 512)
+        container_words("python:3.12", tmp_path, tmp_path, 512, 60.0)

@@ -1,11 +1,15 @@
 """Rulebooks: what they may say, and that the shipped ones can be read."""
 
+from dataclasses import replace
+
 import pytest
+from hand_made_record import Driven
+from made_encounters import CAR, IN_LANE, arc, record_of
 
 from siren_ros.base.params.folders import names_in_params
 from siren_ros.base.tables import Measure
 from siren_ros.errors import InputError
-from siren_ros.reports.exam.grading import FOLDER, Clause, Grade, grade_of, load_rulebook, worst_of
+from siren_ros.reports.exam.grading import FOLDER, Clause, Grade, examine, grade_of, load_rulebook, worst_of
 from siren_ros.reports.exam.monitors import MONITORS, Finding
 
 
@@ -76,3 +80,47 @@ def test_a_missing_value_is_not_applicable_and_the_worst_grade_counts():
     assert worst_of([Grade.PASS, Grade.MAJOR, Grade.MINOR]) is Grade.MAJOR
     assert worst_of([Grade.NOT_APPLICABLE, Grade.PASS]) is Grade.PASS
     assert worst_of([]) is Grade.NOT_APPLICABLE
+
+
+def test_a_book_has_the_clauses_of_the_one_that_it_includes(tmp_path):
+    file = tmp_path / "book.yaml"
+    file.write_text(WRITTEN.replace("reaction_s: 3", "reaction_s: 3\nincludes: base"), encoding="utf-8")
+    own, base = load_rulebook(str(file)), load_rulebook("base")
+    assert own.clauses[:-1] == base.clauses
+    assert (own.included, own.coverage, own.most_minor) == ({"base": base.sha256}, base.coverage, base.most_minor)
+    assert own.heard_late_m == own.heard_m  # where the book names one distance
+    # A clause of its own replaces one, and figures of its own count.
+    changed = WRITTEN.replace("reaction_s: 3", "reaction_s: 3\nincludes: base\ncoverage: {traffic: 2}\nmost_minor: 0.5")
+    file.write_text(changed.replace("id: one", "id: limit"), encoding="utf-8")
+    own = load_rulebook(str(file))
+    assert [clause.monitor for clause in own.clauses if clause.clause_id == "limit"] == ["braking"]
+    assert (own.coverage, own.most_minor) == ({"traffic": 2}, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("includes: california", "includes none itself"),
+        ("includes: atlantis", "base"),
+        ("heard_late_m: 41", "heard_late_m"),
+    ],
+)
+def test_what_cannot_be_included_is_refused(tmp_path, line, named):
+    file = tmp_path / "book.yaml"
+    file.write_text(WRITTEN.replace("reaction_s: 3", f"reaction_s: 3\n{line}"), encoding="utf-8")
+    with pytest.raises(InputError, match=named):
+        load_rulebook(str(file))
+
+
+def test_a_violation_of_a_duty_to_act_is_grave_if_it_is_one_by_the_latest_notice_too():
+    # The EMV is heard at 36 m from the first step on, and at 8 m when its front is there: 21 m later, with 5 m/s more.
+    late = Driven(IN_LANE, arc((5.0, 9.0), start_m=41.0))
+    record = record_of(arc((10.0, 6.0), (5.0, 3.0)), {CAR: late})
+    book = load_rulebook("international")
+
+    def grade(**distances):
+        marks = examine(record, CAR, replace(book, **distances)).marks
+        return next(mark.grade for mark in marks if mark.clause.clause_id == "yield")
+
+    assert grade(heard_m=50.0, heard_late_m=50.0) is Grade.MAJOR
+    assert grade(heard_m=50.0, heard_late_m=8.0) is Grade.MINOR

@@ -74,6 +74,7 @@ VERBS: Final = {
     ),
     "compare-paper": ("print the numbers of the paper's tables next to ours", "report.add_paper"),
     "calibrate": ("fit the EMV's parameters to trajectories", "train.add_calibration"),
+    "fit-drivers": ("fit a preset of drivers to half of the published figures", "fit_drivers.add_arguments"),
     "train": ("train the models that ship with the project", "train.add_arguments"),
     "reproduce": ("make the measured figures, pictures and films of the documents again", "report.add_reproduction"),
 }

@@ -14,7 +14,7 @@ from siren_ros.errors import EXIT_FAILED, InputError, shown_text, write_text
 from siren_ros.reports.study_report.page import html_of, quoted
 from siren_ros.reports.study_report.realism import realism_page, realism_tables, summary_of
 from siren_ros.scoring.evaluation.realism.distributions import distributions, distributions_as_json, samples_of_tracks
-from siren_ros.scoring.evaluation.realism.ledger import LedgerResult, compare, read_ledger
+from siren_ros.scoring.evaluation.realism.ledger import LedgerResult, compare, read_ledger, verdict_counts
 from siren_ros.scoring.evaluation.realism.quantities import RealismEpisode
 from siren_ros.scoring.evaluation.realism.sim_agent_scenes import means_of_scenes, scores_of_episode, sim_agent_table
 from siren_ros.scoring.evaluation.realism.track_files import read_tracks, track_files_in
@@ -60,7 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
         study = ", ".join(path.name for path in arguments.bags)
         write_text(arguments.html, html_of(realism_page(study, results, found, len(recordings), command)))
     if arguments.out is not None:
-        content = {"task": "realism", "episodes": len(episodes), "lines": _lines(results)}
+        unseen = [result for result in results if not result.fitted]
+        content = {"task": "realism", "episodes": len(episodes), "counts": verdict_counts(results)}
+        content |= {"held_out": verdict_counts(unseen), "lines": _lines(results)}
         content["distributions"] = distributions_as_json(found)
         write_text(arguments.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
     return max(worst, of_tracks)
@@ -76,18 +78,20 @@ def measure_tracks(file: Path) -> dict[str, Floats]:
     return samples_of_tracks(read_tracks(file))
 
 
-def _lines(results: Sequence[LedgerResult]) -> list[dict[str, Any]]:
-    return [
-        {
-            "line": one.line.line_id,
+def _lines(results: Sequence[LedgerResult]) -> dict[str, Any]:
+    return {
+        one.line.line_id: {
+            "about": one.line.about,
+            "unit": one.line.unit,
             "published": {"value": one.line.value, "low": one.line.low, "high": one.line.high},
             "predicted": one.predicted.json(),
             "samples": one.samples,
             "verdict": one.verdict,
             "reason": one.reason,
+            "fitted": one.fitted,
         }
         for one in results
-    ]
+    }
 
 
 def add_sim_agents(verb: argparse.ArgumentParser) -> None:

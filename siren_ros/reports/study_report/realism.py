@@ -51,9 +51,15 @@ def summary_of(results: Sequence[LedgerResult]) -> str:
     """How many lines agree, as a sentence."""
     counts = verdict_counts(results)
     answered = sum(result.answered for result in results)
-    return (
+    told = (
         f"The study answers {answered} of {len(results)} lines: {counts[AGREES]} agree, "
         f"{counts[DIFFERS]} differ, {counts[UNDECIDED]} cannot be decided with so few episodes."
+    )
+    held_out = verdict_counts([result for result in results if not result.fitted])
+    if held_out == counts:
+        return told
+    return (
+        f"{told} Of those that the drivers were not fitted to, {held_out[AGREES]} agree and {held_out[DIFFERS]} differ."
     )
 
 

@@ -148,7 +148,7 @@ def set_up_episode(
     written, seed = load_template(request.template, noted), seed_of(request)
     template = realised(written, random_stream(seed, "scenario/values"))
     template = template.with_values(values_of(request.values))
-    preset = load_preset(request.preset, noted)
+    preset = load_preset(request.preset, noted, request.seed)
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)
@@ -262,7 +262,7 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
     """
     files = episode.files
     values = cast("Mapping[str, float]", episode.parameters["template"])
-    preset = load_preset(episode.preset, files).for_scenario(
+    preset = load_preset(episode.preset, files, episode.seed).for_scenario(
         values["response.response_distance_m"], values["response.extra_delay_s"], values["response.compliance"]
     )
     config = driver_parameters(preset.drivers, values)

@@ -1,12 +1,14 @@
 """How drivers respond to a siren: presets of distributions, one draw per driver, and their other parameters."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
+from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters, check_driver_value
@@ -102,6 +104,8 @@ class DriverPreset:
     """Share of the motorcyclists who follow an EMV through the rescue lane."""
     drivers: Mapping[str, float] = field(default_factory=dict)
     """Parameters of drivers that differ from their defaults, by their names in ``DRIVER_PARAMETERS``."""
+    fitted_to: tuple[str, ...] = ()
+    """Lines of the ledger of published figures to which the preset was fitted."""
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
@@ -118,42 +122,46 @@ class DriverPreset:
         )
 
 
-def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverPreset:
+def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK, seed: int = 0) -> DriverPreset:
     """A preset by its name or from a YAML file.
+
+    A preset that is known only up to a distribution lists draws from it under ``draws``: each has parts of the preset
+    in place of the written ones. The seed chooses one of them.
 
     Raises:
         InputError: unknown preset, or a file with an unknown key or a value out of range (names file and line).
     """
     top = files.read("preset", "presets", name_or_path).mapping()
-    preset = DriverPreset(
-        name=Path(name_or_path).stem,
-        title=top.text("title"),
-        reaction_delay_s=read_distribution(top.mapping("reaction_delay_s"), 0.0, 30.0),
-        late_delay_s=read_distribution(top.mapping("late_delay_s"), 0.0, 60.0),
-        response_distance_m=read_distribution(top.mapping("response_distance_m"), 1.0, 300.0),
-        compliance=_shares(top.mapping("compliance")),
-        attention=_attention(top.mapping("attention")) if top.has("attention") else Attention(),
-        oncoming=_oncoming(top.mapping("oncoming")) if top.has("oncoming") else OncomingResponse(),
-    )
-    if top.has("pedestrian_distance_m"):
-        distance = read_distribution(top.mapping("pedestrian_distance_m"), 0.0, 300.0)
-        preset = replace(preset, pedestrian_distance_m=distance)
-    if top.has("rescue_lane"):
-        preset = _with_rescue_lane(preset, top.mapping("rescue_lane"))
-    if top.has("filtering"):
-        preset = replace(preset, filtering=top.number("filtering", 0.0, 1.0))
-    if top.has("drivers"):
-        preset = replace(preset, drivers=_drivers(top.mapping("drivers")))
+    parts = {key: _PARTS[key](top, key) for key in _PARTS if key in _REQUIRED or top.has(key)}
+    preset = DriverPreset(name=Path(name_or_path).stem, title=top.text("title"), **_fields(parts))
+    if top.has("fitted_to"):
+        preset = replace(preset, fitted_to=tuple(top.words("fitted_to")))
+    draws = [_drawn(preset, each) for each in top.mappings("draws")] if top.has("draws") else []
     top.finish()
-    return preset
+    return draws[int(random_stream(seed, "preset").integers(len(draws)))] if draws else preset
 
 
-def _with_rescue_lane(preset: DriverPreset, section: StrictMapping) -> DriverPreset:
+def _drawn(preset: DriverPreset, section: StrictMapping) -> DriverPreset:
+    parts = _fields({key: _PARTS[key](section, key) for key in _PARTS if section.has(key)})
+    section.finish()
+    drivers = {**preset.drivers, **parts.pop("drivers", {})}
+    return replace(preset, **parts, drivers=drivers)
+
+
+def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
+    values = dict(parts)
+    if "rescue_lane" in values:
+        rescue = ("rescue_at_once", "rescue_late", "rescue_near_m")
+        values.update(zip(rescue, values.pop("rescue_lane"), strict=True))
+    return values
+
+
+def _rescue_lane(section: StrictMapping) -> tuple[float, float, TruncatedNormal]:
     at_once = section.number("at_once", 0.0, 1.0)
     late = section.number("late", 0.0, 1.0 - at_once)
     near = read_distribution(section.mapping("near_m"), 0.0, 1000.0)
     section.finish()
-    return replace(preset, rescue_at_once=at_once, rescue_late=late, rescue_near_m=near)
+    return at_once, late, near
 
 
 def _drivers(section: StrictMapping) -> dict[str, float]:
@@ -197,3 +205,28 @@ def _shares(section: StrictMapping) -> ComplianceShares:
     if abs(total - 1.0) > _SHARE_TOLERANCE:
         raise InputError(section.where("never"), total, "shares complies + late + never that add up to 1")
     return shares
+
+
+def _within(high: float, low: float = 0.0) -> "_Reader":
+    return lambda section, key: read_distribution(section.mapping(key), low, high)
+
+
+def _section(read: Callable[[StrictMapping], Any]) -> "_Reader":
+    return lambda section, key: read(section.mapping(key))
+
+
+_Reader = Callable[[StrictMapping, str], Any]
+_PARTS: Final[Mapping[str, _Reader]] = {
+    "reaction_delay_s": _within(30.0),
+    "late_delay_s": _within(60.0),
+    "response_distance_m": _within(300.0, 1.0),
+    "compliance": _section(_shares),
+    "attention": _section(_attention),
+    "oncoming": _section(_oncoming),
+    "pedestrian_distance_m": _within(300.0),
+    "rescue_lane": _section(_rescue_lane),
+    "filtering": lambda section, key: section.number(key, 0.0, 1.0),
+    "drivers": _section(_drivers),
+}
+"""Parts of a preset's file, with their readers."""
+_REQUIRED: Final = frozenset({"reaction_delay_s", "late_delay_s", "response_distance_m", "compliance"})

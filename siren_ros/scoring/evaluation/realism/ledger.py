@@ -6,7 +6,7 @@ agree if they overlap. A predicted interval much wider than the published value 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -87,6 +87,8 @@ class LedgerResult:
     """One of ``VERDICTS``."""
     reason: str = ""
     """Why it cannot be compared."""
+    fitted: bool = False
+    """Whether the drivers were fitted to this line."""
 
     @property
     def answered(self) -> bool:
@@ -145,7 +147,9 @@ def compare(lines: Sequence[LedgerLine], episodes: Sequence[RealismEpisode]) -> 
         raise InputError("bags", "none", "at least one episode")
     own = [episode for episode in episodes if episode.at_own_level]
     nominal = [episode for episode in episodes if episode.level == "L0"]
-    return tuple(_result(line, own, nominal) for line in lines)
+    fitted_to = {line for episode in episodes for line in episode.fitted_to}
+    results = (_result(line, own, nominal) for line in lines)
+    return tuple(replace(result, fitted=result.line.line_id in fitted_to) for result in results)
 
 
 def _result(line: LedgerLine, own: Sequence[RealismEpisode], nominal: Sequence[RealismEpisode]) -> LedgerResult:
@@ -243,9 +247,10 @@ def _setting(line: LedgerLine) -> str:
 
 
 def _difference(result: LedgerResult) -> str:
+    fitted = " (fitted)" if result.fitted else ""
     if result.verdict is not DIFFERS:
-        return result.verdict
-    return f"differs by {_number(result.predicted.value - result.line.value, '+')}"
+        return f"{result.verdict}{fitted}"
+    return f"differs by {_number(result.predicted.value - result.line.value, '+')}{fitted}"
 
 
 def _text(interval: Interval) -> str:

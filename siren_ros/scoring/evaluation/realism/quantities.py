@@ -31,6 +31,7 @@ from siren_ros.scoring.judging.surrogate_safety import conflict_series, pair_mea
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.roads.routing import crossing_connections
 from siren_ros.simulation.roads.sites import SiteKind
+from siren_ros.simulation.scenario.presets import load_preset
 from siren_ros.simulation.scenario.templates import own_level
 from siren_ros.simulation.world.actors import EventKind, Lights
 
@@ -360,7 +361,11 @@ TRAFFIC: Final[Mapping[str, Callable[[RoadTracks], Floats]]] = {
     "start_mps2": road_tracks.starts_mps2,
     "stop_mps2": road_tracks.stops_mps2,
     "discharge_headway_s": road_tracks.discharge_headways_s,
+    "following_gap_m": road_tracks.following_gaps_m,
+    "crossing_lag_s": road_tracks.crossing_lags_s,
     "moving_speed_mps": road_tracks.moving_speeds_mps,
+    "acceleration_mps2": partial(road_tracks.changes_of_speed, order=1),
+    "jerk_mps3": partial(road_tracks.changes_of_speed, order=2),
 }
 """Measures of ordinary traffic, which tracks of real traffic have too."""
 
@@ -412,12 +417,13 @@ ORDINARY: Final = (*TRAFFIC, "lane_change_s")
 class RealismEpisode:
     """Samples of one episode."""
 
-    template: str
     level: str
     at_own_level: bool
     situation: tuple[str, ...]
     """Template, map, seed and draw: what the levels of one seed have in common."""
     samples: Mapping[str, Floats]
+    fitted_to: tuple[str, ...] = ()
+    """Lines of the ledger to which the preset of its drivers was fitted."""
 
     @classmethod
     def of(cls, record: EpisodeRecord) -> Self:
@@ -426,4 +432,5 @@ class RealismEpisode:
         level = described.level.name
         situation = (described.template, described.map_name, str(described.seed), described.pinned)
         samples = {name: measure(scene) for name, measure in SAMPLES.items()}
-        return cls(described.template, level, level == own_level(described.template), situation, samples)
+        fitted_to = load_preset(described.preset, described.files).fitted_to
+        return cls(level, level == own_level(described.template), situation, samples, fitted_to)

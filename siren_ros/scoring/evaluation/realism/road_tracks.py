@@ -166,7 +166,18 @@ def standing_gaps_m(tracks: RoadTracks) -> Floats:
 
 def following_headways_s(tracks: RoadTracks) -> Floats:
     """Time headways, front to front, of vehicles that follow another: one value a second of following."""
-    headways: list[Floats] = []
+    speed_mps, gap_m, length_m = _following(tracks)
+    return (gap_m + length_m) / speed_mps
+
+
+def following_gaps_m(tracks: RoadTracks) -> Floats:
+    """Gaps of vehicles that follow another: one value a second of following."""
+    return _following(tracks)[1]
+
+
+def _following(tracks: RoadTracks) -> Floats:
+    """Speed, gap and length of the vehicle ahead, each second of all vehicles that follow another; ``(3, N)``."""
+    found: list[Floats] = [np.empty((3, 0))]
     last = -np.inf
     for frame in tracks.frames():
         if frame.time_s[0] - last < 1.0 - 0.5 * STEP_S:
@@ -175,9 +186,46 @@ def following_headways_s(tracks: RoadTracks) -> Floats:
         behind, ahead, gap_m = pairs_in(frame)
         speed, lead = frame.speed_mps[behind], frame.speed_mps[ahead]
         follows = (speed > MOVES_MPS) & (np.abs(lead - speed) < FOLLOWS_AT_MPS)
-        front_m = gap_m + frame.length_m[ahead]
-        headways.append((front_m / np.maximum(speed, MOVES_MPS))[follows])
-    return np.concatenate(headways) if headways else np.empty(0)
+        found.append(np.stack((speed, gap_m, frame.length_m[ahead]))[:, follows])
+    return np.concatenate(found, axis=1)
+
+
+def crossing_lags_s(tracks: RoadTracks) -> Floats:
+    """Time from one vehicle's driving over a place to that of the next one that comes across, one value a pair.
+
+    It is the time gap that the first driver took, up to 12 s, to within the time for a square of 2 m.
+    """
+    over = tracks.select(tracks.speed_mps > STANDING_MPS)
+    square = np.round(np.stack((over.x_m, over.y_m)) / _SQUARE_M)
+    order = np.lexsort((over.time_s, *square))
+    first, second = over.select(order[:-1]), over.select(order[1:])
+    here = (np.diff(square[:, order], axis=1) == 0.0).all(axis=0)
+    turn_rad, lag_s = np.abs(wrap_angle(second.yaw_rad - first.yaw_rad)), second.time_s - first.time_s
+    across = here & (np.abs(turn_rad - 0.5 * np.pi) < 0.25 * np.pi) & (lag_s < _LAG_S)
+    across &= first.track_id != second.track_id
+    pairs = np.stack((first.track_id, second.track_id))[:, across]
+    known, of = np.unique(pairs, axis=1, return_inverse=True)
+    least_s = np.full(known.shape[1], np.inf)
+    np.minimum.at(least_s, of.ravel(), lag_s[across])
+    return least_s
+
+
+_SQUARE_M: Final = 2.0
+_LAG_S: Final = 12.0
+"""Drivers take longer gaps without a look: critical gaps of turns are 4 to 7.5 s (HCM 2010, chapter 19)."""
+
+
+def changes_of_speed(tracks: RoadTracks, order: int) -> Floats:
+    """Accelerations (first order) or jerks (second) over whole seconds, of vehicles that move: one value a second.
+
+    Noise of 0.1 m in each position of a tracker still gives them deviations of 0.24 m/s² and 0.45 m/s³.
+    """
+    found: list[Floats] = [np.empty(0)]
+    for track in tracks.each():
+        seconds = np.arange(np.ceil(track.time_s[0]), track.time_s[-1] + 1e-6)
+        speed_mps = np.interp(seconds, track.time_s, track.speed_mps)
+        found.append(np.diff(speed_mps, order)[speed_mps[order:] > STANDING_MPS])
+    return np.concatenate(found)
 
 
 def starts_mps2(tracks: RoadTracks) -> Floats:

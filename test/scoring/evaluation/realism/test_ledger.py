@@ -25,7 +25,7 @@ LINE = LedgerLine("X1", "a gap", 2.0, "m", 10, 1.5, 2.5, "here", 2020, "somebody
 
 def episode(values: dict[str, list[float]], level: str = "L1", own: bool = True, seed: int = 0) -> RealismEpisode:
     samples = {name: np.array(values.get(name, [])) for name in SAMPLES}
-    return RealismEpisode("S3", level, own, ("S3", "town", str(seed), ""), samples)
+    return RealismEpisode(level, own, ("S3", "town", str(seed), ""), samples)
 
 
 def gaps(*of_episodes: float) -> list[RealismEpisode]:

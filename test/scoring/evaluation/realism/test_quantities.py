@@ -99,7 +99,7 @@ def test_an_episode_has_all_samples_and_knows_its_situation() -> None:
     found = RealismEpisode.of(passing())
     assert set(found.samples) == set(SAMPLES)
     assert all(np.isfinite(values).all() for values in found.samples.values())
-    assert (found.template, found.level, found.at_own_level) == ("S3", "L1", True)
+    assert (found.situation[0], found.level, found.at_own_level) == ("S3", "L1", True)
     assert found.situation == ("S3", "crossing", "0", "")
 
 

@@ -53,6 +53,33 @@ def test_headway_is_front_to_front_once_a_second_and_only_of_followers() -> None
     assert len(road_tracks.following_headways_s(lane(drives(0.0, 2.0), drives(8.0, 2.0)))) == 0
 
 
+def test_gap_of_followers_is_their_headway_less_the_vehicle_ahead() -> None:
+    tracks = lane(drives(0.0, 10.0), drives(18.0, 10.0))
+    assert road_tracks.following_gaps_m(tracks) == pytest.approx(np.full(6, 18.0 - LENGTH_M))
+
+
+def test_lag_is_the_time_until_somebody_comes_across_the_same_place() -> None:
+    along = drives(-30.0, 10.0)
+    for lag_s, expected in ((2.0, [2.0]), (-3.0, [3.0]), (14.0, [])):
+        other = RoadTracks.of_columns(
+            np.repeat([0.0, 1.0], 60),
+            np.concatenate((0.1 * np.arange(60), 0.1 * np.arange(60) + lag_s)),
+            *(np.concatenate((along, np.zeros(60))), np.concatenate((np.zeros(60), along))),
+            *(np.repeat([0.0, 0.5 * np.pi], 60), np.full(120, LENGTH_M), np.full(120, WIDTH_M)),
+        )
+        assert road_tracks.crossing_lags_s(other) == pytest.approx(expected, abs=0.21)
+    assert len(road_tracks.crossing_lags_s(lane(drives(0.0, 10.0), drives(18.0, 10.0)))) == 0
+
+
+def test_changes_of_speed_are_those_of_whole_seconds() -> None:
+    time_s = 0.1 * np.arange(100)
+    steady, speeding_up = lane(drives(0.0, 10.0, 100)), lane(5.0 * time_s + 0.5 * 1.5 * time_s**2)
+    assert road_tracks.changes_of_speed(steady, 1) == pytest.approx(np.zeros(9), abs=1e-9)
+    assert road_tracks.changes_of_speed(speeding_up, 1)[1:-1] == pytest.approx(np.full(7, 1.5))
+    assert road_tracks.changes_of_speed(speeding_up, 2)[1:-1] == pytest.approx(np.zeros(6), abs=1e-9)
+    assert len(road_tracks.changes_of_speed(lane(stands(0.0)), 1)) == 0
+
+
 def test_start_and_stop_are_mean_accelerations_between_1_and_6_mps() -> None:
     time_s = 0.1 * np.arange(100)
     start = np.concatenate((np.zeros(20), 0.5 * 2.0 * time_s**2))

@@ -270,6 +270,13 @@ def verify_round(
     Raises:
         InputError: The folder has no round, or its salt or plan are not those to which it committed.
     """
+    try:
+        return tuple(_wrong_with(published, kept, processes, on_episode))
+    except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
+        raise InputError("round", str(published), f"a folder of siren round publish ({error!r})") from error
+
+
+def _wrong_with(published: Path, kept: Path | None, processes: int, on_episode: Callable[[], None]) -> list[str]:
     plan = read_plan(published)
     told = read_content(published / ROUND_FILE, "episodes", "versions")
     board = read_content(published / BOARD_FILE, "rows", "answers", "episodes", "commitment")
@@ -295,4 +302,4 @@ def verify_round(
                     wrong.append(f"{name}: the file of the question is another one")
         again = board_of(plan, questions_with_truth(plan, published, bags), published / ANSWERS)
     wrong += [f"{key} of {BOARD_FILE} do not follow from the answers" for key in again if again[key] != board.get(key)]
-    return tuple(wrong)
+    return wrong

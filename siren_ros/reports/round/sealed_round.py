@@ -6,6 +6,7 @@ the commitment, a hash of salt and plan. ``private`` stays with the organiser un
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -34,6 +35,8 @@ SALT_FILE: Final = "salt"
 QUESTIONS: Final = "questions"
 MAPS: Final = "maps"
 BAGS: Final = "bags"
+_NAME: Final = re.compile(r"episode\d{3,9}")
+"""Name of an episode, which is also that of files."""
 _SOURCES: Final = "sources"
 """Folder next to the plan with the files of users that its requests name."""
 _FILES: Final = ("template", "map", "preset", "look", "demand")
@@ -184,6 +187,9 @@ def read_plan(folder: Path) -> Content:
         InputError: There is none, or salt or plan are others than those to which the round committed.
     """
     plan = read_content(folder / PLAN_FILE, "episodes", "versions")
+    names = [one.get("name") if isinstance(one, Mapping) else None for one in plan["episodes"]]
+    if not names or not all(isinstance(name, str) and _NAME.fullmatch(name) for name in names):
+        raise InputError("round", str(folder / PLAN_FILE), "a plan with names as episode001")
     public = folder.parent / PUBLIC if folder.name == PRIVATE else folder
     committed = read_content(public / ROUND_FILE, "commitment", "episodes")["commitment"]
     if commitment(read_salt(folder / SALT_FILE), plan) != committed:

@@ -163,6 +163,12 @@ def test_a_round_is_verified_by_anybody_and_a_forged_one_is_not(scored: Path, tm
         "differences",
         "answers",
     }
+    plan = published / "plan.json"
+    plan.write_text(plan.read_text().replace('"episode001"', '"../outside"'))
+    with pytest.raises(InputError, match="names as episode001"):
+        verify_round(published)
+    (published / "round.json").write_text(json.dumps({"episodes": 3, "versions": {}, "commitment": "0" * 64}))
+    plan.write_text(plan.read_text().replace('"../outside"', '"episode001"'))
     (published / "salt").write_text("00" * 16)
     with pytest.raises(InputError, match="committed"):
         verify_round(published)

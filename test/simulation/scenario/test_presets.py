@@ -69,8 +69,8 @@ def test_parameters_of_drivers_are_read_by_their_names(tmp_path):
 
 
 def test_unknown_preset_lists_the_presets():
-    assert names_in_params("presets") == ("inattentive", "paper", "realistic", "reckless")
-    with pytest.raises(InputError, match="paper, realistic"):
+    assert names_in_params("presets") == ("inattentive", "observed", "paper", "realistic", "reckless")
+    with pytest.raises(InputError, match="observed, paper, realistic"):
         load_preset("angry")
 
 
@@ -139,4 +139,4 @@ def test_distributions_lie_within_limits_that_are_allowed_themselves(tmp_path, s
 
 def test_only_in_the_paper_does_no_motorcyclist_filter():
     shares = {name: load_preset(name).filtering for name in names_in_params("presets")}
-    assert shares == {"paper": 0.0, "realistic": 0.3, "inattentive": 0.3, "reckless": 0.6}
+    assert shares == {"paper": 0.0, "realistic": 0.3, "observed": 0.3, "inattentive": 0.3, "reckless": 0.6}

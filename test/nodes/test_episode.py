@@ -245,3 +245,19 @@ def test_both_ways_write_the_same_bytes(request_: EpisodeRequest, tmp_path: Path
     assert recorded.bag is not None
     assert recorded.bag.path == without_ros
     assert digest(by_nodes) == digest(without_ros)
+
+
+def test_nodes_know_a_sealed_episode_that_its_topic_does_not_tell(tmp_path: Path) -> None:
+    salt = tmp_path / "salt"
+    salt.write_text("5a" * 16)
+    request = EpisodeRequest("S2", duration_s=1.0, sensors="none", salt=str(salt))
+    run = DOMAIN.run(
+        *(f"{name}:={value}" for name, value in request.to_json().items() if value != ""),
+        f"salt:={salt}",
+        f"bag:={tmp_path / 'nodes' / 'bag'}",
+        "kitti:=false",
+    )
+    assert run.code == 0, run.err
+    record_episode(set_up_episode(request), tmp_path / "library" / "bag")
+    assert digest(tmp_path / "nodes" / "bag") == digest(tmp_path / "library" / "bag")
+    assert read_episode(tmp_path / "nodes" / "bag").description.template == "sealed"

@@ -5,7 +5,7 @@ A parameter on the command line that no node declares is an error.
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
@@ -35,23 +35,32 @@ def _descriptor(field: "dataclasses.Field[Any]", default: Value) -> ParameterDes
     return descriptor
 
 
+SEALED: Final[set[str]] = set()
+"""Salts of the sealed episodes of this process."""
+
+
 def declare_config(node: Node, config_type: type[Config]) -> Config:
     """Declare every field of a config dataclass as a parameter and return the config with the values set.
 
-    Values are checked here, before ROS sees them, so that a bad one gives one line that names it.
+    Values are checked here, before ROS sees them, so that a bad one gives one line that names it. In the process of a
+    sealed episode ROS sees the defaults alone, because every program in the graph can ask for parameters.
 
     Raises:
         InputError: A value of the wrong type or out of range.
     """
     overrides = node._parameter_overrides  # noqa: SLF001 - rclpy cannot read a value before its declaration
     values: dict[str, Value] = {}
+    if "salt" in overrides and overrides["salt"].value:
+        SEALED.add(str(overrides["salt"].value))
     for field in dataclasses.fields(config_type):  # type: ignore[arg-type] # TypeVar of any dataclass
         default = defaults_of(config_type)[field.name]
         given = overrides.get(field.name)
         value = default if given is None else checked_value(field, default, given.value)
         if given is not None:
             overrides[field.name] = Parameter(field.name, value=value)
-        node.declare_parameter(field.name, value, _descriptor(field, default))
+        if SEALED:
+            overrides.pop(field.name, None)
+        node.declare_parameter(field.name, default if SEALED else value, _descriptor(field, default))
         values[field.name] = value
     return config_type(**values)
 

@@ -63,6 +63,18 @@ def test_overrides_are_taken(make_node: Any) -> None:
     assert node.get_parameter("length_m").value == 4.0
 
 
+def test_the_graph_cannot_ask_what_a_sealed_episode_is(make_node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("siren_ros.running.ros.parameters.SEALED", set())
+    node = make_node(salt="secret.hex", template="S4", seed=17)
+    config = declare_config(node, node_configs.SumoBridgeConfig)
+    assert (config.salt, config.template, config.seed) == ("secret.hex", "S4", 17)
+    told = [node.get_parameter(name).value for name in ("salt", "template", "seed")]
+    assert told == ["", "S2", 0]
+    later = make_node(count=7)  # another node of the process
+    assert declare_config(later, Config).count == 7
+    assert later.get_parameter("count").value == 3
+
+
 @pytest.mark.parametrize(
     ("name", "value", "allowed"),
     [

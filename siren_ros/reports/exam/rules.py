@@ -133,10 +133,13 @@ def forced_braking(examinee: Examinee, _numbers: Numbers) -> Finding:
 
 
 def _waits(examinee: Examinee, movement: Movement) -> bool:
-    """Whether a movement has to wait for others on the junction, as one to the left has at a green signal."""
+    """Whether a movement waits for others on the junction, as one to the left at a green signal does.
+
+    Others wait before a sign's line.
+    """
     row, _, own = movement
     if own.signal_id is None:
-        return own.gives_way
+        return own.gives_way and not own.must_stop
     return own.letter_in(examinee.record.signal_states(own.signal_id).get(int(examinee.track.step[row]), "")) == "g"
 
 
@@ -257,9 +260,7 @@ RULES: Final[Mapping[str, Monitor]] = {
     "right_of_way": Monitor(right_of_way, "s", "time before somebody with the right of way", {}),
     "forced_braking": Monitor(forced_braking, "m/s²", "braking of somebody with the right of way", {}),
     "blocks_junction": Monitor(blocks_junction, "s", "time standing on a junction", {}),
-    "stands_in_junction": Monitor(
-        stands_in_junction, "s", "time standing in a junction before the EMV", {}, asks_to_act=True
-    ),
+    "stands_in_junction": Monitor(stands_in_junction, "s", "time standing in a junction before the EMV", {}),
     "enters_before_siren": Monitor(
         enters_before_siren,
         "m",

@@ -146,23 +146,31 @@ def speed_to_stop_sign(sight: Sight, stood_m: float) -> float:
     return math.inf if at_m <= stood_m + _LINE_M else math.sqrt(2.0 * _GENTLE_MPS2 * max(ahead_m - _LINE_M, 0.0))
 
 
-def speed_to_siren(sight: Sight) -> float:
-    """Speed before the next junction while a siren comes across, in m/s; infinite without one, or if it is too late."""
-    way, row, states = sight.way, sight.way.row(sight.s_m), sight.states
-    inside = way.in_junction[row : row + _SEEN_ROWS]
+def speed_to_entry(sight: Sight) -> float:
+    """Speed before the next junction, in m/s, to stop there; infinite without one, or if it is too late."""
+    row = sight.way.row(sight.s_m)
+    inside = sight.way.in_junction[row : row + _SEEN_ROWS]
     if not inside.any() or inside[0]:
         return math.inf
     entry_m = float(inside.argmax()) - 0.5 * sight.length_m
     if entry_m < sight.speed_mps**2 / (2.0 * _LATE_MPS2) - 1.0:
         return math.inf
-    for siren in sight.sirens:
+    return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+
+
+def speed_to_siren(sight: Sight) -> float:
+    """Speed before the next junction while a siren comes across, in m/s; infinite without one, or if it is too late."""
+    entry_mps, states = speed_to_entry(sight), sight.states
+    for siren in sight.sirens if entry_mps < math.inf else ():
+        if siren.along:
+            continue
         k = int(np.searchsorted(states.actor_id, siren.actor_id))
         dx, dy = float(states.x_m[sight.row] - states.x_m[k]), float(states.y_m[sight.row] - states.y_m[k])
         yaw = float(states.yaw_rad[k])
         turned = abs(math.remainder(yaw - float(states.yaw_rad[sight.row]), 2.0 * math.pi))
         comes = dx * math.cos(yaw) + dy * math.sin(yaw) > 0.0 and math.hypot(dx, dy) < _HEARD_M
-        if comes and not siren.along and turned > _ACROSS_RAD:
-            return math.sqrt(2.0 * _GENTLE_MPS2 * max(entry_m - _LINE_M, 0.0))
+        if comes and turned > _ACROSS_RAD:
+            return entry_mps
     return math.inf
 
 

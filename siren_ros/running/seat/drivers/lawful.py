@@ -15,6 +15,7 @@ from siren_ros.running.seat.control import (
     emv_waits,
     indicators,
     is_free,
+    speed_to_entry,
     speed_to_junction,
     speed_to_leader,
     speed_to_limit,
@@ -68,6 +69,8 @@ class Habits:
     """Whether it returns to its lane after the last EMV has passed."""
     lets_across: bool = True
     """Whether it waits before a junction while a siren comes across."""
+    darts: bool = False
+    """Whether it waits before a junction until a siren is near, and enters then."""
     limit_factor: float = 1.0
     """Its speed on a free road, as a multiple of the limit."""
     flees: bool = False
@@ -105,7 +108,7 @@ FAULTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "parks": {"parks": True, "returns": False},
     "off-road": {"beyond_m": 6.0, "uses_shoulder": True, "by_lane": False},
     "blocks-the-junction": {"blocks": True, "lets_across": False},
-    "enters-before-a-siren": {"lets_across": False, "clears_junctions": False},
+    "enters-before-a-siren": {"lets_across": False, "darts": True},
 }
 """Changes of a lawful driver's habits by name of the fault."""
 
@@ -159,6 +162,8 @@ _FASTEST_CHASE_MPS: Final = 15.0
 _STANDS_MPS: Final = 0.2
 _AT_LINE_M: Final = 3.0
 """A driver that stands this close before a line has stopped for its sign."""
+_DARTS_M: Final = 40.0
+"""Distance of a siren at which a driver that waited for it enters a junction."""
 _FLEES_MPS: Final = 21.6
 """Speed of a driver that flees."""
 _SLOW_MPS: Final = 8.0
@@ -241,6 +246,8 @@ class LawfulDriver:
             wanted += [speed_to_red(sight), speed_to_stop_sign(sight, state.stood_m)]
         if habits.lets_across:
             wanted.append(speed_to_siren(sight))
+        if habits.darts and not any(math.hypot(one.gap_m, one.left_m) < _DARTS_M for one in sight.sirens):
+            wanted.append(speed_to_entry(sight))
         return min(wanted)
 
     def _decided(self, state: LawfulState, sight: Sight) -> LawfulState:

@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_record import EASTBOUND, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
 from made_sights import LIMIT_MPS, ROWS, car, sight, siren, straight_way
-from seen_on_crossing import sight_at
+from seen_on_crossing import EMV, OWN, sight_at
 
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
 from siren_ros.running.seat.drivers.drivers import DRIVERS, driver_of
 from siren_ros.running.seat.drivers.lawful import FAULTS, HABITS, LawfulDriver, LawfulState, Phase, faulty
 from siren_ros.running.seat.policy import Manoeuvre
+from siren_ros.running.seat.sight import Way, sight_of
+from siren_ros.simulation.roads.road_network import JunctionKind
 from siren_ros.simulation.world.actors import Lights
 
 CALLED = (siren(20.0),)
@@ -161,6 +165,33 @@ def test_what_single_faults_change():
     passed = {"sirens": (siren(-30.0),), "speed_mps": 8.0}
     assert after(driver_of("lawful-germany"), 0.05, **passed)[1].brake > 0.0
     assert after(driver_of("follows-germany"), 0.05, **passed)[1].throttle > 0.0
+
+
+def before_the_line(own_m, own_mps, control=JunctionKind.PRIORITY_STOP, emv_m=85.0):
+    """A step before the line at 100 m; an EMV with its siren comes from the left, the line's crossing at 115 m."""
+    network = crossing(control)
+    vehicles = {
+        EMV: Driven(EASTBOUND, at_speed(emv_m, 10.0, 2)),
+        OWN: Driven(NORTHBOUND, at_speed(own_m, own_mps, 2)),
+    }
+    record = hand_made(network, vehicles)
+    sounding = with_states(record, lights=lambda state: np.where(state.actor_id == EMV, int(Lights.SIREN), 0))
+    way = Way.of(network, Polyline.through(NORTHBOUND))
+    return sight_of(sounding.states[1], (), record.actors, OWN, way, own_m)
+
+
+def test_it_stops_at_a_stop_sign_once_and_does_not_enter_before_a_siren():
+    lawful, runs, darts = (driver_of(f"{name}-germany") for name in ("lawful", "runs-red", "enters-before-a-siren"))
+    comes, far = before_the_line(90.0, 8.0, emv_m=0.0), before_the_line(97.0, 0.0, emv_m=0.0)
+    assert lawful.step(lawful.start, comes)[1].brake > 0.0
+    assert runs.step(runs.start, comes)[1].brake == 0.0
+    stood, answer = lawful.step(lawful.start, far)
+    assert answer.throttle > 0.0
+    assert lawful.step(stood, before_the_line(98.0, 1.0, emv_m=0.0))[1].throttle > 0.0
+    near = before_the_line(98.0, 0.0)
+    assert lawful.step(stood, near)[1].throttle == 0.0
+    assert darts.step(stood, near)[1].throttle > 0.0
+    assert darts.step(stood, before_the_line(98.0, 0.0, emv_m=0.0))[1].throttle == 0.0
 
 
 def test_the_faulty_habits_of_a_driver_are_those_of_its_name():

@@ -273,7 +273,7 @@ def as_junit(certificate: Certificate) -> str:
     """The certificate as JUnit XML: a suite for each episode, a case for each clause, an error without a result.
 
     A grave violation is a failure, a clause that does not apply is skipped. A minor violation passes; its text is in
-    the case's output.
+    the case's output. What else keeps the driver from passing (``Certificate.lacks``) fails in a suite of its own.
     """
     root = ET.Element("testsuites", name=f"siren exam {certificate.rulebook.name}")
     for sitting in certificate.sittings:
@@ -299,12 +299,23 @@ def as_junit(certificate: Certificate) -> str:
                 failure.text = f"{mark.clause.text}\n{mark.clause.source}\n{shown_again(sitting, mark)}"
             elif mark.grade is Grade.MINOR:
                 ET.SubElement(case, "system-out").text = f"minor: {told(mark)}"
+    _add_lacks(root, certificate.lacks)
     for element in root.iter():  # XML 1.0 has no character for an escape code, not even escaped
         element.attrib = {key: shown_text(value) for key, value in element.attrib.items()}
         if element.text is not None:
             element.text = "\n".join(map(shown_text, element.text.split("\n")))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _add_lacks(root: ET.Element, lacks: Sequence[str]) -> None:
+    if not lacks:
+        return
+    count = str(len(lacks))
+    suite = ET.SubElement(root, "testsuite", name="certificate", tests=count, failures=count, errors="0", skipped="0")
+    for reason in lacks:
+        case = ET.SubElement(suite, "testcase", classname="certificate", name=reason, time="0")
+        ET.SubElement(case, "failure", message=reason, type="certificate")
 
 
 def told(mark: Mark) -> str:

@@ -81,8 +81,8 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     To follow somebody who slows down is no response: a driver that responds is slower than the safe speed behind the
     vehicle ahead (Krauß 1998), and does not get faster. Only time in which the EMV calls counts. Time in which a driver
     can go neither slower than somebody close ahead nor aside does not count, nor time in a junction, which it clears
-    first. Nobody has to respond who stands or almost does, whose way the EMV does not need (``aside_m``), or whom
-    another EMV calls already.
+    first. Nobody has to respond while it stands or almost does, whose way the EMV does not need (``aside_m``), or
+    whom another EMV calls already.
     """
     track, room, worst = examinee.track, examinee.room, Finding(Measure.lacking(_NOBODY_CALLED))
     free = (room.ahead_mps == np.inf) | (room.ahead_m > track.speed_mps * _DISTANCE_S + _DISTANCE_M)
@@ -90,24 +90,25 @@ def response(examinee: Examinee, numbers: Numbers) -> Finding:
     safe_mps = np.array([safe_following_mps(speed, spare_m, _GENTLE_MPS2, _DISTANCE_S) for speed, spare_m in ahead])
     below = (track.speed_mps <= safe_mps - _OWN_DOING_MPS) & (track.accel_mps2 < _IDLES_MPS2)
     for call in examinee.calls:
-        begin = int(np.argmax(call.calls))
+        begin, drives = int(np.argmax(call.calls)), call.calls & (track.speed_mps >= numbers["slower_mps"])
         if any(begin and other.calls[begin - 1] for other in examinee.calls if other is not call):
             continue  # # another EMV called before, so the driver makes way already
-        if track.speed_mps[begin] < numbers["slower_mps"] or abs(call.left_m[begin]) > numbers["aside_m"]:
+        if not drives.any() or abs(call.left_m[begin]) > numbers["aside_m"]:
             if not worst.measure.valid:
                 worst = Finding(Measure.lacking("the driver stood, or the way was free"))
             continue
-        until = slice(begin, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
+        asked = int(np.argmax(drives))
+        until = slice(asked, begin + int(np.argmax(call.passed[begin:])) if call.passed.any() else None)
         shift = np.abs(examinee.offsets.lateral_m[until] - examinee.offsets.lateral_m[begin])
         stays = held_for(below | (call.gap_m <= 0.0), steps_from_s(_STAYS_S))
         by_itself = np.concatenate((stays, np.zeros(steps_from_s(_STAYS_S), np.bool_)))[-len(track) :]
-        slower = by_itself[until] & (track.speed_mps[until] <= track.speed_mps[begin] - numbers["slower_mps"])
+        slower = by_itself[until] & (track.speed_mps[until] <= track.speed_mps[asked] - numbers["slower_mps"])
         responded = (shift >= numbers["shift_m"]) | slower | (track.speed_mps[until] < STANDS_MPS)
         first = int(np.argmax(responded)) if responded.any() else len(responded)
         able = ((free | (room.right_m > _AT_EDGE_M)) & ~examinee.in_junction & call.calls)[until]
         rows = int(able[:first].sum())
         if not worst.measure.valid or rows * STEP_S > worst.measure.value:
-            worst = Finding(Measure(rows * STEP_S), int(track.step[begin]))
+            worst = Finding(Measure(rows * STEP_S), int(track.step[asked]))
     return worst
 
 

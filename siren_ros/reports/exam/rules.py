@@ -61,6 +61,8 @@ def speeding(examinee: Examinee, numbers: Numbers) -> Finding:
 def off_road(examinee: Examinee, _numbers: Numbers) -> Finding:
     """Longest time for which the driver's centre is on no lane of its direction and on no junction."""
     rows = np.flatnonzero(examinee.places.lane == NO_LANE)
+    if not len(rows):
+        return Finding(Measure(0.0))
     outlines = [one.outline for one in examinee.record.network.junctions.values() if len(one.outline) > 2]
     junctions = shapely.union_all([shapely.Polygon(outline).buffer(0.0) for outline in outlines])
     off = np.zeros(len(examinee.track), np.bool_)

@@ -307,7 +307,9 @@ def test_a_driver_is_examined_in_a_study_and_compared_with_the_papers(tmp_path: 
     assert {*sitting.others} == {"emv_delay_s", "braked_hard"}
     again = siren_ros.examine([sitting.bag], rulebook="california")  # the AV under test of a recorded episode
     assert again.driver == "the AV under test"
-    assert again.sittings[0].marks == sitting.marks
+    marks = [[mark for mark in one.marks if mark.clause.clause_id != "progress"] for one in (sitting, *again.sittings)]
+    assert marks[0] == marks[1], "progress alone needs the episode of the paper's driver"
+    assert len(marks[0]) == len(sitting.marks) - 1
     (alone,) = siren_ros.examine(
         tmp_path, "lawful-california", study=study, rulebook="california", paired=False
     ).sittings

@@ -299,6 +299,10 @@ def test_a_record_refuses_what_it_does_not_have(returned: dict[str, Any]) -> Non
     assert [group.name for group in returned["score_predictions"].of_kind("template")] == ["S2"]
 
 
+_PAIRED = {"progress", "evades"}
+"""Monitors that need the episode of the paper's driver."""
+
+
 def test_a_driver_is_examined_in_a_study_and_compared_with_the_papers(tmp_path: Path) -> None:
     study = siren_ros.Study(templates=(quick_template("S2"),), levels=("L3",), seeds=(0,), duration_s=2.0)
     first = siren_ros.examine(str(tmp_path), "lawful-california", study=study, rulebook="california")
@@ -307,9 +311,8 @@ def test_a_driver_is_examined_in_a_study_and_compared_with_the_papers(tmp_path: 
     assert {*sitting.others} == {"emv_delay_s", "braked_hard"}
     again = siren_ros.examine([sitting.bag], rulebook="california")  # the AV under test of a recorded episode
     assert again.driver == "the AV under test"
-    marks = [[mark for mark in one.marks if mark.clause.clause_id != "progress"] for one in (sitting, *again.sittings)]
-    assert marks[0] == marks[1], "progress alone needs the episode of the paper's driver"
-    assert len(marks[0]) == len(sitting.marks) - 1
+    alone = [[mark for mark in one.marks if mark.clause.monitor not in _PAIRED] for one in (sitting, *again.sittings)]
+    assert alone[0] == alone[1] != []
     (alone,) = siren_ros.examine(
         tmp_path, "lawful-california", study=study, rulebook="california", paired=False
     ).sittings

@@ -18,6 +18,7 @@ NODES = [
     "yield_manager",
     "vehicle_dynamics",
     "sensor_sim",
+    "carla_bridge",
     "recorder",
     "kitti_exporter",
     "detector",

@@ -141,7 +141,9 @@ def test_speeds_and_brakes_are_those_of_the_page() -> None:
 
 
 def test_versions_and_steps_are_those_of_the_page() -> None:
-    (sumo,) = re.findall(r"SUMO (\d+\.\d+) and no CARLA; the same step", TEXT)
+    (sumo,) = re.findall(
+        r"SUMO (\d+\.\d+); CARLA 0\.9\.16 \[where you have a server\]\(carla\.md\); the same step", TEXT
+    )
     assert version("libsumo").startswith(f"{sumo}.")
     assert numbers_in(r"CARLA 0\.9\.16, steps of (0\.\d+) s") == [STEP_S]
 

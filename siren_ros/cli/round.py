@@ -43,7 +43,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     add_processes(line)
     line = action("answer", answer, "answer the questions of a round with a predictor of the project")
     line.add_argument("public", type=Path, metavar="PUBLIC", help="public folder of the round")
-    line.add_argument("--model", default="siren", choices=tuple(PREDICTORS), help="predictor (default %(default)s)")
+    names = ", ".join(PREDICTORS)
+    line.add_argument(
+        "--model", default="siren", choices=tuple(PREDICTORS), metavar="NAME", help=f"{names} (default %(default)s)"
+    )
     line.add_argument("--out", type=Path, metavar="FILE.parquet", required=True, help="file of predictions to write")
     line = action("score", score, "score submissions: NAME.parquet, or folders NAME with a program's command line")
     line.add_argument("round", type=Path, metavar="ROUND", help="folder of the round")

@@ -1,6 +1,7 @@
 """``siren info``, ``siren verify`` and ``siren recover``: what bags hold, whether they are sound, how to save them."""
 
 import argparse
+import json
 from collections import Counter
 from pathlib import Path
 from shlex import quote
@@ -8,7 +9,8 @@ from shlex import quote
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.tables import Table
 from siren_ros.cli.command import complain
-from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.interfaces import topics
+from siren_ros.data.recording.bag_reader import open_bag, read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.data.recording.recover import recover_bag
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError, shown_text
@@ -44,7 +46,7 @@ def _head(record: EpisodeRecord, bag: Path, size_bytes: int) -> list[str]:
         ("bag", f"{bag} ({_size(size_bytes)})"),
         ("episode", f"template {episode.template}, level {episode.level.name}, seed {episode.seed}"),
         ("map", f"{episode.map_name} (SHA-256 {episode.map_sha256[:12]}…)"),
-        ("sensors", f"{episode.sensor_suite}, preset {episode.preset}"),
+        ("sensors", f"{episode.sensor_suite}{_sensed_by(bag)}, preset {episode.preset}"),
         ("duration", f"{record.duration_s:.2f} s of {episode.duration_s:.2f} s, {record.steps} steps"),
         ("actors", f"{len(record.actors)}: " + ", ".join(f"{count} {name}" for name, count in sorted(classes.items()))),
         ("EMV", ", ".join(str(emv_id) for emv_id in record.emv_ids) or "none"),
@@ -63,6 +65,14 @@ def _head(record: EpisodeRecord, bag: Path, size_bytes: int) -> list[str]:
         lines.append(("outcome", f"{outcome.end}{reason}, {held[outcome.predicate_holds]}"))
         lines += [("", f"{name} = {_plain(value)}") for name, value in sorted(outcome.measures.items())]
     return [f"{name:<10}{text}" for name, text in lines]
+
+
+def _sensed_by(bag: Path) -> str:
+    """Which other simulator sensed, where one did."""
+    with open_bag(bag) as opened:
+        told = [json.loads(message.read().data) for message in opened.messages({topics.SENSING.name})]
+    names = {str(suite["simulator"]) for suites in told for suite in suites.values() if "simulator" in suite}
+    return f", sensed by {' and '.join(sorted(names))}" if names else ""
 
 
 def _plain(value: object) -> str:

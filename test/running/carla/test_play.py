@@ -77,6 +77,10 @@ def test_the_server_shows_the_bag_and_the_new_bag_is_like_it(bag, server, tmp_pa
         depth = changed["/emv/camera_front/depth/image_raw"][0].read()
         assert (depth.height, depth.width, depth.encoding) == (48, 64, "32FC1")
         assert "CARLA 0.9.16" in changed["/siren/sensing"][0].read().data
+    assert main(["info", str(tmp_path / "out")]) == 0
+    assert ", sensed by CARLA 0.9.16, preset" in capsys.readouterr().out
+    assert main(["info", str(bag)]) == 0
+    assert "sensed by" not in capsys.readouterr().out
 
 
 def test_a_check_finds_what_a_server_has_and_what_it_does_not(server, bag):

@@ -148,7 +148,7 @@ def set_up_episode(
     written, seed = load_template(request.template, noted), seed_of(request)
     template = realised(written, random_stream(seed, "scenario/values"))
     template = template.with_values(values_of(request.values))
-    preset = load_preset(request.preset, noted, request.seed)
+    preset = load_preset(request.preset, noted, seed)
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)

@@ -14,7 +14,7 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.reports.exam.grading import load_rulebook
 from siren_ros.reports.exam.sitting import sit_in_bag
 from siren_ros.running.generation.closed_loop import closed_loop, record_episode
-from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.episode_setup import behaviour_world, set_up_episode
 from siren_ros.running.seat.drivers.drivers import driver_of
 from siren_ros.running.seat.seated import answers_of
 from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
@@ -97,3 +97,11 @@ def test_predictions_are_scored_on_a_sealed_bag(bag: Path) -> None:
     scores = score_episode("sealed", read_episode(bag), predictors_named(["cv"]))
     assert len(scores.models["cv"]) > 0
     assert scores.template == "sealed"
+
+
+def test_plan_and_drivers_have_the_same_draw_of_a_preset(asked: EpisodeRequest) -> None:
+    for seed in range(4):
+        setup = set_up_episode(replace(asked, preset="observed", seed=seed))
+        drivers = behaviour_world(setup.description, setup.compiled_map.read_bytes()).preset
+        assert drivers.drivers == setup.preset.drivers
+        assert drivers.compliance.complies == setup.preset.compliance.complies

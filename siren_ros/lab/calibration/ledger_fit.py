@@ -22,8 +22,7 @@ from siren_ros.base.numerics.arrays import chances, random_stream
 from siren_ros.base.params.parameters import FILES_ON_DISK
 from siren_ros.base.processes.process_pool import ProcessPool, side_by_side
 from siren_ros.errors import InputError, SirenError
-from siren_ros.running.generation.closed_loop import closed_loop, record_of
-from siren_ros.running.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.running.generation.closed_loop import simulated
 from siren_ros.scoring.evaluation.realism.ledger import SHARE, LedgerLine, LedgerResult, compare
 from siren_ros.scoring.evaluation.realism.quantities import RealismEpisode
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -147,8 +146,7 @@ def simulated_tries(base: str, jobs: int) -> Iterator[Simulate]:
 
 def measured(request: EpisodeRequest) -> RealismEpisode:
     """What an episode shows."""
-    setup = set_up_episode(request)
-    return RealismEpisode.of(record_of(setup, list(closed_loop(setup, plan_length(request)))))
+    return RealismEpisode.of(simulated(request))
 
 
 def fit_to_ledger(

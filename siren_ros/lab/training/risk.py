@@ -21,6 +21,7 @@ from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
 from siren_ros.lab.training.data_files import MadeFiles, make_files, read_arrays, write_arrays
 from siren_ros.lab.training.settings import FilmFitConfig, FittedNetwork
+from siren_ros.running.generation.closed_loop import simulated
 from siren_ros.running.studies.risk_set.candidate import (
     FRAME_STEPS,
     Candidate,
@@ -28,7 +29,6 @@ from siren_ros.running.studies.risk_set.candidate import (
     front_camera,
     outcome_as_json,
     outcome_of_json,
-    simulated,
 )
 from siren_ros.scoring.evaluation.risk.labels import (
     TITLES,

@@ -36,14 +36,14 @@ from siren_ros.data.recording.recorder import EpisodeRecorder
 from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.data.sensor_messages.sensor_topics import topics_of
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.running.generation.episode_setup import EpisodeSetup, behaviour_world
+from siren_ros.running.generation.episode_setup import EpisodeSetup, behaviour_world, set_up_episode
 from siren_ros.scoring.judging.outcome import judge
 from siren_ros.simulation.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.simulation.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.simulation.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
-from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome, EpisodeRequest
 from siren_ros.simulation.scenario.sealing import told
 from siren_ros.simulation.traffic.demand.demand import av_way
 from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
@@ -175,6 +175,12 @@ def _with_seats(
     if av_id not in traffic.actor_id:
         return commands
     return (*commands, av_commands(controls.get(av_id, AvControl(traffic.step - 1)), traffic.step, av_id))
+
+
+def simulated(request: EpisodeRequest) -> EpisodeRecord:
+    """Record of a request's episode, without sensors; EpisodeError if it failed, InputError as ``set_up_episode``."""
+    setup = set_up_episode(request)
+    return record_of(setup, list(closed_loop(setup, setup.steps)))
 
 
 def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:

@@ -21,8 +21,7 @@ from siren_ros.data.episode_source import bag_sha256, episode_name, open_source
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
 from siren_ros.lab.training.data_files import MadeFiles, make_files, read_arrays, write_arrays
-from siren_ros.running.generation.closed_loop import closed_loop, record_of
-from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.closed_loop import simulated
 from siren_ros.scoring.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
 from siren_ros.scoring.evaluation.prediction.predictors import Predictor
 from siren_ros.scoring.evaluation.prediction.reported_tracks import TrackNoise, with_noise
@@ -243,8 +242,7 @@ def _record_of(planned: PlannedEpisode) -> EpisodeRecord:
     if planned.bag is not None:
         with open_source(planned.bag) as source:
             return source.tracks()
-    setup = set_up_episode(planned.request)
-    return record_of(setup, list(closed_loop(setup, setup.steps)))
+    return simulated(planned.request)
 
 
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:

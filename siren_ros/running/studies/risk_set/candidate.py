@@ -19,8 +19,7 @@ from siren_ros.base.params import plain_files
 from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EpisodeError, InputError, SirenError
-from siren_ros.running.generation.closed_loop import closed_loop, record_of
-from siren_ros.running.generation.episode_setup import set_up_episode
+from siren_ros.running.generation.closed_loop import simulated
 from siren_ros.scoring.evaluation.risk.labels import (
     Camera,
     Evidence,
@@ -168,12 +167,6 @@ def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
         raise
     except SirenError as error:
         return Rejected(request, str(error))
-
-
-def simulated(request: EpisodeRequest) -> EpisodeRecord:
-    """Record of a request's episode, without sensors; EpisodeError if it failed."""
-    setup = set_up_episode(request)
-    return record_of(setup, list(closed_loop(setup, setup.steps)))
 
 
 def seen_by_most_at_risk(record: EpisodeRecord, thresholds: RiskThresholds) -> EpisodeRecord:

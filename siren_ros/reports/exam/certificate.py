@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
@@ -186,6 +187,7 @@ WAY_KM: Final = 100_000
 """Way for which the certificate tells how often something happens."""
 
 
+@cache
 def km_per_emv() -> float:
     """Way between two active EMVs that an automated vehicle meets (line V01 of ``params/realism/ledger.yaml``)."""
     return next(line.value for line in read_ledger() if line.line_id == "V01")
@@ -200,9 +202,9 @@ def mean_of(values: Sequence[float]) -> Interval:
 _SHOWN: Final = (Grade.PASS, Grade.MINOR, Grade.MAJOR, Grade.NOT_APPLICABLE)
 
 
-def as_json(certificate: Certificate) -> str:
-    """The certificate as JSON; the same exam gives the same bytes."""
-    book = certificate.rulebook
+def as_json(certificate: Certificate, hashes: Mapping[str, str] | None = None) -> str:
+    """The certificate as JSON; the same exam gives the same bytes. ``hashes`` are those of bags that are known."""
+    book, known = certificate.rulebook, hashes or {}
     content = {
         "siren": __version__,
         "driver": certificate.driver,
@@ -224,9 +226,12 @@ def as_json(certificate: Certificate) -> str:
             {
                 "episode": shown_text(sitting.episode),
                 "bag": shown_text(sitting.bag),
-                "bag_sha256": _bag_sha256(sitting.bag),
+                "bag_sha256": known.get(sitting.bag) or _bag_sha256(sitting.bag),
                 **(
-                    {"paper": shown_text(sitting.paper), "paper_sha256": _bag_sha256(sitting.paper)}
+                    {
+                        "paper": shown_text(sitting.paper),
+                        "paper_sha256": known.get(sitting.paper) or _bag_sha256(sitting.paper),
+                    }
                     if sitting.paper
                     else {}
                 ),

@@ -300,6 +300,11 @@ class Examinee:
         right = {lane: road_limits(self.record.network, lane).right_m for lane in set(places.lane.tolist()) - {NO_LANE}}
         return np.asarray(places.offset_m - np.array([right.get(lane, np.nan) for lane in places.lane.tolist()]))
 
+    def named(self, actor_id: int) -> str:
+        """Class and id of another actor, for people; empty where the record does not describe it."""
+        known = self.record.actors.get(actor_id)
+        return f"{known.actor_class.name.lower().replace('_', ' ')} {actor_id}" if known else ""
+
     def with_emv(self, emv_id: int) -> tuple[Flags, StateRows, StateRows]:
         """At which of the driver's rows an EMV is there, and the rows of both at these steps, along the road."""
         own, emv = common_rows(self.along_road, self.record.track(emv_id))
@@ -391,7 +396,8 @@ PAPER: Final = "siren"
 HARD_MPS2: Final = 4.0
 """Others who brake harder than this were forced to (ISO 15622 allows automatic systems 3.5 m/s² at speed, and 5 m/s²
 below)."""
-_LASTING_S: Final = 0.3
+LASTING_S: Final = 0.3
+"""Shortest time for which braking counts."""
 OTHERS: Final[Mapping[str, str]] = {
     "emv_delay_s": "later arrival of the first emergency vehicle, s",
     "braked_hard": f"others who braked harder than {HARD_MPS2:g} m/s²",
@@ -438,5 +444,5 @@ def _way_m(record: EpisodeRecord) -> Floats:
 def braked_hard(record: EpisodeRecord, actor_id: int) -> int:
     """Number of others, EMVs left out, who braked harder than ``HARD_MPS2`` for 0.3 s."""
     others = record.actors.keys() - {actor_id, *record.emv_ids, *record.walker_ids}
-    lasting = (lasting_deceleration_mps2(record.track(other), _LASTING_S) for other in others)
+    lasting = (lasting_deceleration_mps2(record.track(other), LASTING_S) for other in others)
     return sum(bool((one > HARD_MPS2).any()) for one in lasting)

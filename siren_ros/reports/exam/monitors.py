@@ -66,9 +66,7 @@ def contact(examinee: Examinee, _numbers: Numbers) -> Finding:
     if hardest is None:
         return Finding(Measure(-1.0))
     other = hardest.other_id if hardest.actor_id == own else hardest.actor_id
-    known = examinee.record.actors.get(other)
-    about = f"{known.actor_class.name.lower().replace('_', ' ')} {other}" if known else ""
-    return Finding(Measure(_impact_mps(hardest)), hardest.step, about)
+    return Finding(Measure(_impact_mps(hardest)), hardest.step, examinee.named(other))
 
 
 def _impact_mps(event: Event) -> float:

@@ -16,6 +16,7 @@ from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.base.tables import Measure
 from siren_ros.data.tracks import ALIGNED_RAD, ahead_and_left_m
 from siren_ros.reports.exam.examinee import (
+    LASTING_S,
     Crossing,
     Examinee,
     Movement,
@@ -46,7 +47,6 @@ _LATER_S: Final = 60.0
 """Stands for a post-encroachment time where somebody with the right of way went first."""
 _RANKS: Final[Mapping[str, int]] = {"G": 2, "y": 2, "Y": 2, "g": 1}
 """Right of way by SUMO's letters of signals; who enters at yellow clears the junction before others."""
-_LASTING_S: Final = 0.3
 
 
 def speeding(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -111,11 +111,7 @@ def right_of_way(examinee: Examinee, _numbers: Numbers) -> Finding:
         return Finding(Measure.lacking(_NOBODY_FIRST))
     times = [one.time_s if one.subject_first else _LATER_S for _, one, *_ in others]
     worst = int(np.argmin(times))
-    return Finding(Measure(times[worst]), others[worst][1].step, _who(examinee, others[worst][0]))
-
-
-def _who(examinee: Examinee, actor_id: int) -> str:
-    return f"{examinee.record.actors[actor_id].actor_class.name.lower().replace('_', ' ')} {actor_id}"
+    return Finding(Measure(times[worst]), others[worst][1].step, examinee.named(others[worst][0]))
 
 
 def forced_braking(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -125,12 +121,12 @@ def forced_braking(examinee: Examinee, _numbers: Numbers) -> Finding:
         actor_id, encounter, track, (begin, end, _), _ = crossing
         if not _goes_first(examinee, crossing):
             continue
-        braked = lasting_deceleration_mps2(track, _LASTING_S)
+        braked = lasting_deceleration_mps2(track, LASTING_S)
         steps = track.step[: len(braked)]
         crossed = (steps >= examinee.track.step[begin]) & (steps <= examinee.track.step[end - 1])
         hardest = float(braked[crossed].max(initial=0.0)) if encounter.subject_first else 0.0
         if not worst.measure.valid or hardest > worst.measure.value:
-            worst = Finding(Measure(hardest), int(examinee.track.step[begin]), _who(examinee, actor_id))
+            worst = Finding(Measure(hardest), int(examinee.track.step[begin]), examinee.named(actor_id))
     return worst
 
 
@@ -192,7 +188,7 @@ def enters_before_siren(examinee: Examinee, numbers: Numbers) -> Finding:
             stop_m = speed * examinee.reaction_steps * STEP_S + 0.5 * speed**2 / numbers["brakes_mps2"]
             spare = max(float(track.driven_m[row] - track.driven_m[noticed]) - stop_m, 0.0)
         if not worst.measure.valid or spare > worst.measure.value:
-            worst = Finding(Measure(spare), int(track.step[row]), _who(examinee, actor_id))
+            worst = Finding(Measure(spare), int(track.step[row]), examinee.named(actor_id))
     return worst
 
 

@@ -56,7 +56,8 @@ def _differences(content: Content, bags: Sequence[Path], rulebook: str, jobs: in
     if errors := tuple(str(one) for one in graded if isinstance(one, SirenError)):
         return errors
     sittings = tuple(one for one in graded if isinstance(one, Sitting))
-    again = json.loads(as_json(Certificate(content["driver"], book, sittings)))
+    hashes = {str(bag): digest for digest, bag in by_hash.items()}
+    again = json.loads(as_json(Certificate(content["driver"], book, sittings), hashes))
     for key in sorted((content.keys() | again.keys()) - _OF_PLACE):
         if content.get(key) != again.get(key):
             said.append(f"{key} differs")

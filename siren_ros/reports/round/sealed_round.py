@@ -18,6 +18,7 @@ from siren_ros.base.params import plain_files
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.data.episode_source import bag_sha256
 from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EpisodeError, InputError, write_text, writing
 from siren_ros.running.generation.closed_loop import record_episode
 from siren_ros.running.generation.episode_setup import present_versions, set_up_episode
@@ -139,7 +140,7 @@ def made_episode(episode: Content, folder: Path, bags: Path) -> Content:
     if outcome.end is not EpisodeEnd.COMPLETE:
         raise EpisodeError(f"{episode['name']}: {outcome.reason}")
     record = read_episode(bag)
-    question = json.dumps(content_of(episode["name"], record.description.map_sha256, _question(bag, request).batch))
+    question = json.dumps(content_of(episode["name"], record.description.map_sha256, _question(record, request).batch))
     return {
         "name": episode["name"],
         "map_sha256": record.description.map_sha256,
@@ -150,8 +151,8 @@ def made_episode(episode: Content, folder: Path, bags: Path) -> Content:
     }
 
 
-def _question(bag: Path, request: EpisodeRequest) -> ScoredSamples:
-    return question_of(read_episode(bag), random_stream(seed_of(request), "round/question"))
+def _question(record: EpisodeRecord, request: EpisodeRequest) -> ScoredSamples:
+    return question_of(record, random_stream(seed_of(request), "round/question"))
 
 
 def questions_with_truth(plan: Content, folder: Path, bags: Path) -> dict[str, ScoredSamples]:
@@ -160,7 +161,8 @@ def questions_with_truth(plan: Content, folder: Path, bags: Path) -> dict[str, S
     Raises:
         BagError: A bag cannot be read.
     """
-    return {one["name"]: _question(bags / one["name"], request_in(one, folder)) for one in plan["episodes"]}
+    names = {one["name"]: request_in(one, folder) for one in plan["episodes"]}
+    return {name: _question(read_episode(bags / name), request) for name, request in names.items()}
 
 
 def question_file(public: Path, name: str) -> Path:

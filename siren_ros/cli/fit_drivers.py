@@ -19,6 +19,7 @@ from siren_ros.lab.calibration.ledger_fit import (
 )
 from siren_ros.scoring.evaluation.realism.ledger import read_ledger
 from siren_ros.simulation.scenario.episode import MAX_SEED
+from siren_ros.simulation.scenario.presets import load_preset
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -46,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     if database.exists():
         raise InputError("out", str(arguments.out), f"a name next to which there is no {database.name} of another fit")
     fitted, held_out = halves(read_ledger())
-    preset_text("", [], arguments.base)
+    load_preset(arguments.base)
     with simulated_tries(arguments.base, processes_of(arguments)) as simulate:
         numbers = arguments.rounds, arguments.tries, arguments.seed, arguments.most
         draws, limits = fit_to_ledger(fitted, simulate, *numbers, database)

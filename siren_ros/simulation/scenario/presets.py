@@ -1,7 +1,7 @@
 """How drivers respond to a siren: presets of distributions, one draw per driver, and their other parameters."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -132,8 +132,8 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK, seed: int 
         InputError: unknown preset, or a file with an unknown key or a value out of range (names file and line).
     """
     top = files.read("preset", "presets", name_or_path).mapping()
-    parts = {key: _PARTS[key](top, key) for key in _PARTS if key in _REQUIRED or top.has(key)}
-    preset = DriverPreset(name=Path(name_or_path).stem, title=top.text("title"), **_fields(parts))
+    parts = _parts(top, [key for key in _PARTS if key in _REQUIRED or top.has(key)])
+    preset = DriverPreset(name=Path(name_or_path).stem, title=top.text("title"), **parts)
     if top.has("fitted_to"):
         preset = replace(preset, fitted_to=tuple(top.words("fitted_to")))
     draws = [_drawn(preset, each) for each in top.mappings("draws")] if top.has("draws") else []
@@ -142,26 +142,24 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK, seed: int 
 
 
 def _drawn(preset: DriverPreset, section: StrictMapping) -> DriverPreset:
-    parts = _fields({key: _PARTS[key](section, key) for key in _PARTS if section.has(key)})
+    parts = _parts(section, [key for key in _PARTS if section.has(key)])
     section.finish()
     drivers = {**preset.drivers, **parts.pop("drivers", {})}
     return replace(preset, **parts, drivers=drivers)
 
 
-def _fields(parts: Mapping[str, Any]) -> dict[str, Any]:
-    values = dict(parts)
-    if "rescue_lane" in values:
-        rescue = ("rescue_at_once", "rescue_late", "rescue_near_m")
-        values.update(zip(rescue, values.pop("rescue_lane"), strict=True))
-    return values
+def _parts(section: StrictMapping, keys: Iterable[str]) -> dict[str, Any]:
+    """The fields of ``DriverPreset`` that some parts give."""
+    return {name: value for key in keys for name, value in _PARTS[key](section, key).items()}
 
 
-def _rescue_lane(section: StrictMapping) -> tuple[float, float, TruncatedNormal]:
+def _rescue_lane(top: StrictMapping, key: str) -> dict[str, Any]:
+    section = top.mapping(key)
     at_once = section.number("at_once", 0.0, 1.0)
     late = section.number("late", 0.0, 1.0 - at_once)
     near = read_distribution(section.mapping("near_m"), 0.0, 1000.0)
     section.finish()
-    return at_once, late, near
+    return {"rescue_at_once": at_once, "rescue_late": late, "rescue_near_m": near}
 
 
 def _drivers(section: StrictMapping) -> dict[str, float]:
@@ -208,14 +206,14 @@ def _shares(section: StrictMapping) -> ComplianceShares:
 
 
 def _within(high: float, low: float = 0.0) -> "_Reader":
-    return lambda section, key: read_distribution(section.mapping(key), low, high)
+    return lambda section, key: {key: read_distribution(section.mapping(key), low, high)}
 
 
 def _section(read: Callable[[StrictMapping], Any]) -> "_Reader":
-    return lambda section, key: read(section.mapping(key))
+    return lambda section, key: {key: read(section.mapping(key))}
 
 
-_Reader = Callable[[StrictMapping, str], Any]
+_Reader = Callable[[StrictMapping, str], dict[str, Any]]
 _PARTS: Final[Mapping[str, _Reader]] = {
     "reaction_delay_s": _within(30.0),
     "late_delay_s": _within(60.0),
@@ -224,9 +222,9 @@ _PARTS: Final[Mapping[str, _Reader]] = {
     "attention": _section(_attention),
     "oncoming": _section(_oncoming),
     "pedestrian_distance_m": _within(300.0),
-    "rescue_lane": _section(_rescue_lane),
-    "filtering": lambda section, key: section.number(key, 0.0, 1.0),
+    "rescue_lane": _rescue_lane,
+    "filtering": lambda section, key: {key: section.number(key, 0.0, 1.0)},
     "drivers": _section(_drivers),
 }
-"""Parts of a preset's file, with their readers."""
+"""Parts of a preset's file, with readers of the fields that they give."""
 _REQUIRED: Final = frozenset({"reaction_delay_s", "late_delay_s", "response_distance_m", "compliance"})

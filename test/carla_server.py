@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.managers import BaseManager
+from pathlib import Path
 from typing import Any, Final
 
 import msgpack
@@ -384,3 +385,8 @@ def carla_server(
     """A server with a map, blueprints by id with their sizes, and signals by their OpenDRIVE ids with their poses."""
     with _Manager(ctx=get_context("spawn")) as manager:
         yield manager.CarlaServer(drive, blueprints, lights or {})  # type: ignore[attr-defined]
+
+
+def play_words(bag: Path, port: int, out: Path) -> list[str]:
+    """The command that plays a bag in a server on this machine."""
+    return ["carla", "play", str(bag), "--host", "127.0.0.1", "--port", str(port), "--out", str(out)]

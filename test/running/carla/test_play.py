@@ -5,6 +5,7 @@ from itertools import zip_longest
 
 import numpy as np
 import pytest
+from carla_server import play_words
 
 from siren_ros.cli.main import main
 from siren_ros.data.interfaces.carla import carla_lights, signal_colour
@@ -26,18 +27,7 @@ def shown_id(thing, record):
 
 def test_the_server_shows_the_bag_and_the_new_bag_is_like_it(bag, server, tmp_path, capsys):
     before = server.get("settings")
-    words = [
-        "carla",
-        "play",
-        str(bag),
-        "--host",
-        "127.0.0.1",
-        "--port",
-        str(server.port()),
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert main(words) == 0
+    assert main(play_words(bag, server.port(), tmp_path / "out")) == 0
     assert "complete after 20 steps" in capsys.readouterr().out
     record, last = read_episode(bag), server.get("history")[-20:]
     movements = {(each.signal_id, each.signal_link) for each in record.network.connections if each.signal_id}

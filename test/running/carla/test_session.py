@@ -8,7 +8,7 @@ import threading
 import time
 
 import pytest
-from carla_server import carla_server
+from carla_server import carla_server, play_words
 from made_district import district_xodr
 
 from siren_ros.cli.main import main
@@ -19,9 +19,7 @@ pytest.importorskip("carla", reason="CARLA's client has no wheel for this machin
 
 
 def played(bag, out, port, capsys):
-    code = main(
-        ["carla", "play", str(bag), "--host", "127.0.0.1", "--port", str(port), "--timeout-s", "1", "--out", str(out)]
-    )
+    code = main([*play_words(bag, port, out), "--timeout-s", "1"])
     told = capsys.readouterr().err.splitlines()
     return code, [line for line in told if line.startswith("siren carla")]
 
@@ -30,7 +28,7 @@ def played(bag, out, port, capsys):
 def silent():
     """A port at which something listens that is no CARLA server; it answers every word with the given one."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        words = []
+        words, others = [], []
 
         def answer():
             while True:
@@ -38,11 +36,14 @@ def silent():
                     other, _ = listener.accept()
                 except OSError:
                     return
+                others.append(other)
                 if words:
                     other.sendall(words[0])
 
         threading.Thread(target=answer, daemon=True).start()
         yield listener.getsockname()[1], words
+        for other in others:
+            other.close()
 
 
 @pytest.mark.parametrize("word", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\xc1" * 64])
@@ -87,17 +88,7 @@ def test_a_server_without_anything_for_people_ends_the_episode_and_names_what_la
 @pytest.mark.parametrize(("signal_", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_play_and_puts_the_server_back(signal_, code, server, bag, tmp_path):
     server.set(fault=("slow", 0))
-    words = [
-        "carla",
-        "play",
-        str(bag),
-        "--host",
-        "127.0.0.1",
-        "--port",
-        str(server.port()),
-        "--out",
-        str(tmp_path / "out"),
-    ]
+    words = play_words(bag, server.port(), tmp_path / "out")
     with subprocess.Popen([sys.executable, "-m", "siren_ros.cli.main", *words], stderr=subprocess.DEVNULL) as program:
         while len(server.get("history")) < 5 and program.poll() is None:
             time.sleep(0.05)

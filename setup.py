@@ -11,20 +11,8 @@ from setuptools import find_packages, setup
 
 NAME = "siren_ros"
 
-NODES = [
-    "cosim",
-    "sumo_bridge",
-    "emv_controller",
-    "yield_manager",
-    "vehicle_dynamics",
-    "sensor_sim",
-    "carla_bridge",
-    "recorder",
-    "kitti_exporter",
-    "detector",
-    "player",
-    "viewer",
-]
+NODES = sorted(path.stem for path in Path(__file__).resolve().with_name("nodes").glob("[a-z]*.py"))
+"""Each file of the folder is a program."""
 
 INTERFACES = {"siren_msgs": "msg_defs/msg", "vision_msgs": "tools/environment/interfaces/vision_msgs/msg"}
 """Folders of the message definitions that the library reads where no ROS has installed them."""

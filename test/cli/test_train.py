@@ -74,7 +74,7 @@ def test_a_predictor_is_trained_on_own_bags(monkeypatch, siren, tmp_path, write_
     words = ["--bags", str(tmp_path / "bags"), "--epochs", "1", "--workers", "1"]
     siren(["train", "prediction", "--out", str(tmp_path / "trained"), *words], EXIT_OK)
     network = load_network(tmp_path / "trained" / "full.onnx")
-    assert network.seen.trained == {identity.text}
+    assert network.seen.trained == {identity.text, identity.content}
     assert network.card["training"]["episodes"] == 1
     monkeypatch.setattr(samples, "split_of", lambda _: Split.TEST_SEED)
     said = siren(["train", "prediction", "--out", str(tmp_path / "nothing"), *words], EXIT_BAD_INPUT).err

@@ -208,3 +208,48 @@ def test_who_flees_has_not_been_asked():
     assert value("evades", flees, paper=paper) == pytest.approx(called_s)
     assert value("evades", paper, paper=paper) == 0.0
     assert not found("evades", flees).measure.valid
+
+
+@pytest.mark.parametrize(("near", "far"), [(OTHER, 4), (4, OTHER)])
+def test_the_worst_of_several_others_counts(near, far):
+    def among(near_s, far_s):
+        return recorded({**crossed_by(near, near_s), far: crossed_by(far, far_s)[far]})
+
+    def braked(state):
+        braking = 170 <= state.step <= 190
+        return np.where(state.actor_id == near, -5.0, np.where(state.actor_id == far, -3.0, 0.0)) * braking
+
+    record = among(0.5, 1.2)
+    assert value("right_of_way", record) == pytest.approx(0.5, abs=0.11)
+    assert found("right_of_way", record).about == f"sedan {near}"
+    assert not found("encroachment", record).measure.valid  # the driver went first
+    record = with_states(record, accel_mps2=braked)
+    assert value("forced_braking", record) == pytest.approx(5.0)
+    assert found("forced_braking", record).about == f"sedan {near}"
+    # The others go first: each needs 0.58 s for its length and a car's width, and so does the driver.
+    assert value("encroachment", among(-3.0, -5.0)) == pytest.approx(3.0 - 2.0 * 0.58, abs=0.11)
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_the_line_passed_fastest_counts(turn):
+    record = recorded({CAR: north((5.0, 10.0), (0.0, 2.0), (5.0, 10.0))})
+    events = [Event(step, EventKind.STOP_LINE_CROSSED, CAR, detail={"must_stop": 1}) for step in (150, 250)]
+    others = Event(10, EventKind.STOP_LINE_CROSSED, EMV, detail={"must_stop": 1})
+    rolls = found("stop_sign", replace(record, events=(others, *events[::turn])))
+    assert (rolls.measure.value, rolls.step) == (pytest.approx(5.0), 150)
+
+
+@pytest.mark.parametrize("emvs", [(EMV, OTHER), (OTHER, EMV)])
+def test_each_of_two_emvs_counts(emvs):
+    # One comes from ahead, and is past after 10 s; the other one drives 40 m aside, and ahead of nobody.
+    comes, off = Driven(SOUTHBOUND, arc((10.0, 18.0))), Driven(SOUTHBOUND - np.array([40.0, 0.0]), arc((10.0, 18.0)))
+    record = recorded({**dict(zip(emvs, (comes, off), strict=True)), CAR: north((4.0, 18.0), start_m=20.0)}, siren=emvs)
+    numbers = {"gap_m": 30.0, "aside_m": 12.0, "edge_m": 1.0, "seen_m": 300.0, "stop_s": 1.0}
+    assert value("before_oncoming", record, **numbers) == pytest.approx(4.0, abs=0.1)
+    # Within 30 m of one of them, from 15.35 s on, a driver need not get on, nor after the paper's episode has ended.
+    waits = recorded({**dict(zip(emvs, (comes, off), strict=True)), CAR: north((5.0, 8.0), (1.0, 10.0))}, siren=emvs)
+    paper = recorded({CAR: north((5.0, 12.0))})
+    brief = hand_made(crossing(), {EMV: Driven(FAR.points, FAR.arc_m[:240]), CAR: north((5.0, 12.0))})
+    numbers = {"near_m": 30.0, "after_s": 1.0, "least_m": 20.0}
+    assert value("progress", waits, paper=paper, **numbers) == pytest.approx((40.0 + 7.35) / 60.0, abs=0.003)
+    assert value("progress", waits, paper=brief, **numbers) == pytest.approx((40.0 + 4.0) / 60.0, abs=0.003)

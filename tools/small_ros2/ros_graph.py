@@ -1,6 +1,7 @@
 """A node that observes the ROS graph: its topics, their types, and the quality of service that matches them."""
 
 import importlib
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -144,6 +145,18 @@ def matching_qos(node: Node, topic: str) -> QoSProfile:
 
 
 def spin_until(node: Node, is_done: Callable[[], bool]) -> None:
-    """Handles messages until the condition holds; Ctrl-C gets through."""
-    while not is_done():
-        rclpy.spin_once(node, timeout_sec=POLL_S)
+    """Handles messages until the condition holds or Ctrl-C comes.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C came. It is raised between two messages: inside a callback, compiled code could make
+            another error of it.
+    """
+    interrupts: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
+    try:
+        while not is_done():
+            rclpy.spin_once(node, timeout_sec=POLL_S)
+            if interrupts:
+                raise KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, handler)

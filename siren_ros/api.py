@@ -213,8 +213,9 @@ def examine(
 
     Args:
         bags: Folder or folders of recorded episodes, or folders that hold such folders; with ``study`` its folder.
-        driver: With ``study`` the AV's driver: ``siren`` (the paper's), ``idm``, ``learned``, ``lawful-PLACE``,
-            ``FAULT-PLACE`` or an ONNX file. Without it the name that the certificate gives to the driver.
+        driver: With ``study`` the AV's driver: ``siren`` (the paper's), ``idm``, ``learned``,
+            ``pulls-over``, ``lawful-PLACE``, ``FAULT-PLACE`` or an ONNX file. Without it the name that the certificate
+            gives to the driver.
         study: Episodes to make first, as ``generate_study`` makes them; None grades the bags as they are. Its seat
             may name a ROS program in place of ``driver``.
         paired: Whether the study is made again with the paper's driver, in the folder ``paper`` of ``bags``, so that

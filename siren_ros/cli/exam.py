@@ -116,8 +116,8 @@ def add_arguments(verb: Command) -> None:
         "--driver",
         default="",
         metavar="NAME",
-        help="driver of the AV: siren (the paper's), idm, learned, lawful-PLACE, FAULT-PLACE or an ONNX file; with "
-        "BAG, the driver's name on the certificate",
+        help="driver of the AV: siren (the paper's), idm, learned, pulls-over, lawful-PLACE, FAULT-PLACE or an ONNX "
+        "file; with BAG, the driver's name on the certificate",
     )
     verb.add_argument("--av", default="", metavar="PROGRAM", help="command line of a ROS program that drives the AV")
     verb.add_argument("--real-time", action="store_true", help="a step of the program's episodes takes 0.05 s")

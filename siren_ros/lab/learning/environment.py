@@ -17,11 +17,13 @@ from siren_ros.data.recording.bag_folder import default_bag_path_of
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.lab.learning.options import OFF_ROAD_M, TERMS, Action, EnvOptions, Observation, terms_of, weights_of
 from siren_ros.lab.learning.rollout import Rollout, Seat, SeatState, SeatView
+from siren_ros.lab.learning.snapshot import Snapshot, drop_snapshot, take_snapshot
 from siren_ros.lab.learning.top_view import RasterView, TopView, Window
 from siren_ros.reports.exam.grading import examine, load_rulebook
 from siren_ros.running.generation.closed_loop import RecordedEpisode, record_of
 from siren_ros.running.seat.policy import Aim, Manoeuvre, aim_of, by_manoeuvre, by_pedals, features_of
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.world.commands import AvControl
 
 _TRIES: Final = 20
@@ -129,6 +131,8 @@ class BaseEnv:
         self._take_up(options)
         self._drivers: dict[Seat, _Driver] = {}
         self.rollout: Rollout | None = None
+        self._snapshots: dict[EpisodeRequest, Snapshot] = {}
+        """Of the episodes that were begun last, the latest at the end."""
 
     def _take_up(self, options: EnvOptions) -> None:
         for seat in self.seats:
@@ -151,7 +155,7 @@ class BaseEnv:
             EpisodeError: SUMO failed before the first step.
         """
         self._take_up(self._own.changed(options or {}))
-        self.close()
+        self._end()
         tries = 1 if seed is not None else _TRIES
         for left in reversed(range(tries)):
             drawn = int(random.integers(*self.options.seeds)) if seed is None else seed
@@ -159,7 +163,7 @@ class BaseEnv:
                 self._begin(drawn)
                 break
             except (InputError, EpisodeError):
-                self.close()
+                self._end()
                 if not left:
                     raise
         return {
@@ -168,8 +172,19 @@ class BaseEnv:
         }
 
     def _begin(self, seed: int) -> None:
-        self.rollout = Rollout(self.options.request(seed, with_av=Seat.CIVILIAN in self.seats))
+        request = self.options.request(seed, with_av=Seat.CIVILIAN in self.seats)
+        self.rollout = Rollout(request, self._snapshot_of(request))
         self._drivers = {seat: _Driver(self.options, self.rollout, seat) for seat in self.seats}
+
+    def _snapshot_of(self, request: EpisodeRequest) -> Snapshot | None:
+        """The snapshot of an episode; a new one takes the place of the one that was used longest ago."""
+        if not self.options.snapshots:
+            return None
+        kept = self._snapshots
+        kept[request] = kept.pop(request) if request in kept else take_snapshot(request)
+        while len(kept) > self.options.snapshots:
+            drop_snapshot(kept.pop(next(iter(kept))))
+        return kept[request]
 
     def step(self, actions: Mapping[Seat, Any]) -> dict[Seat, SeatResult]:
         """Simulate until the next decision; returns results for drivers that had not ended before.
@@ -249,7 +264,12 @@ class BaseEnv:
         return self.present.save(bag)
 
     def close(self) -> None:
-        """End the episode."""
+        """End the episode, and the processes of all snapshots."""
+        self._end()
+        while self._snapshots:
+            drop_snapshot(self._snapshots.popitem()[1])
+
+    def _end(self) -> None:
         if self.rollout is not None:
             self.rollout.close()
         self._drivers, self.rollout = {}, None

@@ -206,6 +206,8 @@ class EnvOptions:
     """Rulebook that grades the driver in ``info`` at the end; empty for none."""
     seeds: tuple[int, int] = SEEDS
     """Range of seeds that are drawn: the first one, and the one after the last."""
+    snapshots: int = 0
+    """Number of episodes that wait after their warm-up, so that a reset to one of them begins at once."""
 
     def __post_init__(self) -> None:
         for name, kinds in (("observation", Observation), ("action", Action)):
@@ -219,6 +221,8 @@ class EnvOptions:
         first, after = self.seeds
         if not 0 <= first < after:
             raise InputError("seeds", self.seeds, "the first seed and the one after the last")
+        if self.snapshots < 0:
+            raise InputError("snapshots", self.snapshots, "0 or more")
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> "EnvOptions":

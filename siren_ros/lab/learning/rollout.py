@@ -12,6 +12,7 @@ from typing import ClassVar, Final, Self, cast
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
+from siren_ros.lab.learning.snapshot import Snapshot, run_of
 from siren_ros.running.generation.closed_loop import LoopStep, RecordedEpisode, closed_loop, record_episode
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.running.seat.sight import Sight, Way, sight_of
@@ -41,19 +42,20 @@ class Rollout:
     """One episode that is simulated step by step with the drivers' answers.
 
     A process has one SUMO. A rollout that begins takes it from another one, which takes it back when it goes on: it
-    simulates its steps again from its answers.
+    simulates its steps again from its answers. A rollout of a snapshot has a process of its own.
     """
 
     _running: ClassVar["Rollout | None"] = None
 
-    def __init__(self, request: EpisodeRequest) -> None:
-        """Set the episode up and simulate its first step.
+    def __init__(self, request: EpisodeRequest, snapshot: Snapshot | None = None) -> None:
+        """Set the episode up and simulate its first step, or begin a run of its snapshot.
 
         Raises:
             InputError: The request cannot be used.
             EpisodeError: SUMO failed before the first step.
         """
-        self.setup: EpisodeSetup = set_up_episode(request)
+        self.setup: EpisodeSetup = snapshot[0] if snapshot else set_up_episode(request)
+        self._snapshot = snapshot
         self.request = request
         self.network = right_hand_image(self.setup.network)
         self.actors: dict[int, ActorDescription] = {}
@@ -131,18 +133,21 @@ class Rollout:
         """End SUMO; a second call has no effect."""
         if self._loop is not None:
             self._loop.close()
-            self._loop = None
+            self._loop = self._snapshot = None
         if Rollout._running is self:
             Rollout._running = None
 
     def _begin(self) -> None:
         """Simulate from the first step through all given answers."""
-        if Rollout._running is not None:
-            Rollout._running.taken = True
-        self._free_sumo()
-        self.taken = False
-        self._loop = closed_loop(self.setup, self.setup.steps)
-        Rollout._running = self
+        if self._snapshot is not None:
+            self._loop = run_of(self._snapshot)
+        else:
+            if Rollout._running is not None:
+                Rollout._running.taken = True
+            self._free_sumo()
+            self.taken = False
+            self._loop = closed_loop(self.setup, self.setup.steps)
+            Rollout._running = self
         first = self._next(None)
         if not self.steps:
             self._take(first)

@@ -175,8 +175,9 @@ class SumoSimulation:
     ) -> None:
         self.close()
 
-    def close(self) -> None:
-        """End SUMO; may be called twice."""
+    @staticmethod
+    def close() -> None:
+        """End this process's SUMO; may be called twice."""
         if SumoSimulation._running:
             SumoSimulation._running = False
             libsumo.close()

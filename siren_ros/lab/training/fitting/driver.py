@@ -26,14 +26,13 @@ from siren_ros.lab.learning.rollout import SeatState
 from siren_ros.lab.training.fitting.descent import Descent, exported
 from siren_ros.lab.training.settings import DriverFit
 from siren_ros.reports.exam.grading import VIOLATED
-from siren_ros.running.seat.drivers.learned import INPUT, OUTPUT
+from siren_ros.running.seat.drivers.learned import BY_RULE, INPUT, OUTPUT, comes_from_behind
 from siren_ros.running.seat.policy import VECTOR_SIZE, Manoeuvre
 
 Layers = tuple[tuple[Floats32, Floats32], ...]
 """Layers of a network, first one first: matrices, shape ``(outputs, inputs)``, and offsets, with tanh between
 layers."""
 _IN_LINE_M: Final = 3.0
-_IN_LINE_GAP_M: Final = 40.0
 _HEARD_GAP_M: Final = 60.0
 
 
@@ -47,24 +46,24 @@ def keeps_lane(_observation: npt.NDArray[Any], _state: SeatState) -> int:
 
 
 def pulls_over(_observation: npt.NDArray[Any], state: SeatState) -> int:
-    """Expert that pulls over while a siren approaches from behind in its lane."""
-    return Manoeuvre.PULL_OVER if _comes(state, _IN_LINE_GAP_M, _IN_LINE_M) else Manoeuvre.KEEP
+    """Expert that is the exam's driver ``pulls-over``."""
+    return BY_RULE.choose(state.sight)
 
 
 def goes_right(_observation: npt.NDArray[Any], state: SeatState) -> int:
     """Expert that changes to the right while a siren approaches from behind, and continues there."""
-    return Manoeuvre.RIGHT if _comes(state, _HEARD_GAP_M) and _lane_on_the_right(state) else Manoeuvre.KEEP
+    return (
+        Manoeuvre.RIGHT
+        if comes_from_behind(state.sight, _HEARD_GAP_M) and _lane_on_the_right(state)
+        else Manoeuvre.KEEP
+    )
 
 
 def goes_right_or_pulls_over(observation: npt.NDArray[Any], state: SeatState) -> int:
     """Expert that changes to the right, and pulls over in the rightmost lane."""
-    if _comes(state, _HEARD_GAP_M, _IN_LINE_M) and not _lane_on_the_right(state):
+    if comes_from_behind(state.sight, _HEARD_GAP_M, _IN_LINE_M) and not _lane_on_the_right(state):
         return Manoeuvre.PULL_OVER
     return goes_right(observation, state)
-
-
-def _comes(state: SeatState, gap_m: float, aside_m: float = np.inf) -> bool:
-    return any(siren.behind and siren.gap_m < gap_m and abs(siren.left_m) < aside_m for siren in state.sight.sirens)
 
 
 def _lane_on_the_right(state: SeatState) -> bool:

@@ -17,7 +17,7 @@ from siren_ros.running.seat.control import (
     steered,
 )
 from siren_ros.running.seat.drivers.lawful import FAULTS, HABITS, LawfulDriver, faulty
-from siren_ros.running.seat.drivers.learned import SHIPPED, open_driver
+from siren_ros.running.seat.drivers.learned import BY_RULE, SHIPPED, open_driver
 from siren_ros.running.seat.sight import Sight
 from siren_ros.simulation.world.commands import AvControl
 
@@ -68,12 +68,14 @@ def _learned() -> Driver[Any]:
 DRIVERS: Final[Mapping[str, Callable[[], Driver[Any]]]] = {
     "idm": LaneKeeper,
     "learned": _learned,
+    "pulls-over": lambda: BY_RULE,
     **{f"lawful-{place}": partial(_lawful, place) for place in HABITS},
     **{f"{fault}-{place}": partial(_faulty, fault, place) for fault in FAULTS for place in HABITS},
 }
 """Constructor of each driver.
 
-``idm``, the one that ``siren train driver`` made, and for each place a lawful one and one with each fault.
+``idm``, the one that ``siren train driver`` made, the rule that is better, and for each place a lawful one and one
+with each fault.
 """
 
 

@@ -131,7 +131,7 @@ def test_it_imitates_the_best_and_drives_too_after_the_first_round(tmp_path: Pat
     assert len(lines) == 2
     driver = open_driver(tmp_path / "driver.onnx")
     assert driver.steps_per_decision == 10
-    assert driver.network.card["task"]["duration_s"] == 3.0
+    assert driver.choose.args[0].card["task"]["duration_s"] == 3.0
     again = trained_driver(tmp_path / "again.onnx", CONFIG, 1, lines.append)
     assert again["sha256"] == card["sha256"]
 
@@ -146,7 +146,7 @@ def test_a_network_can_learn_what_a_rule_does(tmp_path: Path) -> None:
     over = False
     while not over:
         action = pulls_over(observation, env.moment)
-        (logits,) = driver.network.session.run([OUTPUT], {INPUT: observation[None]})
+        (logits,) = driver.choose.args[0].session.run([OUTPUT], {INPUT: observation[None]})
         assert observation.shape == (VECTOR_SIZE,)
         same.append(int(np.argmax(logits[0])) == action)
         pulled.append(action == Manoeuvre.PULL_OVER)

@@ -1,5 +1,6 @@
 import hashlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,13 @@ def test_it_chooses_the_manoeuvre_with_the_greatest_output(tmp_path: Path) -> No
         assert state.decided == 7
 
 
+def test_the_rule_pulls_over_for_whoever_comes_in_the_own_lane() -> None:
+    driver = driver_of("pulls-over")
+    for emv_m, manoeuvre in ((20.0, Manoeuvre.PULL_OVER), (80.0, Manoeuvre.KEEP)):
+        state, _ = driver.step(driver.start, at(7, emv_m=emv_m))
+        assert state.aim.manoeuvre is manoeuvre
+
+
 def test_it_decides_as_often_as_it_did_when_it_learned(tmp_path: Path) -> None:
     driver = driver_of(str(written(tmp_path / "driver.onnx")))
     state, _ = driver.step(driver.start, at(3))
@@ -126,7 +134,9 @@ def test_weights_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
 
 def test_outputs_that_become_infinite_later_are_refused_at_that_step(tmp_path: Path) -> None:
     driver = driver_of(str(written(tmp_path / "driver.onnx", weight=3e38)))
-    driver = replace(driver, network=replace(driver.network, session=Scaled(driver.network.session)))
+    network, path = driver.choose.args
+    scaled = replace(network, session=Scaled(network.session))
+    driver = replace(driver, choose=partial(driver.choose.func, scaled, path))
     with pytest.raises(InputError, match="finite numbers"):
         driver.step(driver.start, at(7, emv_m=20.0))
 

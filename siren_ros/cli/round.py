@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
 
 from tqdm import tqdm
 
@@ -13,22 +12,17 @@ from siren_ros.base.tables import text_of
 from siren_ros.cli.command import complain
 from siren_ros.cli.generate import add_matrix, asked_of
 from siren_ros.cli.options import add_processes, processes_of, steps_of
-from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.reports.round.board import publish_round, score_round, tables_of, verify_round
-from siren_ros.reports.round.sealed_round import MAPS, PUBLIC, QUESTIONS, make_round, read_content
-from siren_ros.running.studies.matrix import Study
-from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS, causal_answer, predictors_named
-from siren_ros.scoring.evaluation.prediction.questions import batch_of, rows_of, write_answers
-from siren_ros.simulation.roads.net_parser import parse_road_network
-
-_DEFAULT: Final = Study(("S2", "S3", "S4"), seeds=(0, 1))
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.reports.round.board import kind_of, make_round, publish_round, score_round, tables_of, verify_round
+from siren_ros.reports.round.kinds import KINDS, PREDICTION
+from siren_ros.reports.round.sealed_round import PUBLIC, ROUND_FILE, read_content
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
-        "Holds a round of trajectory prediction on sealed episodes: participants get one question of each, and the "
-        "salt from which all episodes follow when the round is over."
+        "Holds a round of prediction, detection or the exam on sealed episodes: participants get a question of each, "
+        "and the salt from which all episodes follow when the round is over."
     )
     actions = verb.add_subparsers(title="actions", metavar="ACTION", required=True)
 
@@ -39,16 +33,18 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
     line = action("make", make, "make sealed episodes and their questions; only the folder public leaves your machine")
     line.add_argument("round", type=Path, metavar="ROUND", help="new folder of the round")
-    add_matrix(line.add_argument_group("the matrix of the episodes"), "S2 S3 S4", "their own", "0:2")
+    tasks = "; ".join(f"{name}: {kind.title}" for name, kind in KINDS.items())
+    line.add_argument("--task", default=PREDICTION, choices=tuple(KINDS), help=f"{tasks} (default %(default)s)")
+    line.add_argument("--rulebook", default="international", metavar="NAME", help="of an exam (default %(default)s)")
+    add_matrix(line.add_argument_group("the matrix of the episodes"), "S2 S3 S4; exam: S1 to S7", "their own", "0:2")
     add_processes(line)
-    line = action("answer", answer, "answer the questions of a round with a predictor of the project")
+    line = action("answer", answer, "answer the questions of a round with a model of the project")
     line.add_argument("public", type=Path, metavar="PUBLIC", help="public folder of the round")
-    names = ", ".join(PREDICTORS)
     line.add_argument(
-        "--model", default="siren", choices=tuple(PREDICTORS), metavar="NAME", help=f"{names} (default %(default)s)"
+        "--model", default="siren", metavar="NAME", help="predictor, detector or driver (default %(default)s)"
     )
-    line.add_argument("--out", type=Path, metavar="FILE.parquet", required=True, help="file of predictions to write")
-    line = action("score", score, "score submissions: NAME.parquet, or folders NAME with a program's command line")
+    line.add_argument("--out", type=Path, metavar="FILE", required=True, help="NAME.parquet, .json or .txt to write")
+    line = action("score", score, "score submissions: files of answers, or folders NAME with a program's command line")
     line.add_argument("round", type=Path, metavar="ROUND", help="folder of the round")
     line.add_argument("submissions", type=Path, metavar="DIR", help="folder with the submissions")
     line.add_argument("--container", default="", metavar="IMAGE", help="run programs in a container of this image")
@@ -58,6 +54,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     line.add_argument(
         "--memory-mb", type=int, default=MEMORY_MB, metavar="MB", help="memory of a program (default %(default)d)"
     )
+    add_processes(line)
     line = action("publish", publish, "write salt, plan, answers and board for everybody")
     line.add_argument("round", type=Path, metavar="ROUND", help="folder of the round")
     line.add_argument("--out", type=Path, metavar="FOLDER", required=True, help="new folder to publish")
@@ -69,25 +66,22 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def make(arguments: argparse.Namespace) -> int:
     """Makes the round."""
-    study = replace(_DEFAULT, **asked_of(arguments))
+    kind = KINDS[arguments.task]
+    study = replace(kind.study, **asked_of(arguments))
+    how = processes_of(arguments)
     with tqdm(unit="episode", desc="round", disable=None) as bar:
-        content = make_round(study, arguments.round, processes_of(arguments), steps_of(bar))
+        rules = kind.rules(arguments.rulebook)
+        content = make_round(study, arguments.round, how, steps_of(bar), task=arguments.task, rules=rules)
     print(f"{arguments.round / PUBLIC}: {len(content['episodes'])} questions; commitment {content['commitment']}")
     return EXIT_OK
 
 
 def answer(arguments: argparse.Namespace) -> int:
-    """Writes a predictor's answers."""
-    predictor, rows = predictors_named([arguments.model])[arguments.model], []
-    networks: dict[str, Any] = {}
-    for file in sorted((arguments.public / QUESTIONS).glob("*.json")):
-        question = read_content(file, "episode", "map")
-        if (name := str(question["map"])) not in networks:
-            networks[name] = parse_road_network((arguments.public / MAPS / f"{Path(name).name}.net.xml").read_bytes())
-        batch = batch_of(question, networks[name])
-        rows += rows_of(question["episode"], batch, causal_answer(arguments.model, predictor, batch)[0])
-    write_answers(arguments.out, rows)
-    print(f"{arguments.out}: {len(rows)} paths")
+    """Writes a model's answers."""
+    kind = kind_of(read_content(arguments.public / ROUND_FILE, "task"))
+    if arguments.model not in kind.models:
+        raise InputError("model", arguments.model, f"one of {', '.join(kind.models)}")
+    print(f"{arguments.out}: {kind.answer(arguments.public, arguments.model, arguments.out)} answers")
     return EXIT_OK
 
 
@@ -99,12 +93,13 @@ def score(arguments: argparse.Namespace) -> int:
         answer_s=arguments.answer_s,
         memory_mb=arguments.memory_mb,
         container=arguments.container,
+        processes=processes_of(arguments),
     )
     print("\n".join(text_of(tables_of(board))))
     for name, reason in board["refused"].items():
         complain(f"siren round: {name} is refused: {reason}")
-    for name, error_m in board["flagged"].items():
-        complain(f"siren round: {name} is flagged: its error of {error_m:.3f} m is below the floor of any model")
+    for name, reason in board["flagged"].items():
+        complain(f"siren round: {name} is flagged: {reason}")
     return EXIT_FAILED if board["refused"] or board["flagged"] else EXIT_OK
 
 

@@ -98,6 +98,22 @@ def isolation() -> str:
     return "program, without other files" if _landlock() > 0 else "program, with limits alone"
 
 
+def limited(words: Sequence[str], home: str, readable: Sequence[Path], memory_mb: int, processor_s: float) -> list[str]:
+    """The command line of a program within limits, which writes to its home alone.
+
+    Args:
+        words: Its own command line, with the path of the program.
+        home: A folder that is its own.
+        readable: What it may read besides the system's files.
+        memory_mb: Memory of each process.
+        processor_s: Processor time of each process.
+    """
+    limits = (memory_mb * 2**20, int(processor_s) + 1, _FILE_BYTES, 0)
+    places = os.pathsep.join((_SYSTEM, *(str(place.resolve()) for place in readable)))
+    about = (str(_landlock()), home, places, *map(str, limits))
+    return [sys.executable, "-I", "-S", "-c", _WITH_LIMITS, *about, *words]
+
+
 @contextmanager
 def asked_program(
     words: Sequence[str],
@@ -124,18 +140,15 @@ def asked_program(
     Raises:
         InputError: The program cannot be started; from the function: it ends, is too late, or says too much.
     """
-    limits = (memory_mb * 2**20, int(processor_s) + 1, _FILE_BYTES, 0)
     found = None if os.sep in words[0] else shutil.which(words[0], path=os.defpath)
     interpreter = [Path(found).resolve().parents[1]] if found else []
     words = [found or words[0], *words[1:]]
-    places = os.pathsep.join((_SYSTEM, *(str(place.resolve()) for place in (*readable, *interpreter))))
     with tempfile.TemporaryDirectory(prefix="siren-asked-") as home, tempfile.TemporaryFile() as said:
         environment = {"PATH": os.defpath, "LANG": "C.UTF-8", "HOME": home, "TMPDIR": home}
         if not readable:  # a container's engine needs that of its user; the program in it gets none of it
             environment = dict(os.environ)
-        about = (str(_landlock()), home, places, *map(str, limits))
         program = subprocess.Popen(  # noqa: S603 - a program that the organiser was asked to run, no shell
-            [sys.executable, "-I", "-S", "-c", _WITH_LIMITS, *about, *words] if readable else words,
+            limited(words, home, (*readable, *interpreter), memory_mb, processor_s) if readable else words,
             cwd=folder,
             env=environment,
             stdin=subprocess.PIPE,

@@ -96,19 +96,24 @@ class Certificate(Brief):
 
         A clause is violated too often where the 95 % interval of its share is above what the rulebook allows.
         """
-        rare, often = [], []
-        for group, least in self.rulebook.coverage.items():
-            count = sum(
-                any(mark.clause.group == group and mark.grade is not Grade.NOT_APPLICABLE for mark in sitting.marks)
-                for sitting in self.graded
-            )
-            if count < least:
-                rare.append(f"{group}: applied in {count} episodes, at least {least} are needed")
+        often, counts, least = [], self.coverage(), self.rulebook.coverage
+        rare = [
+            f"{group}: applied in {count} episodes, at least {least[group]} are needed"
+            for group, count in counts.items()
+            if count < least[group]
+        ]
         for number, clause in enumerate(self.rulebook.clauses):
             violated, applied = self.violated(number)
             if applied and share_interval(violated, applied).low > self.rulebook.most_minor:
                 often.append(f"{clause.title}: violated in {violated} of {applied} episodes")
         return (*rare, *often)
+
+    def coverage(self) -> dict[str, int]:
+        """In how many episodes any clause of each group applied."""
+        applied = [
+            {mark.clause.group for mark in one.marks if mark.grade is not Grade.NOT_APPLICABLE} for one in self.graded
+        ]
+        return {group: sum(group in groups for groups in applied) for group in self.rulebook.coverage}
 
     def violated(self, number: int) -> tuple[int, int]:
         """In how many episodes a clause was violated, and in how many it applied."""

@@ -1,74 +1,165 @@
-"""The board of a round: submissions are scored, ranked and published, and anybody can verify all of it.
+"""A round: made of sealed episodes; its submissions are scored, ranked and published, and anybody can verify all of it.
 
-A submission is a file of predictions, ``NAME.parquet``, or a folder ``NAME`` whose file ``command`` is the command line
-of a program. One that cannot be scored is refused by its name; the others are ranked.
+``KINDS`` says what a submission is: a file of answers, or a folder, such as one whose file ``command`` is the command
+line of a program. One that cannot be scored is refused by its name; the others are ranked.
 """
 
+import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from glob import escape
 from pathlib import Path
-from shlex import split
-from typing import Any, Final
-
-import numpy as np
+from types import MappingProxyType
+from typing import Final
 
 from siren_ros import __version__
-from siren_ros.base.params.plain_files import load_json, sha256_of, sha256_of_file
-from siren_ros.base.processes.asked_program import (
-    ANSWER_S,
-    MEMORY_MB,
-    READ_AT,
-    asked_program,
-    container_words,
-    isolation,
-)
+from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.params.plain_files import sha256_of
+from siren_ros.base.processes.asked_program import ANSWER_S, MEMORY_MB, isolation
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.base.tables import Row, Table, interval_of_json
-from siren_ros.errors import InputError, SirenError, shown_text, write_text, writing
+from siren_ros.data.episode_source import bag_sha256
+from siren_ros.data.recording.bag_reader import read_episode
+from siren_ros.errors import EpisodeError, InputError, SirenError, shown_text, write_text, writing
+from siren_ros.reports.round.kinds import KINDS, PREDICTION, Kind
 from siren_ros.reports.round.sealed_round import (
     BAGS,
+    COMMAND_FILE,
     MAPS,
     PLAN_FILE,
     PRIVATE,
     PUBLIC,
+    QUESTIONS,
     ROUND_FILE,
     SALT_FILE,
-    made_episode,
+    SOURCES,
+    kept_request,
     question_file,
-    questions_with_truth,
     read_content,
     read_plan,
+    request_in,
+    write_json,
 )
 from siren_ros.reports.study_report.page import Page, Section, html_of
-from siren_ros.running.generation.episode_setup import present_versions
-from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
-from siren_ros.scoring.evaluation.prediction.questions import (
-    Answer,
-    Content,
-    errors_of,
-    floor_of,
-    rows_in,
-    write_answers,
-)
-from siren_ros.scoring.evaluation.prediction.samples import ScoredSamples
-from siren_ros.scoring.evaluation.prediction.submission import ROWS_OF_FRAME, read_prediction_file, submission
+from siren_ros.running.generation.closed_loop import record_episode
+from siren_ros.running.generation.episode_setup import present_versions, set_up_episode
+from siren_ros.running.studies.matrix import Study, plan_study
+from siren_ros.scoring.evaluation.prediction.questions import Content
 from siren_ros.scoring.evaluation.scores import Score, Scores, csv_of, leaderboard, standings
-from siren_ros.scoring.evaluation.statistics import BlockSums, block_sums, interval_of_mean
+from siren_ros.scoring.evaluation.statistics import BlockSums
+from siren_ros.simulation.scenario.episode import EpisodeEnd
+from siren_ros.simulation.scenario.sealing import commitment, write_salt
 
-COMMAND_FILE: Final = "command"
 BOARD_FILE: Final = "board.json"
 ANSWERS: Final = "answers"
 SCORES: Final = "scores"
-METRIC: Final = "ADE in metres"
+_NO_RULES: Final[Mapping[str, str]] = MappingProxyType({})
 _HASHED: Final = ("map", "bag", "question")
-FLOOR_MODELS: Final = ("cv", "idm_stop", "ca", "ctra", "cv_lane", "decay_lane", "decay_stop", "imm", "siren")
-"""Models of the floor: those of the project that need no other package."""
+
+
+def make_round(
+    study: Study,
+    out: Path,
+    processes: int = 1,
+    on_episode: Callable[[], None] = lambda: None,
+    *,
+    task: str = PREDICTION,
+    rules: Content = _NO_RULES,
+) -> Content:
+    """Make a round.
+
+    Args:
+        study: The episodes. Their order and their names in the round say nothing.
+        out: Folder of the round; it must not exist.
+        processes: How many episodes are made at once.
+        on_episode: Called after each.
+        task: Name of its kind in ``KINDS``.
+        rules: What everybody is told of the rules (``Kind.rules``).
+
+    Returns:
+        The content of the public ``round.json``.
+
+    Raises:
+        InputError: The study or the folder cannot be used.
+        BagError: In an episode nobody stays around the EMV for 8 s.
+        EpisodeError: An episode fails.
+    """
+    planned = [episode.request for episode in plan_study(study)]
+    public, private = out / PUBLIC, out / PRIVATE
+    with writing(out, "new folder"):
+        out.mkdir(parents=True)
+        for folder in (public / QUESTIONS, public / MAPS, private / BAGS, private / SOURCES):
+            folder.mkdir(parents=True)
+        private.chmod(0o700)
+    salt = write_salt(private / SALT_FILE)
+    order = random_stream(int.from_bytes(salt), "round/order").permutation(len(planned)).tolist()
+    plan = {
+        "task": task,
+        "rules": dict(rules),
+        "episodes": [
+            {"name": f"episode{number:03d}", "request": kept_request(planned[place], private).to_json()}
+            for number, place in enumerate(order, 1)
+        ],
+        "versions": dict(present_versions()),
+    }
+    write_json(private / PLAN_FILE, plan)
+    told = []
+    with ProcessPool(min(processes, len(order))) as pool:
+        calls = [(task, episode, private, private / BAGS, public) for episode in plan["episodes"]]
+        for made in pool.map(made_episode, calls, on_episode):
+            told.append({key: made[key] for key in ("name", "map_sha256", "bag_sha256", "question_sha256")})
+            write_text(question_file(public, made["name"]), made["question"])
+            write_text(public / MAPS / f"{made['map_sha256']}.net.xml", made["net"])
+    content = {
+        "task": task,
+        "rules": plan["rules"],
+        "commitment": commitment(salt, plan),
+        "versions": plan["versions"],
+        "episodes": told,
+    }
+    write_json(public / ROUND_FILE, content)
+    return content
+
+
+def made_episode(task: str, episode: Content, folder: Path, bags: Path, public: Path) -> Content:
+    """Simulate an episode of a plan, and tell its question and the hashes of everything.
+
+    Args:
+        task: Kind of the round.
+        episode: Its part of the plan.
+        folder: Folder with the salt.
+        bags: Folder that gets its bag.
+        public: Folder that gets what participants need besides the question.
+
+    Raises:
+        EpisodeError: It fails.
+    """
+    request, bag = request_in(episode, folder), bags / episode["name"]
+    outcome = record_episode(set_up_episode(request), bag).outcome
+    if outcome.end is not EpisodeEnd.COMPLETE:
+        raise EpisodeError(f"{episode['name']}: {outcome.reason}")
+    record = read_episode(bag)
+    question = json.dumps(KINDS[task].question(episode["name"], request, record, bag, public))
+    return {
+        "name": episode["name"],
+        "map_sha256": record.description.map_sha256,
+        "bag_sha256": bag_sha256(bag),
+        "question_sha256": hashlib.sha256(question.encode()).hexdigest(),
+        "question": question,
+        "net": record.map_xml.decode(),
+    }
 
 
 def score_round(
-    folder: Path, submissions: Path, *, answer_s: float = ANSWER_S, memory_mb: int = MEMORY_MB, container: str = ""
+    folder: Path,
+    submissions: Path,
+    *,
+    answer_s: float = ANSWER_S,
+    memory_mb: int = MEMORY_MB,
+    container: str = "",
+    processes: int = 1,
 ) -> Content:
     """Score all submissions in a folder, and write the board and the answers that it follows from.
 
@@ -78,6 +169,7 @@ def score_round(
         answer_s: Wall time that a program has for an answer.
         memory_mb: Memory of each process of a program.
         container: Image of the container in which programs run; empty for processes with limits (``isolation``).
+        processes: How many episodes drivers drive at once.
 
     Returns:
         The content of the board.
@@ -87,102 +179,69 @@ def score_round(
     """
     private, out = folder / PRIVATE, folder / SCORES
     plan = read_plan(private)
-    questions = questions_with_truth(plan, private, private / BAGS)
-    found = sorted(submissions.glob("*"))
-    known = [path for path in found if path.suffix == ".parquet" or (path / COMMAND_FILE).is_file()]
-    paths = [path for path in known if not path.is_symlink()]
+    kind = kind_of(plan)
+    paths = [path for path in sorted(submissions.glob("*")) if _is_submission(path, kind)]
     names = [shown_text(path.stem) for path in paths]
     if not paths or len(set(names)) < len(names):
-        raise InputError("submissions", str(submissions), f"NAME.parquet and folders NAME/{COMMAND_FILE}, each once")
+        known = ", ".join([*(f"NAME{suffix}" for suffix in kind.suffixes), f"folders NAME/{kind.holds}"])
+        raise InputError("submissions", str(submissions), f"{known}, each once")
+    judged, common = kind.judge(plan, private, private / BAGS)
     with writing(out, "folder"):
         shutil.rmtree(out, ignore_errors=True)
         (out / ANSWERS).mkdir(parents=True)
-    refused, about = {}, {}
+    refused, about, found = {}, {}, {}
     for name, path in zip(names, paths, strict=True):
-        file = out / ANSWERS / f"{name}.parquet"
         about[name] = {"sha256": sha256_of(path), "kind": "file"}
+        if (path / COMMAND_FILE).is_file():
+            about[name]["kind"] = f"program, container {container}" if container else isolation()
         try:
-            if path.is_dir():
-                about[name]["kind"] = f"program, container {container}" if container else isolation()
-                write_answers(file, _asked(path, folder / PUBLIC, list(questions), answer_s, memory_mb, container))
-            else:
-                shutil.copyfile(path, file)
-            errors_of(questions, _read(file, len(questions)))
+            limits = answer_s, memory_mb, container, processes
+            file = kind.take(path, out / ANSWERS / name, private, plan, limits)
+            found[file] = judged(file)
         except (SirenError, OSError) as error:
-            file.unlink(missing_ok=True)
-            refused[name] = shown_text(str(error).replace(f"{submissions}/", "").replace(f"{out / ANSWERS}/", ""))
-    content = {**board_of(plan, questions, out / ANSWERS), "refused": refused, "submissions": about}
+            for left in (out / ANSWERS).glob(f"{escape(name)}*"):
+                if left.stem == name:
+                    shutil.rmtree(left) if left.is_dir() else left.unlink()
+            places = (f"{submissions}/", f"{out / ANSWERS}/")
+            refused[name] = shown_text(str(error).replace(places[0], "").replace(places[1], ""))
+    content = {**_board(plan, common, found, out / ANSWERS), "refused": refused, "submissions": about}
     content |= {"limits": {"answer_s": answer_s, "memory_mb": memory_mb}}
-    write_text(out / BOARD_FILE, json.dumps(content, indent=1) + "\n")
+    write_json(out / BOARD_FILE, content)
     return content
 
 
-def _read(file: Path, questions: int) -> Any:
-    return submission(read_prediction_file(file, ROWS_OF_FRAME * questions))
+def kind_of(content: Content) -> Kind:
+    """The kind of a plan or of a public part; InputError if there is none."""
+    if content.get("task") not in KINDS:
+        raise InputError("round", content.get("task"), f"a round of {', '.join(KINDS)}")
+    return KINDS[content["task"]]
 
 
-def _asked(
-    program: Path, public: Path, names: Sequence[str], answer_s: float, memory_mb: int, container: str
-) -> list[Answer]:
-    """The rows that a program answers, question by question."""
-    with tempfile.TemporaryDirectory(prefix="siren-maps-") as readable:
-        shutil.copytree(public / MAPS, readable, dirs_exist_ok=True)
-        try:
-            words = split((program / COMMAND_FILE).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError("program", program.name, f"a command line in {COMMAND_FILE} ({error})") from error
-        processor_s = answer_s * len(names)
-        if container:
-            words = [*container_words(container, program, Path(readable), memory_mb, processor_s), *words]
-        words = [*words, READ_AT if container else readable]
-        rows: list[Answer] = []
-        with asked_program(
-            words,
-            program,
-            answer_s=answer_s,
-            memory_mb=memory_mb,
-            processor_s=processor_s,
-            readable=() if container else (program, Path(readable)),
-        ) as ask:
-            for name in names:
-                question = question_file(public, name).read_text(encoding="utf-8")
-                try:
-                    answer = load_json(ask(question))
-                except ValueError as error:
-                    raise InputError("answer", f"{program.name}: {error}", "a line of JSON") from error
-                rows += rows_in(load_json(question), answer)
-        return rows
+def _is_submission(path: Path, kind: Kind) -> bool:
+    if path.is_symlink() or path.name.startswith("."):
+        return False
+    return any(path.glob(kind.holds)) if path.is_dir() else path.suffix in kind.suffixes
 
 
-def board_of(plan: Content, questions: Mapping[str, ScoredSamples], answers: Path) -> Content:
-    """What follows from the answers: rows, differences, the floor, and who is below it and not ranked.
-
-    Raises:
-        InputError: No answers can be scored.
-    """
-    files = sorted(answers.glob("*.parquet"))
-    if not files:
+def _board(
+    plan: Content, common: Content, found: Mapping[Path, tuple[BlockSums, str, Content]], answers: Path
+) -> Content:
+    """What follows from the answers: rows, differences, who is flagged and not ranked, and what else is told."""
+    if not found:
         raise InputError("submissions", str(answers), "one that can be scored")
-    kinds = [str(one["request"]["template"]) for one in plan["episodes"]]
-    stratum = np.unique(kinds, return_inverse=True)[1]
-
-    def sums_of(errors: list[Any]) -> BlockSums:
-        return block_sums(np.concatenate(errors), np.repeat(np.arange(len(errors)), [*map(len, errors)]), stratum)
-
-    sums = {file.stem: sums_of(errors_of(questions, _read(file, len(questions)))) for file in files}
-    floor = interval_of_mean(sums_of(floor_of(questions, predictors_named(FLOOR_MODELS)))).value
-    means = {name: interval_of_mean(of_name).value for name, of_name in sums.items()}
-    fair = {name: of_name for name, of_name in sums.items() if means[name] >= floor}
-    rows = standings(fair, METRIC, less_is_better=True) if fair else ()
+    kind = kind_of(plan)
+    fair = {file.stem: sums for file, (sums, flag, _) in found.items() if not flag}
+    rows = standings(fair, kind.metric, less_is_better=kind.less_is_better) if fair else ()
     values, differences = ([row.json() for row in rows if bool(row.against) is tested] for tested in (False, True))
     return {
-        "task": "prediction",
+        "task": plan["task"],
         "version": __version__,
         "rows": values,
         "differences": differences,
-        "floor": {"models": list(FLOOR_MODELS), "ade_m": floor},
-        "flagged": {name: mean for name, mean in means.items() if name not in fair},
-        "answers": {file.stem: sha256_of_file(file) for file in files},
+        **common,
+        "flagged": {file.stem: flag for file, (_, flag, _) in found.items() if flag},
+        "told": {file.stem: told for file, (_, _, told) in found.items() if told},
+        "answers": {file.stem: sha256_of(file) for file in found},
     }
 
 
@@ -194,17 +253,17 @@ def publish_round(folder: Path, out: Path) -> None:
     """
     private, scores = folder / PRIVATE, folder / SCORES
     read_plan(private)
-    board = read_content(scores / BOARD_FILE, "rows", "differences", "floor", "flagged", "refused", "submissions")
+    board = read_content(scores / BOARD_FILE, "rows", "differences", "flagged", "refused", "submissions")
     told = read_content(folder / PUBLIC / ROUND_FILE, "commitment", "episodes")
     of_round = {"commitment": told["commitment"], "split": "sealed", "episodes": told["episodes"]}
     content = {**board, **of_round, "salt": (private / SALT_FILE).read_text(encoding="ascii").strip()}
     with writing(out, "new folder"):
         shutil.copytree(folder / PUBLIC, out)
-        shutil.copytree(private / "sources", out / "sources")
+        shutil.copytree(private / SOURCES, out / SOURCES)
         shutil.copytree(scores / ANSWERS, out / ANSWERS)
         for name in (SALT_FILE, PLAN_FILE):
             shutil.copyfile(private / name, out / name)
-    write_text(out / BOARD_FILE, json.dumps(content, indent=1) + "\n")
+    write_json(out / BOARD_FILE, content)
     write_text(out / "board.csv", csv_of(Scores.of_json(board).rows))
     write_text(out / "board.html", html_of(page_of(content)))
 
@@ -221,10 +280,10 @@ def page_of(board: Content) -> Page:
     of_submissions: list[Row] = [
         (
             name,
-            "refused" if name in refused else f"flagged, {flagged[name]:.3f} m" if name in flagged else "ranked",
+            "refused" if name in refused else "flagged" if name in flagged else "ranked",
             known["kind"],
             known["sha256"],
-            refused.get(name, ""),
+            refused.get(name, flagged.get(name, "")),
         )
         for name, known in about.items()
     ]
@@ -232,23 +291,24 @@ def page_of(board: Content) -> Page:
     episodes = [(one["name"], one["bag_sha256"], one["question_sha256"]) for one in board["episodes"]]
     sealed: list[Row] = [("salt", board["salt"]), ("commitment", board["commitment"]), ("split", board["split"])]
     sealed += [("SIREN", board["version"])]
-    floor = board["floor"]
-    models = ", ".join(floor["models"])
+    floor = board.get("floor", {})
     text = (
-        f"The floor is {floor['ade_m']:.3f} m: for each vehicle the best of all hypotheses of {models}.",
-        "A submission below the floor is not ranked before somebody has looked at it.",
+        (floor["text"], "A submission that is flagged is not ranked before somebody has looked at it.") if floor else ()
     )
+    known = dict.fromkeys(key for told in board["told"].values() for key in told)
+    more = [(name, *(told.get(key) for key in known)) for name, told in board["told"].items()]
+    told = (Table("told", "What else is known", ("submission", *known), tuple(more)),) if more else ()
     titles = ("episode", "SHA-256 of the bag", "of the question")
     seal = Table("sealed", "The seal", ("what", "value"), tuple(sealed))
     bags = Table("episodes", "Episodes", titles, tuple(episodes), folded=True)
     again = ("The command simulates the episodes again from the salt, and scores the answers again.",)
     given = Table("submissions", "Submissions", head, tuple(of_submissions))
     sections = (
-        Section("board", "Board", text, tables=(*tables_of(board), given)),
+        Section("board", "Board", text, tables=(*tables_of(board), *told, given)),
         Section("seal", "Seal", again, tables=(seal, bags), commands=("siren round verify FOLDER",)),
     )
     lead = f"{len(board['rows'])} of {len(about)} submissions are ranked on {len(episodes)} sealed episodes."
-    return Page("Round: trajectory prediction", lead, sections)
+    return Page(f"Round: {kind_of(board).title}", lead, sections)
 
 
 def _difference(row: Content) -> Score:
@@ -290,16 +350,34 @@ def _wrong_with(published: Path, kept: Path | None, processes: int, on_episode: 
         wrong.append(f"{ROUND_FILE} is not the one that participants got")
     if (board["episodes"], board["commitment"]) != (told["episodes"], told["commitment"]):
         wrong.append(f"{BOARD_FILE} is of another round")
+    kind = kind_of(plan)
     with tempfile.TemporaryDirectory(prefix="siren-verify-") as scratch:
-        bags, names = Path(scratch), {one["name"]: one for one in told["episodes"]}
+        bags, public, names = (
+            Path(scratch) / BAGS,
+            Path(scratch) / PUBLIC,
+            {one["name"]: one for one in told["episodes"]},
+        )
+        public.mkdir()
         with ProcessPool(min(processes, len(names))) as pool:
-            calls = [(episode, published, bags) for episode in plan["episodes"]]
+            calls = [(plan["task"], episode, published, bags, public) for episode in plan["episodes"]]
             for made in pool.map(made_episode, calls, on_episode):
                 known, name = names.get(made["name"], {}), made["name"]
                 others = [what for what in _HASHED if made[f"{what}_sha256"] != known.get(f"{what}_sha256")]
                 wrong += [f"{name}: the {what} does not follow from the salt" for what in others]
                 if question_file(published, name).read_text(encoding="utf-8") != made["question"]:
                     wrong.append(f"{name}: the file of the question is another one")
-        again = board_of(plan, questions_with_truth(plan, published, bags), published / ANSWERS)
+        for bag in sorted(public.glob("*/*")):
+            if sha256_of(bag) != sha256_of(published / bag.relative_to(public)):
+                wrong.append(f"{bag.name}: the published bag is another one")
+        answers = sorted((published / ANSWERS).iterdir())
+        judged, common = kind.judge(plan, published, bags)
+        found = {}
+        for file in answers:
+            try:
+                found[file] = judged(file)
+            except SirenError as error:
+                wrong.append(f"{file.stem}: {shown_text(str(error))}")
+        again = _board(plan, common, found, published / ANSWERS)
+    wrong += kind.forged(plan, published, answers)
     wrong += [f"{key} of {BOARD_FILE} do not follow from the answers" for key in again if again[key] != board.get(key)]
     return wrong

@@ -176,7 +176,7 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
         difference = _description_difference(record.description, setup.description)
         if difference is not None:
             return difference
-        answers = _answers_in(record)
+        answers = answers_in(record)
         # The limit on the residual can only end an episode; it changes no earlier step.
         last = max((state.step for state in record.states), default=-1)
         loop = closed_loop(setup, last + 1, residual_limit_m=math.inf)
@@ -184,8 +184,8 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
         return first_difference(record, steps) or _outcome_difference(record, setup, steps)
 
 
-def _answers_in(record: EpisodeRecord) -> dict[int, Controls]:
-    """Recorded answers of external drivers, by the step that they answered."""
+def answers_in(record: EpisodeRecord) -> dict[int, Controls]:
+    """Recorded answers of external drivers, by the step that they answered; the AV's and others'."""
     answers: dict[int, Controls] = {}
     for source, commands in record.commands.items():
         for command in commands:

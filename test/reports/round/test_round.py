@@ -15,8 +15,9 @@ from recorded_episode import quick_template
 from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError
-from siren_ros.reports.round.board import BOARD_FILE, publish_round, score_round, verify_round
-from siren_ros.reports.round.sealed_round import make_round, question_file, questions_with_truth, read_plan, request_in
+from siren_ros.reports.round.board import BOARD_FILE, make_round, publish_round, score_round, verify_round
+from siren_ros.reports.round.prediction import questions_with_truth
+from siren_ros.reports.round.sealed_round import question_file, read_plan, request_in
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.running.studies.matrix import Study
@@ -132,7 +133,7 @@ def test_who_cheats_gains_nothing_and_who_is_broken_stops_nobody(scored: Path) -
     assert set(values) == {"cv", "siren", "walks_on", "thief"}
     assert values["walks_on"] == pytest.approx(values["cv"], abs=1e-9)
     assert max(values.values()) == values["thief"] < 100.0  # no leak, of which each adds a kilometre
-    assert board["flagged"] == {"knows": 0.0}
+    assert board["flagged"] == {"knows": "its error of 0.000 m is below the floor of any model"}
     assert 0.0 < board["floor"]["ade_m"] < min(values.values())
     assert set(board["refused"]) == {"broken"}
     assert "not finite" in board["refused"]["broken"]

@@ -6,7 +6,7 @@ Pillars are the cells of a grid seen from above, the input of the network. After
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -263,53 +263,47 @@ _OWN_HALF_M: Final = (4.2, 1.35)
 """Half length and half width of a box around the carrier; returns inside it come from the carrier itself."""
 
 
-class _Sweep(NamedTuple):
-    step: int
-    xyzi: Floats32
-    map_from_lidar: Matrix
-
-
 @dataclass
 class SweepMemory:
     """Stores the last sweeps of one sensor."""
 
     sweeps: int
     """Number of sweeps, including the newest."""
-    _held: list[_Sweep] = field(default_factory=list)
+    _held: list[tuple[int, Floats32, Matrix]] = field(default_factory=list)
+    """Step, points and transform of each sweep, the newest first."""
 
     def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
         """Add the sweep of a step. If the step is not later than the last one, earlier sweeps are deleted.
 
         The points have the fields x, y, z and intensity and are in the LiDAR's frame.
         """
-        if self._held and step <= self._held[0].step:
+        if self._held and step <= self._held[0][0]:
             self._held.clear()
         columns = [points[name].astype(np.float32) for name in ("x", "y", "z", "intensity")]
         xyzi = np.stack(columns, axis=-1)
         own = (abs(xyzi[:, 0]) < _OWN_HALF_M[0]) & (abs(xyzi[:, 1]) < _OWN_HALF_M[1])
-        self._held.insert(0, _Sweep(step, xyzi[~own], map_from_lidar))
+        self._held.insert(0, (step, xyzi[~own], map_from_lidar))
         del self._held[self.sweeps :]
 
     @property
     def newest(self) -> tuple[int, Matrix] | None:
         """Step and transform ``map_from_lidar`` of the newest sweep; None without a sweep."""
-        return (self._held[0].step, self._held[0].map_from_lidar) if self._held else None
+        return self._held[0][::2] if self._held else None
 
     def points(self) -> Floats32:
         """All points in the frame of the newest sweep, newest first: x, y, z, intensity, age in seconds."""
         if not self._held:
             return np.zeros((0, 5), dtype=np.float32)
-        newest = self._held[0]
-        lidar_from_map = np.linalg.inv(newest.map_from_lidar)
+        newest_step, _, map_from_newest = self._held[0]
+        newest_from_map = np.linalg.inv(map_from_newest)
         parts = []
-        for sweep in self._held:
-            age_s = (newest.step - sweep.step) * STEP_S
-            table = np.empty((len(sweep.xyzi), 5), dtype=np.float32)
-            table[:, :3] = sweep.xyzi[:, :3]
-            if sweep is not newest:
-                moved = lidar_from_map @ sweep.map_from_lidar
-                table[:, :3] = sweep.xyzi[:, :3] @ moved[:3, :3].T.astype(np.float32) + moved[:3, 3].astype(np.float32)
-            table[:, 3], table[:, 4] = sweep.xyzi[:, 3], age_s
+        for number, (step, xyzi, map_from_lidar) in enumerate(self._held):
+            table = np.empty((len(xyzi), 5), dtype=np.float32)
+            table[:, :3] = xyzi[:, :3]
+            if number:
+                moved = newest_from_map @ map_from_lidar
+                table[:, :3] = xyzi[:, :3] @ moved[:3, :3].T.astype(np.float32) + moved[:3, 3].astype(np.float32)
+            table[:, 3], table[:, 4] = xyzi[:, 3], (newest_step - step) * STEP_S
             parts.append(table)
         return np.concatenate(parts)
 

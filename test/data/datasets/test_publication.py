@@ -5,7 +5,7 @@ import pytest
 from datasets.made_bag import Export
 
 from siren_ros.cli.main import main
-from siren_ros.data.datasets.publication import CROISSANT_FILE, check_copy, datasheet, files_of
+from siren_ros.data.datasets.publication import CROISSANT_FILE, check_copy, croissant, datasheet, files_of
 from siren_ros.data.episode_source import LICENCE, LICENCE_URL, UNKNOWN, licence_of_map
 from siren_ros.errors import InputError
 
@@ -44,6 +44,9 @@ def test_a_whole_copy_passes(dataset, capsys):
     assert main(["check", str(dataset)]) == 0
     assert "whole" in capsys.readouterr().out
     (dataset / "more.txt").write_text("mine")
+    (dataset / ".git").mkdir()
+    for hidden in (".DS_Store", ".git/config"):
+        (dataset / hidden).write_text("hidden")
     assert check_copy(dataset).further == ("more.txt",)
     assert main(["check", str(dataset)]) == 0
 
@@ -83,6 +86,11 @@ def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
 )
 def test_maps_keep_their_licences(name, file, licence):
     assert licence_of_map(name, file) == licence
+
+
+@pytest.mark.parametrize(("licence", "named"), [(LICENCE, LICENCE_URL), (UNKNOWN, UNKNOWN)])
+def test_the_metadata_have_the_licence_of_the_card(tmp_path, licence, named):
+    assert croissant(tmp_path, {"name": "n", "what": "Things", "licence": licence}, "1")["license"] == named
 
 
 def test_the_datasheet_names_licence_and_maps():

@@ -65,6 +65,13 @@ def test_says_what_is_missing_and_from_whom():
     ]
 
 
+def test_topics_of_several_periods_are_due_each_at_its_own_steps():
+    collector = StepCollector((topics.MAP, SLOW, replace(topics.ACTORS, period_steps=2)))
+    due = [text.split(" at step ") for text in collector.missing(11)[1:]]
+    steps = lambda topic: [int(step) for name, step in due if name.startswith(topic.name)]  # noqa: E731
+    assert (steps(SLOW), steps(ACTORS)) == ([0, 3, 6, 9], [0, 2, 4, 6, 8, 10])
+
+
 def test_nothing_is_recorded_before_the_latched_topics():
     collector = StepCollector(EXPECTED)
     for name, step in _arrivals()[1:]:
@@ -224,11 +231,12 @@ def test_an_interrupted_episode_keeps_what_arrived_of_its_last_step(tmp_path, en
     assert (outcome.end, outcome.reason, outcome.steps) == (end, "why", 4)
 
 
-def test_a_bag_without_every_step_that_was_closed_is_not_complete(tmp_path):
+@pytest.mark.parametrize("arrived", [3, 4])
+def test_a_bag_without_every_step_that_was_closed_is_not_complete(tmp_path, arrived):
     """Reports of steps alone, which another program can forge, do not make a bag complete."""
-    reason = r"5 steps were closed, and 3 are recorded; missing: /clock of cosim at step 3, "
+    reason = rf"5 steps were closed, and {arrived} are recorded; missing: /clock of cosim at step {arrived}, "
     with pytest.raises(EpisodeError, match=reason):
-        closed(tmp_path / "bag", 3, EpisodeClosing(5, EpisodeEnd.COMPLETE, ""))
+        closed(tmp_path / "bag", arrived, EpisodeClosing(5, EpisodeEnd.COMPLETE, ""))
     assert [path.name for path in tmp_path.iterdir()] == ["bag.partial"]
     with open_bag(tmp_path / "bag.partial") as bag:
         (end,) = [message for message in bag.messages() if message.topic == EPISODE_END.name]

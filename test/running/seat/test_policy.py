@@ -61,6 +61,7 @@ def test_the_own_numbers_are_those_of_the_scene() -> None:
 def test_a_red_line_is_seen_before_it(signal: str, near: bool) -> None:
     red = named(features_of(sight_at(signal=signal)))["red"]
     assert red == (pytest.approx((100.0 - 52.5) / 60.0, abs=_SPACING) if near else 1.0)
+    assert named(features_of(sight_at(own_m=106.0, signal=signal)))["red"] == 1.0, "it lies behind"
 
 
 def test_the_emv_is_seen_in_the_own_frame() -> None:

@@ -1,6 +1,7 @@
 """Rows of scores as files and data frames, how they are found, and the order of submissions."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -91,9 +92,10 @@ def test_a_clear_difference_is_found_and_none_is_not():
     assert same.p_adjusted > 0.5
 
 
-def test_other_blocks_are_refused():
+@pytest.mark.parametrize("other", [sums(BASE[:-1]), replace(sums(0.0 * BASE), count=0.0 * BASE)], ids=["fewer", "none"])
+def test_other_blocks_are_refused(other):
     with pytest.raises(InputError, match="same samples"):
-        standings({"a": sums(BASE), "b": sums(BASE[:-1])}, "error", less_is_better=True)
+        standings({"a": sums(BASE), "b": other}, "error", less_is_better=True)
 
 
 def test_the_table_names_every_row():

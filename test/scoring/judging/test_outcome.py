@@ -466,6 +466,10 @@ def test_a_civilian_counts_while_it_makes_way() -> None:
     record = record_of({2: car, 3: walker(20.0, 40.0 - 1.2 - 3.0)})
     assert people_of(record)[WALKS].met == 0, "a driver who does not make way"
     assert people_of(yielding(record, 2, range(21)))[WALKS] == PeopleOfClass(1, 1, 0, 1, 1)
+    for alone, order in ((3, (2, 4)), (3, (4, 2))):  # another one makes way for nobody on foot
+        other = record_of({order[0]: car, order[1]: moving(-200.0, 40.0, 0.0, steps=21), alone: walker(20.0, 35.8)})
+        both = yielding(yielding(other, order[0], range(21)), order[1], range(21))
+        assert people_of(both)[WALKS].with_yielding == 1
     ridden = replace(record, actors={**record.actors, 2: replace(record.actors[2], actor_class=RIDES)})
     found = people_of(yielding(ridden, 2, range(21)))
     assert (found[WALKS].with_yielding, found[RIDES].with_yielding) == (1, 0), "nobody meets oneself"
@@ -509,6 +513,14 @@ def record_near(car_m, walker_xy, actor_class=ActorClass.PEDESTRIAN):
     record = hand_made(replace(crossing(), crossings=(STRIPES,)), {CAR: Driven(NORTHBOUND, car_m), WALKER: walker})
     actors = {**record.actors, WALKER: replace(record.actors[WALKER], actor_class=actor_class)}
     return replace(record, actors=actors)
+
+
+@pytest.mark.parametrize(("steps", "found"), [(21, True), (40, True), (20, False), (41, False)])
+def test_the_first_and_the_last_step_on_the_crossing_count(steps, found):
+    """The front comes to the crossing after 8 m, in 1.013 s, the rear leaves it after 16 m, in 2.025 s."""
+    record = record_near(passing(7.9), (RIGHT_X_M, 22.0))
+    brief = tuple(s if s.step == steps else s.select(s.actor_id != WALKER) for s in record.states)
+    assert [one.step for one in near_passes(replace(record, states=brief))] == [steps] * found
 
 
 def passing(speed_mps=8.0):

@@ -96,15 +96,15 @@ def turned(points, turn):
 
 
 def wait(along_m, left_m, turn=0.3, speed_mps=8.0, walks_mps=(0.0, 0.0), beside_mps=np.inf, begins_m=BEGINS_M):
-    """The wait for somebody at a place along the way and to its left, walking along it and to its left."""
+    """The wait for people at places along the way and to its left, walking along it and to its left."""
     corners = turned([(begins_m, -8.0), (ENDS_M, -8.0), (ENDS_M, 8.0), (begins_m, 8.0)], turn)
     outlines = Outlines(corners, np.array([0, 4]))
     points = turned(np.stack((np.arange(0.0, 60.0), np.zeros(60)), axis=-1), turn)
-    (x, y), yaw = turned((along_m, left_m), turn), turn + np.arctan2(walks_mps[1], walks_mps[0])
-    pose = (np.array([x]), np.array([y]), np.array([yaw]), np.array([np.hypot(*walks_mps)]))
+    x, y = turned(np.stack((np.atleast_1d(along_m), np.atleast_1d(left_m)), axis=-1), turn).T
+    pose = (x, y, np.full(len(x), turn + np.arctan2(walks_mps[1], walks_mps[0])), np.full(len(x), np.hypot(*walks_mps)))
     own = Passer(0.0, 0.0, HALF_LENGTH_M, HALF_WIDTH_M, speed_mps, beside_mps)
     way = Line(points, 0, len(points), 1.0)
-    return least_wait_for_people(way, own, people_at([7], pose, outlines), outlines)
+    return least_wait_for_people(way, own, people_at(7 + np.arange(len(x)), pose, outlines), outlines)
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.2, -1.1])
@@ -126,6 +126,13 @@ def test_before_somebody_in_the_way_the_driver_stops():
     assert free == pytest.approx(BEGINS_M - HALF_LENGTH_M - 1.0, abs=0.6)
     assert speed == pytest.approx(np.sqrt(2.0 * GENTLE_MPS2 * free))
     assert brake == pytest.approx(64.0 / (2.0 * free))
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_of_several_people_the_one_who_asks_for_most_counts(turn):
+    in_way, *answer = wait(22.0, 0.5)
+    places = np.array([(22.0, 2.5), (22.0, 0.5), (22.0, -2.6)])[[0, 1] if turn > 0 else [1, 2]]
+    assert wait(*places.T) == (in_way + (turn > 0), *(pytest.approx(number) for number in answer))
 
 
 def test_on_the_crossing_the_driver_stops_before_the_person():

@@ -1,6 +1,6 @@
 """The road network, its place on Earth, and mirror images of the map and of the world."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -132,6 +132,13 @@ def test_left_and_right_neighbours_are_those_of_the_geometry(town):
 
 
 def test_the_image_of_the_image_is_the_map(town):
+    crossed = replace(
+        town, cycle_connections=town.connections, crossings=tuple(lane.centre.points for lane in town.lanes)
+    )
+    image = mirrored_network(crossed)
+    assert image.cycle_connections == image.connections != town.connections
+    for before, after in zip(crossed.crossings, image.crossings, strict=True):
+        assert np.array_equal(after, before * (1.0, -1.0))
     image = mirrored_network(town)
     again = mirrored_network(image)
     assert again.connections == town.connections

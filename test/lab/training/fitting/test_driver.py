@@ -92,6 +92,8 @@ def test_the_best_is_the_first_one_that_no_later_one_beats_by_the_margin() -> No
     assert found[0] is better
     assert found[1].tolist() == [1.0, 1.2, 1.5, 0.0]
     assert best_of([first, slightly], violation=3.0, margin=0.25)[0] is first  # type: ignore[index]
+    falls = [trajectory(5.0), trajectory(1.0), trajectory(3.0)]
+    assert best_of(falls, violation=3.0, margin=0.25)[0] is falls[0]  # type: ignore[index]
     assert best_of([first, None], violation=3.0, margin=0.25) is None
 
 

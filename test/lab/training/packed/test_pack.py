@@ -59,10 +59,19 @@ def test_flags_say_who_is_there_and_who_is_an_emergency_vehicle(drives):
         there = int(flags["there"].sum())
         assert not item["history"][there:].any()
         assert not item["size_m"][there:].any()
+        assert not item["flags"][there:].any()
         assert flags["is_emv"][0] == record.actors[int(item["actor_id"])].is_emv
         if there > 1 and not flags["is_emv"][0]:
             assert flags["is_emv"][1]
         assert (item["size_m"][:there, 0] > 3.0).all()
+
+
+def test_samples_of_left_hand_traffic_are_those_of_the_mirror_image(drives):
+    record = read_episode(drives[0])
+    for have, want in zip(prediction_samples(record.mirrored()), prediction_samples(record), strict=True):
+        for name in prediction.COLUMNS:
+            if name not in {"episode", "map"}:
+                np.testing.assert_array_equal(have[name], want[name], err_msg=name)
 
 
 def test_lanes_are_the_nearest_ones_in_driving_direction(drives):

@@ -108,12 +108,23 @@ def test_shards_together_give_each_sample_once(packed_numbers, shards, seed, tur
     assert parts == again
 
 
-def test_each_pass_has_an_order_of_its_own(packed_numbers):
+def test_each_pass_has_an_order_of_its_own(packed_numbers, monkeypatch):
     def order(seed, turn):
         return [int(item["number"]) for item in samples_of_shard([packed_numbers], seed=seed, turn=turn)]
 
     assert order(None, 0) == list(range(40))
     assert len({tuple(order(seed, turn)) for seed in (0, 1) for turn in (0, 1)}) == 4
+    monkeypatch.setattr(parquet_samples, "GROUPS_MIXED", 2)
+    first = int(packed_numbers.first_of_group[2])
+    assert all(set(order(seed, 0)[:first]) != {*range(first)} for seed in (0, 1)), "groups are mixed, too"
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_a_part_of_a_column_has_the_samples_of_that_part(name):
+    column, values = COLUMNS[name], [sample(number)[name] for number in range(9)]
+    part = column.unpacked(column.packed(values).slice(3, 4))
+    for have, want in zip(part, values[3:7], strict=True):
+        np.testing.assert_array_equal(have, want)
 
 
 def test_a_shard_that_is_not_there_is_refused(packed_numbers):

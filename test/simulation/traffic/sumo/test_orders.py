@@ -23,6 +23,7 @@ from siren_ros.simulation.traffic.sumo.orders import (
     GapOut,
     IgnoredFoes,
     JamOrders,
+    RouteEnds,
     SignalPhase,
     crossing_first,
     detector_s,
@@ -495,6 +496,26 @@ def test_an_emv_that_sumo_drives_stays_at_the_end_of_its_route(level: EmergencyL
     assert len(there) == (level is EmergencyLevel.L0)
     assert (state.speed_mps[there] == 0.0).all()
     assert np.allclose(state.lane_position_m[there], lane.length_m - 1.0, atol=1.0)
+
+
+def test_each_of_several_emvs_is_stopped_once_at_the_end_of_its_own_route(monkeypatch) -> None:
+    stopped: list[tuple[str, str]] = []
+    at_m = {"a": 10.0, "b": 10.0}
+    for name, answer in {
+        "getRouteIndex": lambda _: 1,
+        "getLaneID": lambda name: f"{name}1_0",
+        "getLaneIndex": lambda _: 0,
+        "getSpeed": lambda _: 5.0,
+        "getLanePosition": at_m.get,
+        "setStop": lambda name, edge, *_: stopped.append((name, edge)),
+    }.items():
+        monkeypatch.setattr(libsumo.vehicle, name, answer)
+    monkeypatch.setattr(libsumo.lane, "getLength", lambda _: 300.0)
+    ends = RouteEnds([SimpleNamespace(name=name, route=(f"{name}0", f"{name}1")) for name in at_m])
+    for changed, expected in (({"a": 10.0}, []), ({"a": 295.0}, ["a"]), ({"b": 295.0}, ["a", "b"]), ({}, ["a", "b"])):
+        at_m.update(changed)
+        ends.apply({*at_m})
+        assert stopped == [(name, f"{name}1") for name in expected]
 
 
 def test_the_head_of_a_jam_is_freed_once_and_only_those_whom_sumo_drives_are_told(monkeypatch) -> None:

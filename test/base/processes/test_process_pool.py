@@ -27,7 +27,8 @@ DOUBLES = """
 import json, sys
 from siren_ros.base.processes.process_pool import ProcessPool, simulated_time
 def double(number):
-    simulated_time()(float(number))
+    reach = simulated_time()
+    reach(float(number)), reach(number + 0.75), reach(number + 1.0)  # told in steps of at least half a second
     return 2 * number
 def refuse(number):
     raise ValueError(f"{number} is refused")
@@ -60,7 +61,7 @@ def test_results_progress_and_errors_come_back(processes: int) -> None:
     )
     results, reports, error = map(json.loads, done.stdout.splitlines())
     assert results == [2, 4, 6, 8, 10]
-    assert sorted(reports) == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert sorted(reports) == [0.75] * 5 + [1.0, 2.0, 3.0, 4.0, 5.0]
     assert error == "7 is refused"
 
 

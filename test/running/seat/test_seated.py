@@ -1,14 +1,19 @@
 """The controller for a ROS program, on the messages of a recorded episode, without ROS."""
 
+from dataclasses import replace
+from typing import ClassVar
+
 import pytest
+from hand_made_record import EMV, Driven, at_speed, crossing, hand_made, line
 
 import siren_ros
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.data.interfaces import topics
 from siren_ros.data.recording.bag_reader import open_bag
 from siren_ros.running.generation.closed_loop import record_episode
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.running.seat.drivers.drivers import driver_of
-from siren_ros.running.seat.seated import answers_of
+from siren_ros.running.seat.seated import SeatedDriver, answers_of
 
 DRIVER = "lawful-california"
 
@@ -48,6 +53,26 @@ def test_a_driver_of_ones_own_gets_sights_and_gives_controls(messages: list[tupl
     answers = driven_by(siren_ros.AvController(Counts()), messages)
     assert len(answers) == 40
     assert answers != [cdr for topic, cdr in messages if topic == topics.AV_CONTROL.name]
+
+
+def test_a_driver_knows_how_far_it_has_come_on_a_way_that_leads_back() -> None:
+    """40 m to the north and back beside them: 10 m from the begin it has driven 10 m, and later 71 m."""
+
+    class Notes:
+        start = 0
+        places_m: ClassVar[list[float]] = []
+
+        def step(self, state: int, sight: siren_ros.Sight) -> tuple[int, siren_ros.AvControl]:
+            self.places_m.append(sight.s_m)
+            return state + 1, siren_ros.AvControl(sight.step)
+
+    path = line((5.25, -120.0), (5.25, -80.0), (5.75, -79.0), (6.25, -80.0), (6.25, -120.0))
+    car = Driven(path, at_speed(0.0, 20.0, 80))
+    record = hand_made(crossing(), {EMV: car, 2: car})
+    seated = SeatedDriver(Notes(), record.network, Polyline.through(path), 2)
+    for states, traffic in zip(record.states, record.traffic, strict=True):
+        seated.answer(states, replace(traffic, spawned=tuple(record.actors.values()) if states.step == 0 else ()))
+    assert Notes.places_m == pytest.approx([float(one) for one in car.arc_m], abs=0.5)
 
 
 def test_drivers_and_topics_that_do_not_exist_are_named() -> None:

@@ -115,22 +115,24 @@ def test_a_study_grows_and_keeps_what_it_had(first_run: tuple[StudyResult, Local
 class Refusing(LocalWorkers):
     """Workers that make nothing; before that, another run makes another study in the same folder."""
 
-    def __init__(self, meanwhile: Study | None = None) -> None:
+    def __init__(self, meanwhile: Study | None = None, reason: str = "a test") -> None:
         super().__init__(1)
-        self.meanwhile = meanwhile
+        self.meanwhile, self.reason = meanwhile, reason
 
     def rows(
         self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
     ) -> Generator[EpisodeRow, None, None]:
         if self.meanwhile is not None:
             run_study(self.meanwhile, folder, Refusing(), options)
-        yield from (EpisodeRow.planned(episode, Status.REFUSED, "a test") for episode in planned)
+        yield from (EpisodeRow.planned(episode, Status.REFUSED, self.reason) for episode in planned)
 
 
 def test_runs_that_share_a_folder_keep_one_anothers_rows(tmp_path: Path) -> None:
     folder = LocalFolder(tmp_path)
     run_study(STUDY, folder, Refusing(meanwhile=replace(STUDY, seeds=(7,))))
     assert Counter(row.seed for row in read_table(folder)) == {0: 4, 7: 4}
+    run_study(STUDY, folder, Refusing(meanwhile=STUDY, reason="later"))
+    assert Counter((row.seed, row.reason) for row in read_table(folder)) == {(0, "later"): 4, (7, "a test"): 4}
 
 
 def test_a_folder_with_other_episodes_of_these_names_is_refused(

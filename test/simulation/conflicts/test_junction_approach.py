@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from behaviour.lab import RoadBuilder
-from hand_made_record import crossing
+from hand_made_record import STRAIGHT, STRAIGHT_LEFT, crossing
 
 from siren_ros.simulation.conflicts.junction_approach import (
     SETBACK_M,
@@ -77,6 +77,13 @@ def test_streets_from_both_sides_are_where_their_lanes_cross():
     assert right.aside_m == pytest.approx(0.5 * width + SETBACK_M)
     assert left.aside_m == pytest.approx(1.5 * width + SETBACK_M)
     assert right.limit_mps == pytest.approx(13.89)
+
+
+@pytest.mark.parametrize(("movement", "beside_m"), [(STRAIGHT, 1.75 + 3.5), (STRAIGHT_LEFT, 1.75)])
+def test_the_lanes_on_the_side_of_a_street_are_before_it(movement, beside_m):
+    network = crossing()
+    (left,) = side_streets(network, network.connections[movement])
+    assert left.aside_m == pytest.approx(beside_m + SETBACK_M)
 
 
 def test_a_movement_that_nobody_crosses_has_no_streets():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_record import EAST, STRAIGHT, STRAIGHT_LEFT, crossing
+from hand_made_record import EAST, RIGHT, STRAIGHT, STRAIGHT_LEFT, crossing
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -450,6 +450,15 @@ def lights(east):
 def test_the_room_ends_a_metre_before_the_way_of_those_who_may_come(movement, east):
     room_m = ROOM.beyond_line_m(NETWORK.connections[movement], lights(east), frozenset())
     assert EDGE_M < room_m <= EDGE_M + 0.5, "the ways are looked at each half a metre"
+
+
+@pytest.mark.parametrize("order", [(STRAIGHT, RIGHT), (RIGHT, STRAIGHT)])
+def test_each_movement_from_a_lane_has_a_room_of_its_own(order):
+    room, on_junction = JunctionRoom(NETWORK), frozenset(NETWORK.connections[EAST].via)
+    found = [room.beyond_line_m(NETWORK.connections[one], lights("r"), on_junction) for one in order]
+    alone = [JunctionRoom(NETWORK).beyond_line_m(NETWORK.connections[one], lights("r"), on_junction) for one in order]
+    assert found == alone
+    assert found[0] != found[1]
 
 
 def test_nobody_comes_where_all_others_have_red_and_nobody_is_on_the_junction():

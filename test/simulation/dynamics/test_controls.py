@@ -658,6 +658,13 @@ def test_who_stands_turns_to_where_sumos_person_looks() -> None:
     assert np.abs(body[:, :2]).max() == 0.0
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_looks_back_turns_the_short_way_round(side: float) -> None:
+    body = walked([(0.0, 0.0, -3.0 * side, 0.0)] * 3, start=(0.0, 0.0, 3.0 * side))
+    assert np.sign(body[0, 5]) == side
+    assert body[-1, 2] == pytest.approx(-3.0 * side)
+
+
 def states_at(gap_m: float, parameters: Mapping[ActorClass, VehicleParameters], steps: int = 30) -> Any:
     """A sedan at 5 m/s towards somebody who stands, ``gap_m`` from the middle of one to that of the other."""
     state, found, events = FleetState.empty(parameters), [], []

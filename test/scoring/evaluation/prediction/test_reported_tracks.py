@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made_records import moving, record_with
 
+from siren_ros.data.recording.episode_record import StateRows
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.predictors import predictors_named
 from siren_ros.scoring.evaluation.prediction.reported_tracks import (
@@ -13,12 +14,14 @@ from siren_ros.scoring.evaluation.prediction.reported_tracks import (
     BoxTracks,
     TrackNoise,
     reported_by,
+    tracked,
     with_noise,
     with_own,
 )
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES
 
 QUIET = TrackNoise(0.0, 0.0, 0.0, dropouts_per_s=0.0, swaps_per_s=0.0)
 WINDOW = HistoryWindow()
@@ -131,6 +134,17 @@ def test_swapped_vehicles_have_the_past_of_each_other(straight_road) -> None:
     assert changes.max() == 1, "the other's past up to the swap, then the own one"
     far = replace(QUIET, swaps_per_s=0.5, swap_reach_m=3.0)
     assert same(pairs_of(record, far)[1].batch.actors.xy_m, logged.xy_m), "they are 3.5 m apart"
+
+
+def test_nobody_is_swapped_twice_within_a_window() -> None:
+    """Windows of past and future have 8 s; three in a line, and the one between is near both."""
+    table = np.arange(3 * 400).reshape(3, 400)
+    rows = StateRows(table.ravel() % 400, **{name: np.zeros(table.size, of) for name, of in ACTOR_STATE_DTYPES.items()})
+    rows.x_m[:] = np.repeat([0.0, 1.5, 2.5], 400)
+    swaps = tracked(rows, table, replace(QUIET, swaps_per_s=9.0), np.random.default_rng(0)).swaps
+    between = [frame for frame, *pair in swaps if 1 in pair]
+    assert len(between) == len(swaps) > 2
+    assert np.diff(between).min() >= 80
 
 
 def test_predictors_get_the_tracks_and_are_scored_on_the_truth(record) -> None:

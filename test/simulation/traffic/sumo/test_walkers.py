@@ -11,6 +11,7 @@ import libsumo
 import numpy as np
 import pytest
 import shapely
+from hand_made_record import traffic_of
 from traffic_helpers import load_map
 
 from siren_ros.base.numerics.units import STEP_S
@@ -375,3 +376,20 @@ def test_those_who_wait_for_an_emv_are_named(sumo: SumoPeople) -> None:
     assert walkers.waiting == ("kerb",)
     walkers.heed(states, {}, siren[:0])  # the siren is off
     assert walkers.waiting == ()
+
+
+def test_who_stands_again_is_kept_at_the_new_place(sumo: SumoPeople) -> None:
+    walkers, states = at_a_crossing(sumo, 30.0, 40.0, 10.0)
+
+    def place_after(moved_m: float, *sirens: int) -> float:
+        """Where SUMO's person is taken to be, once it has moved in SUMO; it stands while a siren sounds."""
+        for result in sumo.results.values():
+            result[libsumo.VAR_POSITION] = (result[libsumo.VAR_POSITION][0] + moved_m, result[libsumo.VAR_POSITION][1])
+        x_m = float(walkers.joined(traffic_of(0, ""), ActorStates.empty(0), count(4)).sumo_x_m[0])
+        walkers.heed(states, {}, np.array(sirens, np.uint32))
+        return x_m
+
+    first_m = place_after(0.0, 1)
+    assert [place_after(0.5, 1), place_after(0.5)] == pytest.approx([first_m + 0.5] * 2)
+    assert place_after(2.0, 1) == pytest.approx(first_m + 3.0)
+    assert [place_after(0.5, 1), place_after(0.5, 1)] == pytest.approx([first_m + 3.5] * 2)

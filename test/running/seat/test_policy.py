@@ -1,6 +1,7 @@
 """Observations of kind vector, and how manoeuvres and pedals become a control."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,6 +73,15 @@ def test_the_emv_is_seen_in_the_own_frame() -> None:
     assert seen["emv_speed"] == pytest.approx(12.0 / 25.0)
     assert (seen["emv_cos"], seen["emv_sin"]) == pytest.approx((1.0, 0.0), abs=1e-7)
     assert named(features_of(sight_at(own_m=50.0, emv_m=80.0)))["emv_behind"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("second_m", "lights", "seen_m"), [(40.0, 0, 20.0), (40.0, int(Lights.SIREN), 40.0), (5.0, int(Lights.SIREN), 20.0)]
+)
+def test_of_two_emvs_the_nearest_that_sounds_its_siren_is_seen(second_m: float, lights: int, seen_m: float) -> None:
+    sight = sight_at(50.0, 10.0, 20.0, others={3: Driven(NORTHBOUND, at_speed(second_m, 10.0, 2))}, lights=lights)
+    sight = replace(sight, bodies={**sight.bodies, 3: replace(sight.bodies[3], is_emv=True)})
+    assert named(features_of(sight))["emv_x"] == pytest.approx((seen_m - 50.0) / 100.0)
 
 
 def test_neighbours_come_by_their_distance_without_the_emv() -> None:

@@ -120,6 +120,16 @@ def test_off_its_path_the_emv_stops_before_riders_who_stand(lab, kind, speed_mps
     assert riders_limit(replace(unit, corridor=True), view.ego(0)) == UNLIMITED
 
 
+@pytest.mark.parametrize(("strays_m", "stops"), [(0.4, False), (0.8, True), (-0.8, True)])
+def test_the_farther_the_emv_is_off_its_path_the_more_it_keeps_from_riders(lab, strays_m, stops):
+    """Half of it, at least 0.1 m; the rider stands 0.3 m beside it."""
+    widths_m = sum(lab.vehicles[kind].width_m for kind in (ActorClass.AMBULANCE, ActorClass.MOTORCYCLE))
+    car = replace(lab.Car(2, 0, 106, 0.0, (0,), ActorClass.MOTORCYCLE), left=0.5 * widths_m + 0.3)
+    unit, view = scene(lab, car, corridor=False)
+    unit = replace(unit, navigator=replace(unit.navigator, left_m=strays_m))
+    assert (riders_limit(unit, view.ego(0)).blocker_id == 2) is stops
+
+
 @pytest.mark.parametrize(
     ("kind", "at_m", "left_m", "speed_mps", "emv_mps", "stops"),
     [
@@ -154,6 +164,7 @@ def test_between_queues_the_emv_moves_sideways_behind_a_rider_who_comes_up(
     unit = replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True)
     limit = passage_limit(unit, view.ego(0))
     assert (limit.blocker_id == 2) is stops
+    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the rider to be past"
 
 
 @pytest.mark.parametrize(("gap_m", "stops"), [(0.05, True), (0.07, False)])

@@ -21,7 +21,7 @@ from siren_ros.running.studies.risk_set.search import (
     Search,
     papers_balance,
 )
-from siren_ros.scoring.evaluation.risk.labels import DEFINITIONS, TITLES, RiskClass, RiskThresholds
+from siren_ros.scoring.evaluation.risk.labels import DEFINITIONS, NEW_SETS, TITLES, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.report import table_of_changes
 from siren_ros.scoring.evaluation.risk.video_set import read_set, write_set
 from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
@@ -45,15 +45,16 @@ def add_thresholds(verb: argparse.ArgumentParser) -> None:
     group = verb.add_argument_group("thresholds of the labels")
     for limit in fields(RiskThresholds):
         option = f"--{limit.name.replace('_', '-')}"
-        group.add_argument(option, type=float, metavar="X", help=f"{_MEANINGS[limit.name]} (default {limit.default:g})")
+        usual = f"of new sets {getattr(NEW_SETS, limit.name):g}"
+        group.add_argument(option, type=float, metavar="X", help=f"{_MEANINGS[limit.name]} ({usual})")
     group.add_argument(
         "--near-miss",
         choices=list(DEFINITIONS),
-        help="all thresholds at once: paper (every conflict counts, the default), near_crash (no controlled passing)",
+        help="all thresholds at once: near_crash (somebody brakes hard; new sets), paper (every conflict counts)",
     )
 
 
-def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = None) -> RiskThresholds:
+def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds = NEW_SETS) -> RiskThresholds:
     """The thresholds of the options, the others as in ``base``; InputError for a value that is not positive."""
     values = {name: getattr(arguments, name) for name in _MEANINGS if getattr(arguments, name) is not None}
     for name, value in values.items():
@@ -61,7 +62,7 @@ def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = N
             raise InputError(name, value, "a positive number")
     if arguments.near_miss is not None:
         base = DEFINITIONS[arguments.near_miss]
-    return replace(base or RiskThresholds(), **values)
+    return replace(base, **values)
 
 
 def add_label(verb: argparse.ArgumentParser) -> None:
@@ -107,8 +108,8 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.description = (
         "Makes a set of front-camera videos of 190 frames at 10 Hz with the labels Normal, Near-Miss and Collision. "
         "The command searches scenario parameters until the classes have the given balance. Collisions are not "
-        "scripted: they happen when drivers react late or do not look out. The default is the paper's set: 15 videos "
-        "of each template, together 74 normal, 25 near-misses and 6 collisions. The same command continues an "
+        "scripted: they happen when drivers react late or do not look out. The default has the paper's counts: 15 "
+        "videos of each template, together 74 normal, 25 near-misses and 6 collisions. The same command continues an "
         "interrupted set. The exit code is 1 if a class was not found often enough."
     )
     verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the set, new or interrupted")

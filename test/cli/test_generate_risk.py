@@ -69,7 +69,7 @@ def test_a_set_is_made_and_goes_on(tmp_path, siren, monkeypatch) -> None:
     monkeypatch.setattr(make_set, "attempt_processes", processes_of(make))
     assert main(words) == 0
     place = VideoPlace(tmp_path, key)
-    assert again == [(2, make_video, place, video.request, video.first_step, RiskThresholds())]
+    assert again == [(2, make_video, place, video.request, video.first_step, DEFINITIONS["near_crash"])]
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == contents
     assert "one of the same request" in siren([*words[:-2], "--seed", "1"], 2).err
     card = json.loads(tmp_path.joinpath("dataset.json").read_text())

@@ -70,8 +70,8 @@ def add_asking(task: argparse.ArgumentParser) -> None:
         nargs="*",
         choices=[control.value for control in Control],
         default=[],
-        help="also ask with less: grey pictures, pictures in another order, the middle one alone, none; a row for each "
-        "model and control, and for the reference sequence",
+        help="also ask with less: grey pictures, pictures in another order, the middle one alone, none; or with a "
+        "picture every 0.2 s (dense); a row for each model and control, and for the reference sequence",
     )
     both.add_argument("--raw", action="store_true", help="pictures without outlines of the vehicles")
     both.add_argument("--cache", type=Path, metavar="DIR", help="folder of the replies (default: SET/replies)")

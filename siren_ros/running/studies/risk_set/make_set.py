@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -42,7 +42,7 @@ from siren_ros.running.studies.risk_set.search import (
     shifted,
 )
 from siren_ros.running.studies.run_study import attempt_processes
-from siren_ros.scoring.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
+from siren_ros.scoring.evaluation.risk.labels import NEW_SETS, TITLES, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.video_set import (
     EVIDENCE_FILE,
     SET_FILE,
@@ -128,7 +128,7 @@ class RiskSetRequest:
     """Largest number of candidates per template."""
     retries: int = 2
     """Number of further attempts if the process of a candidate or video died."""
-    thresholds: RiskThresholds = field(default_factory=RiskThresholds)
+    thresholds: RiskThresholds = NEW_SETS
 
     @property
     def patience(self) -> int:

@@ -289,13 +289,16 @@ class RiskThresholds:
 DEFINITIONS: Final = {"paper": RiskThresholds(), "near_crash": RiskThresholds(braked_mps2=3.4, needed_mps2=8.45)}
 """Definitions of a near-miss by name.
 
-``paper``: each short TTC or PET and each high DRAC is one; the set of 105 videos has these labels. ``near_crash``: a
-driver had to brake hard, too (a near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The 100-Car Naturalistic
-Driving Study, DOT HS 810 593, 2006; 3.4 m/s² as for DRAC), or the PET is short and chance alone kept the two apart,
-because not even full braking on a dry road would have (8.45 m/s²: F. Cunto, F. Saccomanno, Accid. Anal. Prev. 40 (2008)
-1171). A driver who waits for another vehicle and drives on right behind it passes in a controlled way, which is normal;
-so is an oncoming car that points at the EMV for a moment, as it ends its turn, and may have braked for that turn.
+``paper``: each short TTC or PET and each high DRAC is one; the first set of 105 videos had these labels.
+``near_crash``: a driver had to brake hard, too (a near-crash takes a rapid evasive manoeuvre: T. Dingus et al., The
+100-Car Naturalistic Driving Study, DOT HS 810 593, 2006; 3.4 m/s² as for DRAC), or the PET is short and chance alone
+kept the two apart, because not even full braking on a dry road would have (8.45 m/s²: F. Cunto, F. Saccomanno, Accid.
+Anal. Prev. 40 (2008) 1171). A driver who waits for another vehicle and drives on right behind it passes in a controlled
+way, which is normal; so is an oncoming car that points at the EMV for a moment, as it ends its turn, and may have
+braked for that turn.
 """
+NEW_SETS: Final = DEFINITIONS["near_crash"]
+"""Thresholds of new sets: people see these near-misses; most conflicts of ``paper`` are none to the eye."""
 
 
 class Reason(StrEnum):

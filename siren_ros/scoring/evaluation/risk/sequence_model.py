@@ -156,7 +156,7 @@ _BLANK_GREY: Final = 128
 
 
 class Control(StrEnum):
-    """Kind of control: what is removed from the pictures."""
+    """Kind of control: what is removed from the pictures, or added."""
 
     BLANK = "blank"
     """Grey pictures; only the question remains."""
@@ -166,6 +166,8 @@ class Control(StrEnum):
     """The model gets only the picture in the middle."""
     TEXT_ONLY = "text_only"
     """The model gets no pictures, only the text of the question."""
+    DENSE = "dense"
+    """For models that take videos: one question with a plain picture every 0.2 s."""
 
 
 def _blank(pictures: Sequence[Picture], _: str) -> list[Picture]:

@@ -277,6 +277,11 @@ def key_frames(frames: int) -> tuple[int, ...]:
     return tuple((frames - 1) * number // (KEY_FRAMES - 1) for number in range(KEY_FRAMES))
 
 
+def dense_frames(frames: int) -> tuple[int, ...]:
+    """Indices of frames 0.2 s apart: a TTC that is short for long enough to count is short in one of them."""
+    return tuple(range(0, frames, 2))
+
+
 def batches(frames: Sequence[int]) -> tuple[tuple[int, ...], ...]:
     """Key frames of each question, eight and one: this project's way to the paper's two predictions per video."""
     return tuple(tuple(frames[first : first + BATCH]) for first in range(0, len(frames), BATCH))

@@ -15,12 +15,12 @@ from siren_ros.running.studies.risk_set import make_set as making
 from siren_ros.running.studies.risk_set.candidate import Candidate, Rendered, try_candidate
 from siren_ros.running.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.running.studies.risk_set.search import Balance
-from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel
+from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel, RiskThresholds
 from siren_ros.scoring.evaluation.risk.video_set import read_set
 
 NONE = np.zeros(0)
 EVIDENCE = Evidence(Moments(NONE.astype(np.int64), NONE.astype(np.uint32), NONE, NONE, NONE, NONE, NONE), (), ())
-REQUEST = RiskSetRequest(("S2", "S6"), Balance((3, 2, 1), 3), seed=4)
+REQUEST = RiskSetRequest(("S2", "S6"), Balance((3, 2, 1), 3), seed=4, thresholds=RiskThresholds())
 RISKS = (RiskClass.NEAR_MISS, RiskClass.NORMAL, RiskClass.COLLISION)
 """What the candidates of each template are, in turn."""
 

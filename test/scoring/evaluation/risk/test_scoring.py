@@ -374,6 +374,9 @@ def test_questions_keep_their_text(drawn):
     (single,) = asked(Control.ONE_FRAME)
     assert single.pictures == (plain[0].pictures[4],)
     assert "9.4 s" in single.text
+    (dense,) = questions_about(drawn.folder, video, marked=True, control=Control.DENSE)
+    assert len(dense.pictures) == 95
+    assert "outlined" not in dense.text
     assert [(one.text, one.pictures) for one in asked(Control.TEXT_ONLY)] == [(one.text, ()) for one in plain]
 
 

@@ -15,6 +15,7 @@ from siren_ros.scoring.evaluation.risk.video_set import (
     SET_FILE,
     VideoSet,
     batches,
+    dense_frames,
     film_frames,
     key_frames,
     missing_files,
@@ -137,6 +138,15 @@ def test_what_is_no_film_is_refused(tmp_path: Path, content: bytes | None) -> No
 def test_of_a_video_of_190_frames() -> None:
     assert key_frames(190) == (0, 23, 47, 70, 94, 118, 141, 165, 189)
     assert batches(key_frames(190)) == ((0, 23, 47, 70, 94, 118, 141, 165), (189,))
+
+
+def test_dense_frames_contain_the_moment_of_every_label() -> None:
+    """A TTC counts from four steps of 0.05 s on; a video has a frame each two steps."""
+    shown = {2 * frame for frame in dense_frames(190)}
+    begins = range(2 * 189 - 3)
+    assert all(shown & {*range(begin, begin + 4)} for begin in begins)
+    kept = {2 * frame for frame in key_frames(190)}
+    assert sum(bool(kept & {*range(begin, begin + 4)}) for begin in begins) < len(begins) / 5
 
 
 def test_the_shortest_video() -> None:

@@ -29,7 +29,14 @@ from siren_ros.errors import InputError, SirenError, whole_file, writing
 from siren_ros.scoring.evaluation.risk.labels import RiskClass, most_severe, risk_class
 from siren_ros.scoring.evaluation.risk.scoring import UNREADABLE
 from siren_ros.scoring.evaluation.risk.sequence_model import CHANGES, Control
-from siren_ros.scoring.evaluation.risk.video_set import RiskVideo, VideoSet, batches, film_frames, key_frames
+from siren_ros.scoring.evaluation.risk.video_set import (
+    RiskVideo,
+    VideoSet,
+    batches,
+    dense_frames,
+    film_frames,
+    key_frames,
+)
 
 MOST_TOKENS: Final = 512
 """Default limit of an answer's length in tokens."""
@@ -365,13 +372,14 @@ def questions_about(
 ) -> tuple[Question, ...]:
     """Make the questions about a video of a set: one with eight key frames, one with the last.
 
-    Where ``marked``, vehicles are outlined from the simulator's own masks. A control changes the pictures or
-    leaves them out; with one frame there is one question.
+    Where ``marked``, vehicles are outlined from the simulator's own masks, which only key frames have. A control
+    changes the pictures or leaves them out; with one frame, and with dense ones, there is one question.
 
     Raises:
         InputError: The video or its masks are missing or of another length.
     """
-    frames = key_frames(video.frames)
+    dense = control is Control.DENSE
+    marked, frames = marked and not dense, dense_frames(video.frames) if dense else key_frames(video.frames)
     pictures = video_frames(folder / video.file, frames, video.frames)
     if marked:
         masks = masks_of(folder / "masks" / f"{video.video_id}.npz", frames)
@@ -382,12 +390,12 @@ def questions_about(
     if control is Control.ONE_FRAME:
         frames = frames[len(frames) // 2 :][:1]
         pictures = pictures[:1]
+    asked = (frames,) if dense else batches(frames)
     if control is Control.TEXT_ONLY:
-        return tuple(Question(SYSTEM, question(batch, marked=marked), ()) for batch in batches(frames))
+        return tuple(Question(SYSTEM, question(batch, marked=marked), ()) for batch in asked)
     encoded = dict(zip(frames, map(as_jpeg, pictures), strict=True))
     return tuple(
-        Question(SYSTEM, question(batch, marked=marked), tuple(encoded[frame] for frame in batch))
-        for batch in batches(frames)
+        Question(SYSTEM, question(batch, marked=marked), tuple(encoded[frame] for frame in batch)) for batch in asked
     )
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Floats, changed
+from siren_ros.base.numerics.arrays import Floats, Points, changed
 from siren_ros.base.numerics.braking import stops_within
 from siren_ros.base.numerics.units import NEVER, steps_from_s
 from siren_ros.simulation.behaviour.driving.driver_states import (
@@ -163,42 +163,57 @@ _ON_PATH_M: Final = 0.3
 """Distance from the present path within which tracking brings the EMV back to it."""
 
 
-def _begin(unit: EmvUnit, ego: Ego) -> tuple[float, float, float, float | None]:
-    """Place, heading and curvature with which a new path begins: those of the present one, where the EMV is on it.
+_BEHIND_M: Final = np.array([2.0, 1.0])
+"""Distances behind the EMV of the points with which a new path repeats the present one: a bend takes three points."""
 
-    Plans that begin at the EMV itself, one after the other, forget how far it lags behind, and it drifts out of bends.
+
+def _begin(unit: EmvUnit, ego: Ego) -> tuple[float, float, float, float | None, Points]:
+    """Place, heading and curvature with which a new path begins, and points before, a metre apart, shape ``(K, 2)``.
+
+    They are those of the present path, where the EMV is on it. Plans that begin at the EMV itself, one after the other,
+    forget how far it lags behind, and it drifts out of bends. At the first point of a path no bend can be told: an EMV
+    whose paths all begin where it is would steer straight on at each new one.
     """
     path, place = unit.navigator.path, ego.place
     if path is not None and unit.corridor_planned_step >= 0:
         progress_m, left_m = path.curve.nearest_to(unit.navigator.progress_m, *place)
         if abs(left_m) < _ON_PATH_M:
-            return path.curve.place(progress_m)
-    return *place, ego.pose[2], None
+            return *path.curve.place(progress_m), path.curve.at(progress_m - _BEHIND_M)
+    return *place, ego.pose[2], None, np.empty((0, 2))
 
 
 def along_corridor(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """Give the EMV the corridor relative to a lane as path."""
     config = ego.emv_driver.corridor
     reference = ego.line_along(lane, _CORRIDOR_M, 2.0, length_m=_CORRIDOR_M + 2.0)
-    x, y, yaw, bend_1pm = _begin(unit, ego)
+    x, y, yaw, bend_1pm, behind = _begin(unit, ego)
     s0, d0 = reference.curve.project_one(x, y)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
     target = corridor_offsets(reference, s, ego, straight_on_m=d0 if straight_on else None)
     _, _, heading, curvature_1pm = reference.curve.place(s0)
     slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
-    slope -= float(target[1] - target[0]) / float(s[1] - s[0])
+    leans, bends_1pm = _derivatives(target, float(s[1] - s[0]))
+    slope -= leans
     # A vehicle that points elsewhere must turn back, too; this counts like a lateral distance.
     aside = abs(d0 - float(target[0])) + _MERGE_MIN_M * abs(slope)
     blend = blend_length_m(aside, ego.speed_mps, config.merge_s, 0.0, ego.navigator_config)
     merge = max(_MERGE_MIN_M, min(blend, _merging_m(unit, reference, s, target, _SAME_OFFSET_M)))
-    bend = (bend_1pm - curvature_1pm) * merge**2 if bend_1pm is not None else 0.0
+    bend = (bend_1pm - curvature_1pm - bends_1pm) * merge**2 if bend_1pm is not None else 0.0
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0, bend)
-    curve = Curve.through(reference.curve.offset_at(s, offsets))
+    curve = Curve.through(np.concatenate((behind, reference.curve.offset_at(s, offsets))))
+    s, merge = np.append(s0 - _BEHIND_M[: len(behind)], s), merge + len(behind)
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
     path = along_reference(curve, reference, s, ego.navigator_config, merge, stop)
     navigator = unit.navigator.following(path, *ego.place)
     return changed(unit, navigator=navigator, plan=None, corridor_planned_step=ego.step)
+
+
+def _derivatives(values: Floats, step: float) -> tuple[float, float]:
+    """First and second derivative at the start of evenly spaced values, exact for a parabola."""
+    rises = np.diff(values[:3]) / step
+    bend = float(rises[1] - rises[0]) / step
+    return float(rises[0]) - 0.5 * bend * step, bend
 
 
 def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats, same_m: float) -> float:

@@ -290,9 +290,10 @@ def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, straig
     driving = replace(first, navigator=replace(first.navigator, progress_m=start + driven_m))
     again = corridor_path(driving, lab.view_of(world, traffic).ego(0))
     assert again.navigator.path is not path
-    assert again.navigator.path.settled_m == pytest.approx(max(path.settled_m - start - driven_m, 8.0), abs=0.3)
+    left_m = again.navigator.path.settled_m - again.navigator.progress_m
+    assert left_m == pytest.approx(max(path.settled_m - start - driven_m, 8.0), abs=0.3)
     anew = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, traffic).ego(0))
-    assert anew.navigator.path.settled_m > again.navigator.path.settled_m + 2.0
+    assert anew.navigator.path.settled_m > left_m + 2.0
 
 
 @pytest.mark.parametrize("turned_rad", [0.9, -0.9])
@@ -389,6 +390,29 @@ def test_the_path_begins_as_the_emv_points_also_where_the_corridor_bends_at_once
     assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(turned_rad, abs=0.012)
 
 
+@pytest.mark.parametrize("driven_m", [1.0, 2.0, 4.0])
+def test_a_new_path_goes_on_in_the_bend_of_the_present_one_where_the_corridor_bends(lab, straight, driven_m):
+    """A path that forgets the bend in which the EMV is lets it swing over, towards the vehicles next to it."""
+
+    def view_of(x_m, left_m, turned_rad, step):
+        poses = np.array([[x_m, left_m, turned_rad, 6.0], [109.0, -0.3, 0.0, 0.0], [118.0, 4.3, 0.0, 0.0]])
+        cars = [
+            lab.Car(1, 0, x_m, 6, (0,), ActorClass.AMBULANCE),
+            lab.Car(2, 0, 109, 0, (0,), left=-0.3),
+            lab.Car(3, 1, 118, 0, (0,), left=1.0),
+        ]
+        return lab.view(straight, lab.L3, cars, poses=poses, step=step)
+
+    present = corridor_path(EmvUnit(1, corridor=True), view_of(100.0, 1.2, 0.0, 0).ego(0))
+    x_m, y_m, heading_rad, bend_1pm = present.navigator.path.curve.place(driven_m)
+    assert abs(bend_1pm) > 0.01
+    ego = view_of(x_m, y_m, heading_rad, 8).ego(0)
+    again = along_corridor(present, ego, 0, straight_on=False).navigator
+    _, _, begins_rad, begins_1pm = again.path.curve.place(again.progress_m)
+    assert begins_rad == pytest.approx(heading_rad, abs=0.004)
+    assert begins_1pm == pytest.approx(bend_1pm, abs=0.006)
+
+
 def test_a_corridor_that_begins_again_is_planned_at_once(lab):
     """Nothing of the last one is left."""
     was = EmvUnit(1, corridor=True, corridor_seen_step=10, corridor_planned_step=28)
@@ -442,7 +466,7 @@ def test_a_new_path_begins_on_the_present_one_while_the_emv_is_on_it(lab, aside_
     progress_m, off_m = path.curve.nearest_to(10.0, *pose[0, :2])
     pose[0, 1] += aside_m - off_m
     later = view_at(lab, step=10, poses=pose)
-    again = along_corridor(unit, later.ego(0), 0, straight_on=False).navigator.path.curve
-    x, y, yaw, _ = again.place(0.0)
+    again = along_corridor(unit, later.ego(0), 0, straight_on=False).navigator
+    x, y, yaw, _ = again.path.curve.place(again.progress_m)
     assert np.hypot(x - pose[0, 0], y - pose[0, 1]) == pytest.approx(aside_m if on_path else 0.0, abs=0.02)
     assert yaw == pytest.approx(path.curve.place(progress_m)[2] if on_path else 0.05, abs=0.015)

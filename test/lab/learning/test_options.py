@@ -5,16 +5,19 @@ import pytest
 pytest.importorskip("gymnasium", reason="the extra learn is not installed")
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
-from hand_made_record import NORTHBOUND, Driven, at_speed
+from hand_made_record import NORTHBOUND, Driven, at_speed, crossing, hand_made
 from made_seat_state import WANTED_MPS, state_of
 
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import InputError
+from siren_ros.lab.learning import rollout
 from siren_ros.lab.learning.options import TERMS, terms_of, weights_of
 from siren_ros.lab.learning.rollout import Seat
-from siren_ros.simulation.world.actors import Lights
+from siren_ros.simulation.world.actors import Event, EventKind, Lights
 
 
 def test_a_quiet_step_has_progress_and_the_delay_of_the_emv_alone() -> None:
@@ -104,3 +107,40 @@ def test_ones_own_weights_replace_the_others() -> None:
     assert list(changed) == list(TERMS)
     with pytest.raises(InputError, match="rewards: 'speed'"):
         weights_of(Seat.EMV, {"speed": 1.0})
+
+
+@pytest.mark.parametrize(("red_from", "lines"), [(0, 1), (20, 0)])
+@pytest.mark.parametrize("pair", [(2, 1), (1, 2)])
+def test_the_reward_of_an_episode_is_the_sum_over_its_steps(monkeypatch, red_from: int, lines: int, pair) -> None:
+    """The front comes to the line, 100 to 101 m on its way, at step 16 to 18; the middle of the vehicle 4 steps later."""
+    monkeypatch.setattr(rollout, "av_way", lambda *_: Polyline.through(NORTHBOUND))
+    vehicles = {1: Driven(NORTHBOUND, at_speed(60.0, 9.0, 40)), 2: Driven(NORTHBOUND, at_speed(90.1, 10.0, 40))}
+    record = hand_made(crossing(), vehicles, lambda step: ("r" if step >= red_from else "G") * 7)
+    description = SimpleNamespace(template_values={"emv.speed_mps": WANTED_MPS})
+    run = SimpleNamespace(
+        setup=SimpleNamespace(plan=None, description=description),
+        network=record.network,
+        actors=record.actors,
+        actor_of=lambda seat: 2 if seat is Seat.CIVILIAN else 1,
+        steps=[],
+    )
+    view, sums = rollout.SeatView(run, Seat.CIVILIAN), dict.fromkeys(TERMS, 0.0)
+    for states, traffic in zip(record.states, record.traffic, strict=True):
+        touch = Event(states.step, EventKind.COLLISION, *pair, detail={"impact_speed_mps": 1.0})
+        run.states = states
+        run.steps.append(SimpleNamespace(traffic=traffic, events=(touch,) if states.step in {9, 30} else ()))
+        state = view.look()
+        assert state is not None
+        sums = {name: sums[name] + amount for name, amount in terms_of(state).items()}
+    assert sums["red_line"] == lines
+    assert sums["contact"] == 2.0
+    assert sums["progress"] == pytest.approx(39 * 10.0 * STEP_S / 13.9, rel=1e-3), "the first step is none"
+    assert sums["emv_delay"] == pytest.approx(40 * STEP_S * (1.0 - 9.0 / WANTED_MPS))
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_several_others_any_may_be_too_close(order: int) -> None:
+    others = {3: Driven(NORTHBOUND, at_speed(62.0, 2.0, 2)), 4: Driven(NORTHBOUND, at_speed(95.0, 9.0, 2))}
+    places = list(others.values())[::order]
+    state = state_of(own_m=50.0, own_mps=10.0, others=dict(zip(others, places, strict=True)))
+    assert terms_of(state)["short_time"] == STEP_S

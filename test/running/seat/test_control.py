@@ -10,6 +10,7 @@ from made_sights import LENGTH_M, LIMIT_MPS, ROWS, car, sight, siren, straight_w
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.running.seat.control import (
+    emv_waits,
     indicators,
     is_free,
     speed_to_junction,
@@ -43,6 +44,16 @@ def test_behind_a_leader_it_can_stop_with_gentle_braking_after_its_headway(free_
     wanted = speed_to_leader(sight(others=(car(free_m + 2.5, speed_mps=speed_mps),)), 0.0)
     # v · 1.4 s + v² / (2 · 2 m/s²) = free + v_leader² / (2 · 2 m/s²)
     assert wanted * 1.4 + wanted**2 / 4.0 == pytest.approx(free_m + speed_mps**2 / 4.0, abs=1e-6)
+
+
+def test_the_worst_of_several_counts_whatever_their_order():
+    near, far = car(12.0, speed_mps=2.0), car(40.0, speed_mps=9.0)
+    slow, fast = siren(-3.0, left_m=-2.9, speed_mps=6.0), siren(-4.0, left_m=2.9, speed_mps=9.0)
+    waits = siren(4.0, speed_mps=0.2)
+    for order in (1, -1):
+        assert speed_to_leader(sight(others=(near, far)[::order]), 0.0) == speed_to_leader(sight(others=(near,)), 0.0)
+        assert speed_to_passing_emv(sight(sirens=(slow, fast)[::order])) == 5.0
+        assert emv_waits(sight(sirens=(waits, fast)[::order]))
 
 
 def test_who_is_beside_the_way_is_no_leader():

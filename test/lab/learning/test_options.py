@@ -112,7 +112,7 @@ def test_ones_own_weights_replace_the_others() -> None:
 @pytest.mark.parametrize(("red_from", "lines"), [(0, 1), (20, 0)])
 @pytest.mark.parametrize("pair", [(2, 1), (1, 2)])
 def test_the_reward_of_an_episode_is_the_sum_over_its_steps(monkeypatch, red_from: int, lines: int, pair) -> None:
-    """The front comes to the line, 100 to 101 m on its way, at step 16 to 18; the middle of the vehicle 4 steps later."""
+    """The front comes to the line, 100 to 101 m on its way, at step 16 to 18; the middle is there 4 steps later."""
     monkeypatch.setattr(rollout, "av_way", lambda *_: Polyline.through(NORTHBOUND))
     vehicles = {1: Driven(NORTHBOUND, at_speed(60.0, 9.0, 40)), 2: Driven(NORTHBOUND, at_speed(90.1, 10.0, 40))}
     record = hand_made(crossing(), vehicles, lambda step: ("r" if step >= red_from else "G") * 7)

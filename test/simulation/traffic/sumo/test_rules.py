@@ -1,7 +1,7 @@
 """Which rules an episode has, and what those about making way do."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from siren_ros.simulation.traffic.sumo.rules import (
     FilteringRiders,
     Moment,
     OncomingDrivers,
+    RescueLane,
     Rule,
     Setting,
     acts_of,
@@ -191,6 +192,35 @@ def test_who_filters_is_told_a_width_and_a_speed_until_nobody_waits_beside_them(
     assert width != 0.85
     ends = [item for name in both for item in ((name, "width", 0.85 + MIRRORS_M), (name, "speed", own))]
     assert told == ends
+
+
+def test_who_stands_in_a_jam_is_told_a_side_but_for_emvs_and_those_driven_from_outside(
+    motorway: RoadNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edge = next(edge.index for edge in motorway.edges if len(driving_lanes(motorway, edge.index)) == 3)
+    right, _, left = driving_lanes(motorway, edge)
+    told: dict[str, str] = {}
+    monkeypatch.setattr(libsumo.vehicle, "setLateralAlignment", told.__setitem__)
+    monkeypatch.setattr(libsumo.vehicle, "setLaneChangeMode", lambda *_: None)
+    plan, _, _ = plan_of("S2", load_map(None)[1], 0)
+    driver = replace(plan.background[0], rescue_m=math.inf)
+    lane = RescueLane(motorway, filtering=False, siren=True)
+
+    def tells(speed_mps: float, *outside: str, names: Collection[str] = ("emv0", "emv1", "l", "r")) -> dict[str, str]:
+        told.clear()
+        lanes = {"emv0": left, "emv1": right, "l": left, "r": right}
+        rows = {name: at(lanes[name], 20.0 * k) | {libsumo.VAR_SPEED: speed_mps} for k, name in enumerate(names)}
+        columns = columns_of(rows, motorway, {})
+        lane.apply(columns, dict.fromkeys(rows, driver), columns.which(outside), ["emv0", "emv1"])
+        return dict(told)
+
+    assert tells(1.0, "r") == {"l": "left"}
+    assert tells(1.0) == {"r": "right"}
+    assert tells(1.0, "r") == {}
+    assert tells(1.0) == {"r": "right"}, "it has been driven from outside meanwhile"
+    assert tells(1.0, names=("r",)) == {}
+    assert tells(1.0) == {"l": "left"}, "another one of its name has come"
+    assert tells(30.0) == {"l": "center", "r": "center"}
 
 
 STOP_AND_GO = "jam.moves=1,jam.roll_s=12,jam.roll_mps=3,jam.stand_s=8"

@@ -440,6 +440,14 @@ def test_ways_that_cross_within_five_seconds_are_a_meeting(late_m: float, meets:
     assert with_emv(record) == {WALKS: meets, CYCLES: 0, RIDES: 0}
 
 
+@pytest.mark.parametrize("emv_ids", [(1, 4), (4, 1)])
+def test_each_of_two_emvs_counts_in_a_record_that_begins_later_too(emv_ids: tuple[int, int]) -> None:
+    record = record_of({4: moving(0.0, 5000.0, 10.0, is_emv=True), 2: walker(20.0, -8.0)})
+    record = replace(record, description=replace(record.description, emv_ids=emv_ids))
+    for states in (record.states, record.states[7:]):
+        assert people_of(replace(record, states=states))[WALKS] == PeopleOfClass(1, 1, 1, 0, 1)
+
+
 def test_people_who_walk_along_the_way_are_no_meeting() -> None:
     along = moving(30.0, 2.0, 1.4, actor_class=WALKS, length_m=0.6)
     assert with_emv(record_of({2: along}))[WALKS] == 0

@@ -14,6 +14,7 @@ from siren_ros.running.studies import matrix
 from siren_ros.running.studies.matrix import (
     DrawPlan,
     Method,
+    Seat,
     Study,
     draws_of,
     grid_of,
@@ -175,6 +176,15 @@ def test_the_users_traffic_is_an_input_by_its_content(tmp_path: Path) -> None:
         assert planned.request.demand == str(file)
         hashes.append(planned.inputs_sha256)
     assert hashes[0] == hashes[2] != hashes[1]
+    seats = (Seat("idm"), Seat("lawful-california"))
+    hashes += [plan_study(Study(("S2",), demand=str(file), seat=seat))[0].inputs_sha256 for seat in seats]
+    assert len({*hashes}) == 4
+
+
+def test_another_version_of_siren_is_another_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    (first,) = plan_study(Study(("S2",)))
+    monkeypatch.setattr(matrix, "present_versions", lambda: {"siren": "0"})
+    assert plan_study(Study(("S2",)))[0].inputs_sha256 != first.inputs_sha256
 
 
 def test_two_episodes_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -418,3 +418,11 @@ def test_who_has_no_route_walks_ten_metres_straight_on(network):
         reach = one.points[-1] - one.points[0]
         assert np.arctan2(reach[1], reach[0]) == pytest.approx(traffic.yaw_rad[row])
     assert found.number[2] >= 0
+
+
+def test_each_route_from_a_lane_has_a_course_of_its_own(network):
+    """From the left lane to the north, and straight on to the east."""
+    book, routes = CourseBook(network), (edges(0, 2), edges(0, 4))
+    north, east = (book.along(1, route).points.tolist() for route in routes)
+    assert [north, east] == [CourseBook(network).along(1, route).points.tolist() for route in routes]
+    assert north != east

@@ -26,12 +26,12 @@ STREET = SideStreet(near_m=4.0, far_m=10.0, aside_m=7.0, limit_mps=8.0)
 LOOKOUT = Lookout(horizon_s=8.0, pet_s=1.0, brake_mps2=3.0, reaction_s=0.5, standoff_m=1.0, length_m=6.0)
 
 
-def crossroads():
+def crossroads(streets=((8.0, 1.0), (4.0, -1.0))):
     """A lane to the east, 12 m over the junction; a street from the south and one from the north, 4 m and 8 m in."""
     road = RoadBuilder().edge([[-200, 0], [0, 0]], 1, ("W", "J"))
     road.edge([[0, 0], [12, 0]], 1, ("J", "J"), internal=True).edge([[12, 0], [200, 0]], 1, ("J", "E"))
     road.edge([[0, 3.3], [-200, 3.3]], 1, ("J", "W"))
-    for x_m, way in ((8.0, 1.0), (4.0, -1.0)):
+    for x_m, way in streets:
         ends = [[-150, -8], [-8, 8], [8, 150]]
         for (begin, end), names in zip(ends, (("S", "J"), ("J", "J"), ("J", "N")), strict=True):
             road.edge([[x_m, way * begin], [x_m, way * end]], 1, names, internal=names == ("J", "J"))
@@ -77,6 +77,21 @@ def test_streets_from_both_sides_are_where_their_lanes_cross():
     assert right.aside_m == pytest.approx(0.5 * width + SETBACK_M)
     assert left.aside_m == pytest.approx(1.5 * width + SETBACK_M)
     assert right.limit_mps == pytest.approx(13.89)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_streets_from_one_side_count_from_the_nearest_to_the_farthest_with_the_highest_limit(order):
+    network = crossroads(((4.0, 1.0), (8.0, 1.0))[::order])
+    lanes = [replace(lane, speed_limit_mps=lane.index + 10.0) for lane in network.lanes]
+    network = replace(network, lanes=tuple(lanes))
+    (street,) = side_streets(network, network.connections[0])
+    assert (street.near_m, street.far_m) == pytest.approx((4.0 - 0.5 * 3.3, 8.0 + 0.5 * 3.3), abs=0.3)
+    fastest = max(network.connections[1:], key=lambda one: lanes[one.from_lane].speed_limit_mps)
+    assert street.limit_mps == lanes[fastest.from_lane].speed_limit_mps
+    slow = replace(network, lanes=tuple(replace(lane, speed_limit_mps=30.0 - lane.index) for lane in lanes))
+    assert side_streets(slow, slow.connections[0])[0].limit_mps == 30.0 - min(
+        one.from_lane for one in network.connections[1:]
+    )
 
 
 @pytest.mark.parametrize(("movement", "beside_m"), [(STRAIGHT, 1.75 + 3.5), (STRAIGHT_LEFT, 1.75)])

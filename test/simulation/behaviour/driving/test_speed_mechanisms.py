@@ -412,6 +412,9 @@ def test_where_the_view_is_closed_the_emv_comes_more_slowly(lab):
     later = math.sqrt(view_mps**2 + 2.0 * ENTRY.brake_mps2 * 20.0)
     assert lines.approach_mps(1, 6.5, connection, float(at[slowest]) + 20.0) == pytest.approx(later, abs=0.1)
     assert lines.approach_mps(1, 6.5, connection, 0.1) == pytest.approx(9.0, abs=0.1)
+    books = lines, LineBook(network, ENTRY, fast, 1)
+    brief, alone = (book.approach_mps(1, 1.0, connection, float(at[slowest]) + 1e-6) for book in books)
+    assert brief == alone > view_mps + 0.1, "a shorter EMV is away sooner"
     blind = replace(fast, emv_horizon_s=0.2)
     assert LineBook(network, ENTRY, blind, 1).approach_mps(1, 6.5, connection, 3.0) > 9.0
 

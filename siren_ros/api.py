@@ -236,7 +236,7 @@ def examine(
     """
     from siren_ros.base.processes.process_pool import ProcessPool
     from siren_ros.reports.exam.grading import load_rulebook
-    from siren_ros.reports.exam.sitting import certificate_of, make_exam, sit_in_bag, sit_in_made_episode
+    from siren_ros.reports.exam.sitting import about_of, certificate_of, make_exam, sit_in_bag, sit_in_made_episode
 
     def make(one: Study, out: Path) -> Sequence[EpisodeRow]:
         return generate_study(one, out, workers, progress).rows
@@ -245,16 +245,17 @@ def examine(
     sit: Callable[..., Sitting]
     calls: list[tuple[Any, ...]]
     lacks: Sequence[Sitting]
+    study = None if study is None else _with_driver(study, driver)
     if study is None:
         sit, calls, lacks = sit_in_bag, [(bag, actor_id, book) for bag in _bags_of(bags)], ()
     else:
-        episodes, lacks = make_exam(_with_driver(study, driver), _folder(bags), make, paired=paired)
+        episodes, lacks = make_exam(study, _folder(bags), make, paired=paired)
         sit, calls = sit_in_made_episode, [(episode, book) for episode in episodes]
     on_bag = _moved(progress, len(calls))
     with ProcessPool(min(workers, len(calls))) as pool:
         sittings = pool.map(sit, calls, on_bag)
     name = driver or (study.seat.program if study else "")
-    return certificate_of(name, actor_id, book, [*sittings, *lacks])
+    return certificate_of(name, actor_id, book, [*sittings, *lacks], about_of(study))
 
 
 def iterate_samples(bags: Folders, window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:

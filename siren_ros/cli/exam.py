@@ -15,10 +15,18 @@ from typing import Final
 from tqdm import tqdm
 
 from siren_ros.base.params.folders import names_in_params
+from siren_ros.base.params.signatures import private_key, sign
 from siren_ros.base.tables import text_of
 from siren_ros.cli.command import Command, complain
 from siren_ros.cli.generate import MATRIX, add_matrix, asked_of
-from siren_ros.cli.options import add_processes, of_each_bag, processes_of
+from siren_ros.cli.options import (
+    add_processes,
+    add_public_key,
+    add_signing,
+    faults_of_signature,
+    of_each_bag,
+    processes_of,
+)
 from siren_ros.data.recording.bag_reader import bags_among
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, shown_text
 from siren_ros.reports.exam.certificate import (
@@ -30,6 +38,7 @@ from siren_ros.reports.exam.certificate import (
 )
 from siren_ros.reports.exam.grading import FOLDER, Rulebook, Sitting, load_rulebook
 from siren_ros.reports.exam.sitting import (
+    about_of,
     certificate_of,
     make_exam,
     sit_in_bag,
@@ -71,6 +80,7 @@ def add_verification(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("certificate", type=Path, metavar="CERTIFICATE", help="certificate.json")
     verb.add_argument("bags", type=Path, metavar="BAGS", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument("--rulebook", default="", metavar="FILE", help="own rulebook (default: the shipped one)")
+    add_public_key(verb)
     add_processes(verb)
     verb.set_defaults(run=verify)
 
@@ -80,6 +90,7 @@ def verify(arguments: argparse.Namespace) -> int:
     content = read_certificate(arguments.certificate)
     bags = bags_among(arguments.bags)
     found = differences(content, bags, arguments.rulebook, processes_of(arguments))
+    found = (*faults_of_signature(arguments, arguments.certificate), *found)
     for line in found:
         print(line)
     print(f"{len(content['episodes'])} episodes, {len(found)} differences")
@@ -124,6 +135,7 @@ def add_arguments(verb: Command) -> None:
     verb.add_argument("--actor", type=int, metavar="ID", help="the driver in BAG (default: the AV under test)")
     verb.add_argument("--alone", action="store_true", help="make no episodes with the paper's driver")
     verb.add_argument("--out", type=Path, metavar="DIR", help="folder for certificate.html, .json and .xml")
+    add_signing(verb)
     add_matrix(verb.add_argument_group("the matrix of a study"), "S1 to S7", "L2 L3", "0:20")
     add_processes(verb)
     verb.add_argument(
@@ -144,8 +156,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("bags", "", "bags, --driver or --av")
     if arguments.bags and arguments.av:
         raise InputError("av", arguments.av, "no bags with it")
-    sittings, worst = _of_study(arguments, rulebook) if seated else _of_bags(arguments, rulebook)
-    certificate = certificate_of(arguments.driver or arguments.av, arguments.actor, rulebook, sittings)
+    if arguments.sign is not None and arguments.out is None:
+        raise InputError("sign", str(arguments.sign), "--out with it")
+    key = None if arguments.sign is None else private_key(arguments.sign)  # it is missed before hours of episodes
+    study = _study(arguments) if seated else None
+    sittings, worst = _of_bags(arguments, rulebook) if study is None else _of_study(arguments, study, rulebook)
+    driver = arguments.driver or arguments.av
+    certificate = certificate_of(driver, arguments.actor, rulebook, sittings, about_of(study))
     print("\n".join(text_of(certificate.tables())))
     for sitting, mark, line in violations_of(certificate.sittings):
         print(f"{line}\n    {shown_again(sitting, mark)}")
@@ -155,6 +172,8 @@ def run(arguments: argparse.Namespace) -> int:
         complain(f"siren exam: {sitting.episode}: no result: {sitting.lack}")
     if arguments.out is not None:
         _write(arguments, certificate)
+        if key is not None:
+            print(sign(arguments.out / "certificate.json", key))
     return max(worst, EXIT_OK if certificate.passed else EXIT_FAILED)
 
 
@@ -163,13 +182,16 @@ def _of_bags(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Si
     return of_each_bag(sit, bags_among(arguments.bags), processes_of(arguments), "exam")
 
 
-def _of_study(arguments: argparse.Namespace, rulebook: Rulebook) -> tuple[list[Sitting], int]:
+def _study(arguments: argparse.Namespace) -> Study:
     if arguments.out is None:
         raise InputError("out", "", "a folder for the episodes and the certificate")
     if arguments.av and arguments.driver:
         raise InputError("av", arguments.av, "no --driver with it")
     seat = Seat(arguments.driver, arguments.av, arguments.real_time)
-    study = replace(_DEFAULT, **asked_of(arguments), seat=seat)
+    return replace(_DEFAULT, **asked_of(arguments), seat=seat)
+
+
+def _of_study(arguments: argparse.Namespace, study: Study, rulebook: Rulebook) -> tuple[list[Sitting], int]:
     make = partial(_made, arguments=arguments)
     episodes, lacks = make_exam(study, arguments.out, make, paired=not arguments.alone)
     sit = partial(sit_in_made_episode, rulebook=rulebook)

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from tqdm import tqdm
 
+from siren_ros.base.params.signatures import fault_of_signature
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.cli.command import complain
 from siren_ros.errors import EXIT_OK, InputError, SirenError, shown_text
@@ -125,3 +126,19 @@ def add_named_paths(line: argparse.ArgumentParser, option: str, metavar: str, me
 def add_bags(line: argparse.ArgumentParser) -> None:
     """Adds the argument for ``bags_among``."""
     line.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+
+
+def add_signing(verb: argparse.ArgumentParser) -> None:
+    """Adds ``--sign``."""
+    verb.add_argument("--sign", type=Path, metavar="KEY.pem", help="sign it with a private key of Ed25519")
+
+
+def add_public_key(verb: argparse.ArgumentParser) -> None:
+    """Adds ``--public-key``."""
+    verb.add_argument("--public-key", type=Path, metavar="KEY.pem", help="also check the signature of this key's owner")
+
+
+def faults_of_signature(arguments: argparse.Namespace, file: Path) -> tuple[str, ...]:
+    """Why a file is not signed by the owner of ``--public-key``; nothing without the option."""
+    fault = "" if arguments.public_key is None else fault_of_signature(file, arguments.public_key)
+    return (fault,) if fault else ()

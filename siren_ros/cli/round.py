@@ -7,13 +7,29 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from siren_ros.base.params.signatures import private_key, sign
 from siren_ros.base.processes.asked_program import ANSWER_S, MEMORY_MB
 from siren_ros.base.tables import text_of
 from siren_ros.cli.command import complain
 from siren_ros.cli.generate import add_matrix, asked_of
-from siren_ros.cli.options import add_processes, processes_of, steps_of
+from siren_ros.cli.options import (
+    add_processes,
+    add_public_key,
+    add_signing,
+    faults_of_signature,
+    processes_of,
+    steps_of,
+)
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.reports.round.board import kind_of, make_round, publish_round, score_round, tables_of, verify_round
+from siren_ros.reports.round.board import (
+    BOARD_FILE,
+    kind_of,
+    make_round,
+    publish_round,
+    score_round,
+    tables_of,
+    verify_round,
+)
 from siren_ros.reports.round.kinds import KINDS, PREDICTION
 from siren_ros.reports.round.sealed_round import PUBLIC, ROUND_FILE, read_content
 
@@ -58,9 +74,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     line = action("publish", publish, "write salt, plan, answers and board for everybody")
     line.add_argument("round", type=Path, metavar="ROUND", help="folder of the round")
     line.add_argument("--out", type=Path, metavar="FOLDER", required=True, help="new folder to publish")
+    add_signing(line)
     line = action("verify", verify, "check that episodes follow from the salt, and the board from the answers")
     line.add_argument("published", type=Path, metavar="FOLDER", help="published folder")
     line.add_argument("--kept", type=Path, metavar="round.json", help="the file that you got when the round began")
+    add_public_key(line)
     add_processes(line)
 
 
@@ -105,7 +123,10 @@ def score(arguments: argparse.Namespace) -> int:
 
 def publish(arguments: argparse.Namespace) -> int:
     """Writes the folder for everybody."""
+    key = None if arguments.sign is None else private_key(arguments.sign)
     publish_round(arguments.round, arguments.out)
+    if key is not None:
+        print(sign(arguments.out / BOARD_FILE, key))
     print(f"{arguments.out}: board.html, board.json, board.csv; the episodes of the round are no secret any more")
     return EXIT_OK
 
@@ -114,6 +135,7 @@ def verify(arguments: argparse.Namespace) -> int:
     """Says what does not follow; the exit code is then 1."""
     with tqdm(unit="episode", desc="verify", disable=None) as bar:
         wrong = verify_round(arguments.published, arguments.kept, processes_of(arguments), steps_of(bar))
+    wrong = (*faults_of_signature(arguments, arguments.published / BOARD_FILE), *wrong)
     for line in wrong:
         complain(f"siren round: {line}")
     if not wrong:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from defusedxml import ElementTree
 from recorded_episode import quick_template, tracked_recording
+from signing_keys import made_keys
 
 from siren_ros.base.params.folders import params_dir
 from siren_ros.data.recording.bag_reader import read_episode
@@ -83,6 +84,8 @@ MATRIX = ["--templates", quick_template("S2"), *EPISODES]
 def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, tmp_path):
     out = tmp_path / "exam"
     words = ["exam", "--driver", "lawful-california", "--rulebook", "california", *MATRIX, "--out", str(out)]
+    private, public = made_keys(tmp_path, "examiner")
+    words += ["--sign", str(private)]
     printed = siren(words, code=1).out
     assert "at the wheel; number of episodes: 2" in printed
     certificate = (out / "certificate.json").read_bytes()
@@ -94,6 +97,18 @@ def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, 
     assert len(made) == 4  # two with the driver, two with the paper's
     verify = ["exam", "verify", str(out / "certificate.json"), "--workers", "1"]
     assert "2 episodes, 0 differences" in siren([*verify, str(out)]).out
+    signed = ["--public-key", str(public)]
+    assert "2 episodes, 0 differences" in siren([*verify, str(out), *signed]).out
+    assert content["matrix"]["seeds"] == [0, 1]
+    assert content["matrix"]["seat"]["driver"] == content["driver"]
+    assert content["versions"]["siren_ros"]
+    assert len({one["map_sha256"] for one in content["episodes"]}) == 1
+    fewer = tmp_path / "fewer.json"
+    fewer.write_text(json.dumps({**content, "episodes": content["episodes"][1:]}), encoding="utf-8")
+    (tmp_path / "fewer.json.sig").write_bytes((out / "certificate.json.sig").read_bytes())
+    dropped = siren(["exam", "verify", str(fewer), str(out), "--workers", "1", *signed], code=1).out
+    assert "2 episodes in the matrix, 1 on the certificate" in dropped
+    assert "fewer.json is not what the owner of examiner_public.pem signed" in dropped
     assert "no bag has the hash" in siren([*verify, str(out / "paper")], code=1).out
     mark = next(mark for mark in content["episodes"][0]["marks"] if mark["grade"] == "pass")
     mark["grade"], content["heard_m"] = "minor", 5000

@@ -6,7 +6,7 @@ Two drivers are compared by their certificates, in the episodes that both were g
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -28,6 +28,8 @@ from siren_ros.reports.study_report.page import EpisodePages, Link, Page, Sectio
 from siren_ros.scoring.evaluation.realism.ledger import read_ledger
 from siren_ros.scoring.evaluation.statistics import BlockSums, interval_of_mean
 
+ABOUT: Final = ("versions", "matrix", "driver_sha256")
+"""Keys of ``Certificate.about``."""
 _VIOLATIONS: Final = "violations"
 """Name of the number of violated clauses in an episode."""
 _BEFORE_S: Final = 2.0
@@ -41,6 +43,8 @@ class Certificate(Brief):
     driver: str
     rulebook: Rulebook
     sittings: tuple[Sitting, ...]
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """What else is on it, as JSON types: versions, matrix, hashes of the driver's files (``ABOUT``)."""
 
     def facts(self) -> dict[str, object]:
         """Whether the driver passes, and how many episodes have which grade."""
@@ -213,6 +217,7 @@ def as_json(certificate: Certificate, hashes: Mapping[str, str] | None = None) -
     content = {
         "siren": __version__,
         "driver": certificate.driver,
+        **certificate.about,
         "rulebook": book.name,
         "rulebook_sha256": book.sha256,
         "included_sha256": dict(book.included),
@@ -231,6 +236,7 @@ def as_json(certificate: Certificate, hashes: Mapping[str, str] | None = None) -
             {
                 "episode": shown_text(sitting.episode),
                 "bag": shown_text(sitting.bag),
+                "map_sha256": sitting.map_sha256,
                 "bag_sha256": known.get(sitting.bag) or _bag_sha256(sitting.bag),
                 **(
                     {

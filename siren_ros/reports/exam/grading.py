@@ -94,7 +94,7 @@ def load_rulebook(name_or_path: str) -> Rulebook:
         raise InputError(f"{Path(file)}: clauses", ", ".join(ids), "clauses, each with an id of its own")
     book = Rulebook(
         name=shown_text(file.stem if shipped else f"own rulebook {file.name}"),
-        title=_text(root, "title"),
+        title=_text(root, "title") if shipped else f"own rulebook {shown_text(file.name)}: {_text(root, 'title')}",
         heard_m=heard_m,
         heard_late_m=root.number("heard_late_m", 1.0, heard_m) if root.has("heard_late_m") else heard_m,
         reaction_s=root.number("reaction_s", 0.0, 10.0),
@@ -182,6 +182,8 @@ class Sitting(Brief):
     """Effects of the driver on others, compared with the paper's driver in its place (``others.py``)."""
     paper: str = ""
     """Bag of the same episode with the paper's driver; empty where there is none."""
+    map_sha256: str = ""
+    """Hash of the compiled map."""
     answers: AnswerTimes | None = None
     """Answer times of the program that drove; None where none did, or where its time was not limited."""
 
@@ -243,7 +245,8 @@ def examine(
             lately = grade_of(clause, monitor.find(late, clause.numbers))
             grade = grade if lately is Grade.MAJOR else Grade.MINOR
         marks.append(Mark(clause, grade, finding))
-    return Sitting(bag, name_of(record.description, bag), actor_id, tuple(marks))
+    described = record.description
+    return Sitting(bag, name_of(described, bag), actor_id, tuple(marks), map_sha256=described.map_sha256)
 
 
 def name_of(described: EpisodeDescription, bag: str) -> str:

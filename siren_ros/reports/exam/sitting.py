@@ -2,11 +2,16 @@
 
 import json
 import re
-from collections.abc import Callable, Sequence
+import shlex
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
+from siren_ros.base.params.folders import params_dir
+from siren_ros.base.params.plain_files import sha256_of_file
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError, shown_text, write_text, writing
 from siren_ros.reports.exam.certificate import Certificate, as_json, as_junit, page_of
@@ -14,7 +19,9 @@ from siren_ros.reports.exam.examinee import PAPER, actor_in_seat, compared_with_
 from siren_ros.reports.exam.grading import Rulebook, Sitting, examine
 from siren_ros.reports.study_report.page import EpisodePages, html_of
 from siren_ros.running.generation.closed_loop import AnswerTimes
+from siren_ros.running.generation.episode_setup import present_versions
 from siren_ros.running.seat.drivers.drivers import driver_of
+from siren_ros.running.seat.drivers.learned import SHIPPED
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import Seat, Study
 from siren_ros.simulation.world.actors import NO_ACTOR
@@ -149,7 +156,25 @@ def write_certificate(certificate: Certificate, out: Path, command: str, jobs: i
     return written, errors
 
 
-def certificate_of(driver: str, actor_id: int | None, rulebook: Rulebook, sittings: Sequence[Sitting]) -> Certificate:
+def about_of(study: Study | None = None) -> dict[str, Any]:
+    """What a certificate says of versions, and of the study that was made for it with the files of its driver."""
+    about: dict[str, Any] = {"versions": dict(present_versions())}
+    if study is None:
+        return about
+    driver, program = study.seat.driver, study.seat.program
+    words = [driver, *shlex.split(program)] if driver != "learned" else [str(params_dir() / SHIPPED)]
+    files = [Path(found) for word in words if (found := shutil.which(word) or word) and Path(found).is_file()]
+    matrix = replace(study, salt=Path(study.salt).name).to_json()
+    return {**about, "matrix": matrix, "driver_sha256": {file.name: sha256_of_file(file) for file in files}}
+
+
+def certificate_of(
+    driver: str,
+    actor_id: int | None,
+    rulebook: Rulebook,
+    sittings: Sequence[Sitting],
+    about: Mapping[str, Any] = MappingProxyType({}),
+) -> Certificate:
     """The certificate of an exam, with the sittings in the order of their bags: seed 2 comes before seed 10.
 
     Args:
@@ -157,9 +182,10 @@ def certificate_of(driver: str, actor_id: int | None, rulebook: Rulebook, sittin
         actor_id: The driver in recorded episodes; None for the AV under test.
         rulebook: What was asked.
         sittings: Sittings of all episodes, in any order.
+        about: What else is on the certificate (``about_of``).
     """
     part = "the AV under test" if actor_id is None else f"actor {actor_id}"
-    return Certificate(shown_text(driver or part), rulebook, tuple(sorted(sittings, key=_by_number)))
+    return Certificate(shown_text(driver or part), rulebook, tuple(sorted(sittings, key=_by_number)), about)
 
 
 def _by_number(sitting: Sitting) -> list[tuple[str, int]]:

@@ -4,6 +4,7 @@ Bags are found by the hashes on the certificate, so that neither folders nor nam
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +12,7 @@ from typing import Any, Final
 from siren_ros.base.processes.process_pool import ProcessPool
 from siren_ros.data.episode_source import bag_sha256
 from siren_ros.errors import InputError, SirenError, shown_text
-from siren_ros.reports.exam.certificate import Certificate, Content, as_json
+from siren_ros.reports.exam.certificate import ABOUT, Certificate, Content, as_json
 from siren_ros.reports.exam.grading import Rulebook, Sitting, load_rulebook
 from siren_ros.reports.exam.sitting import MadeEpisode, sit_in_made_episode
 from siren_ros.running.generation.closed_loop import AnswerTimes
@@ -57,7 +58,13 @@ def _differences(content: Content, bags: Sequence[Path], rulebook: str, jobs: in
         return errors
     sittings = tuple(one for one in graded if isinstance(one, Sitting))
     hashes = {str(bag): digest for digest, bag in by_hash.items()}
-    again = json.loads(as_json(Certificate(content["driver"], book, sittings), hashes))
+    about = {key: content[key] for key in ABOUT if key in content}
+    again = json.loads(as_json(Certificate(content["driver"], book, sittings, about), hashes))
+    if matrix := about.get("matrix"):
+        cells = math.prod(len(matrix[axis]) for axis in ("templates", "levels", "seeds", "maps", "sites"))
+        said += (
+            [f"{cells} episodes in the matrix, {len(episodes)} on the certificate"] if cells != len(episodes) else []
+        )
     for key in sorted((content.keys() | again.keys()) - _OF_PLACE):
         if content.get(key) != again.get(key):
             said.append(f"{key} differs")

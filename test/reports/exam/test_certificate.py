@@ -259,6 +259,8 @@ def test_a_rulebook_with_other_limits_passes_for_no_shipped_one(tmp_path):
     forged.write_text(shipped.replace("minor: 4", "minor: 4000", 1).replace("major: 8", "major: 8000", 1))
     own = load_rulebook(str(forged))
     assert own.name == "own rulebook california.yaml"
+    title = "own rulebook california.yaml: California"
+    assert f"<title>Exam: {title}" in html_of(page_of(Certificate("d", own, ()), "siren exam"))
     assert own.sha256 != BOOK.sha256 == sha256_of(params_dir() / FOLDER / "california.yaml")
     told = json.loads(as_json(Certificate("d", own, ())))
     assert (told["rulebook"], told["rulebook_sha256"]) == (own.name, own.sha256)

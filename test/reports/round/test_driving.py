@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 from recorded_episode import quick_template
+from signing_keys import made_keys
 
 from siren_ros.base.params.folders import params_dir
 from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import read_episode
-from siren_ros.reports.round.board import publish_round, verify_round
+from siren_ros.reports.round.board import verify_round
 from siren_ros.running.seat.drivers.learned import SHIPPED
 from siren_ros.simulation.world.commands import AV_SOURCE
 
@@ -29,7 +30,7 @@ raise SystemExit(f"{len(found)} secrets")
 """Reads the secret and the command line of the program that makes the episode, in place of driving."""
 
 
-def test_a_round_of_drivers_from_make_to_verify(tmp_path: Path) -> None:
+def test_a_round_of_drivers_from_make_to_verify(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held, submissions, published = (tmp_path / name for name in ("round", "submissions", "published"))
     words = ["--task", "exam", "--rulebook", "california", "--templates", quick_template("S2"), *MADE]
     assert main(["round", "make", str(held), *words]) == 0
@@ -57,9 +58,14 @@ def test_a_round_of_drivers_from_make_to_verify(tmp_path: Path) -> None:
     assert board["refused"].keys() == {"broken", "nobody", "thief"}
     assert "0 secrets" in board["refused"]["thief"]
     assert str(tmp_path) not in json.dumps(board)
-    publish_round(held, published)
+    private, public = made_keys(tmp_path, "organiser")
+    assert main(["round", "publish", str(held), "--out", str(published), "--sign", str(private)]) == 0
     kept = held / "public" / "round.json"
-    assert verify_round(published, kept) == ()
+    verify = ["round", "verify", str(published), "--kept", str(kept), "--public-key", str(public), "--workers", "1"]
+    assert main(verify) == 0
+    (published / "board.json").write_text((published / "board.json").read_text() + " ")
+    assert main(verify) == 1
+    assert "board.json is not what the owner of organiser_public.pem signed" in capsys.readouterr().err
     bag = published / "answers" / "lawful" / "episode001"
     assert read_episode(bag).commands[AV_SOURCE]
     shutil.rmtree(bag)
@@ -70,7 +76,9 @@ def test_a_round_of_drivers_from_make_to_verify(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rulebook", ["atlantis", "FILE"])
-def test_a_round_needs_a_rulebook_that_everybody_has(tmp_path: Path, rulebook: str, capsys) -> None:
+def test_a_round_needs_a_rulebook_that_everybody_has(
+    tmp_path: Path, rulebook: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     own = tmp_path / "california.yaml"
     shutil.copy(params_dir() / "rulebooks" / "california.yaml", own)
     words = [

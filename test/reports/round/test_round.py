@@ -1,7 +1,9 @@
 """Tests of a round from its making to its verification: honest, broken and cheating submissions, forged boards."""
 
 import json
+import os
 import shutil
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +18,7 @@ from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError
 from siren_ros.reports.round.board import BOARD_FILE, make_round, publish_round, score_round, verify_round
-from siren_ros.reports.round.prediction import questions_with_truth
+from siren_ros.reports.round.prediction import questions_with_truth, take
 from siren_ros.reports.round.sealed_round import question_file, read_plan, request_in
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
 from siren_ros.running.generation.episode_setup import set_up_episode
@@ -40,7 +42,7 @@ kept = []
 for line in sys.stdin:
     question = json.loads(line)
     kept.append(question)
-    leaks = 0
+    leaks = int(sys._getframe().f_back is not None)
     places = [f"/proc/{os.getppid()}/mem", f"/proc/{os.getppid()}/environ", *pathlib.Path("PRIVATE").glob("**/*")]
     for place in (*places, "PRIVATE/plan.json", "PRIVATE/salt", "../cv.parquet"):
         try:
@@ -54,7 +56,25 @@ for line in sys.stdin:
     still = {one["id"]: [[1.0, [[one["x_m"][-1] + 1e3 * leaks, one["y_m"][-1]]] * 25]] for one in asked}
     print(json.dumps({"paths": still}), flush=True)
 """
-"""Opens the bags, looks into the process that asks, and remembers its questions. What it finds moves its answers."""
+"""Opens the bags, looks into the caller's frame and the process that asks, and remembers its questions. What it finds
+moves its answers."""
+ENGINE = """#!PYTHON
+import os, pathlib, sys
+words = sys.argv[1:]
+assert words[:3] == ["run", "--rm", "-i"], words
+limits = [("--network", "none"), ("--memory", "512m"), ("--cap-drop", "ALL"), ("--ulimit", "cpu=41")]
+assert all(words[words.index(name) + 1] == value for name, value in limits) and "--read-only" in words, words
+bound = [words[place + 1].split(":") for place, word in enumerate(words) if word == "-v"]
+assert [inside for _, inside, _ in bound] == ["/submission", "/read"] and all(how == "ro" for *_, how in bound), words
+seen = {inside: place for place, inside, _ in bound}
+home = words.index("-w")
+assert words[home + 1 : home + 3] == ["/submission", "python:3.12"] and words[-1] == "/read", words
+assert list(pathlib.Path(seen["/read"]).glob("*.net.xml"))
+pathlib.Path(sys.argv[0] + ".ran").touch()
+os.chdir(seen["/submission"])
+os.execvp(words[home + 3], [seen.get(word, word) for word in words[home + 3 :]])
+"""
+"""Stands for Docker: checks the limits and the two folders of a container, and runs the program without one."""
 WALKS_ON = """
 import json, sys
 for line in sys.stdin:
@@ -98,7 +118,7 @@ def program(folder: Path, source: str) -> None:
 
 @pytest.fixture(scope="module")
 def scored(held: Path, questions: Questions) -> Path:
-    """The round with the scores of six submissions, of which two cheat and one is broken."""
+    """The round with the scores of seven submissions, of which two cheat and two are broken."""
     submissions = held.parent / "submissions"
     submissions.mkdir()
     for model in ("cv", "siren"):
@@ -119,6 +139,8 @@ def scored(held: Path, questions: Questions) -> Path:
     honest = pq.read_table(submissions / "cv.parquet")
     nothing = [[float("nan")] * len(path) for path in honest["y"].to_pylist()]
     pq.write_table(honest.set_column(6, "y", [nothing]), submissions / "broken.parquet")
+    far = [[*path[:-1], 1e200] for path in honest["y"].to_pylist()]
+    pq.write_table(honest.set_column(6, "y", [far]), submissions / "huge.parquet")
     assert main(["round", "score", str(held), str(submissions)]) == 1
     return held
 
@@ -135,11 +157,12 @@ def test_who_cheats_gains_nothing_and_who_is_broken_stops_nobody(scored: Path) -
     assert max(values.values()) == values["thief"] < 100.0  # no leak, of which each adds a kilometre
     assert board["flagged"] == {"knows": "its error of 0.000 m is below the floor of any model"}
     assert 0.0 < board["floor"]["ade_m"] < min(values.values())
-    assert set(board["refused"]) == {"broken"}
+    assert set(board["refused"]) == {"broken", "huge"}
+    assert "leave the Earth" in board["refused"]["huge"]
     assert "not finite" in board["refused"]["broken"]
     assert str(scored.parent) not in json.dumps(board)
     assert {name: one["kind"].split(",")[0] for name, one in board["submissions"].items()} == {
-        **dict.fromkeys(("cv", "siren", "knows", "broken"), "file"),
+        **dict.fromkeys(("cv", "siren", "knows", "broken", "huge"), "file"),
         **dict.fromkeys(("walks_on", "thief"), "program"),
     }
 
@@ -214,9 +237,28 @@ def test_who_simulates_the_right_template_and_seed_again_gains_nothing(held: Pat
 
 
 def test_answers_of_a_program_that_are_none_are_refused() -> None:
+    answer: Any
     for answer in ([], {"paths": {"a": [[1.0, [[0.0, 0.0]]]]}}, {"paths": {"1": [[1.0, [[0.0]]]]}}, {"paths": None}):
         with pytest.raises(InputError, match="answer"):
             rows_in({"episode": "a", "step": 3}, answer)
+
+
+def test_a_program_in_a_container_answers_like_one_in_a_process(
+    held: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = tmp_path / "bin" / "docker"
+    engine.parent.mkdir()
+    engine.write_text(ENGINE.replace("PYTHON", sys.executable))
+    engine.chmod(0o755)
+    monkeypatch.setenv("PATH", str(engine.parent), prepend=os.pathsep)
+    program(tmp_path / "walks_on", WALKS_ON)
+    private = held / "private"
+    asked = [
+        take(tmp_path / "walks_on", tmp_path / f"answers{image}", private, read_plan(private), (20.0, 512, image, 1))
+        for image in ("", "python:3.12")
+    ]
+    assert (tmp_path / "bin" / "docker.ran").exists()
+    assert pq.read_table(asked[0]).equals(pq.read_table(asked[1]))
 
 
 def test_a_round_without_a_submission_that_can_be_scored_has_no_board(held: Path, tmp_path: Path) -> None:

@@ -190,17 +190,22 @@ class Submission:
             )
 
 
+_EARTH_M: Final = 4.01e7
+"""Circumference of the Earth (WGS 84): squares of larger errors would overflow in the end."""
+
+
 def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: bool = False) -> Submission:
     """Check submitted hypotheses and group them by sample.
 
     Samples may have different numbers of hypotheses; the lacking ones get the probability 0.
 
     Raises:
-        InputError: Values that are not finite, negative probabilities, sums that are not 1, hypotheses given twice;
-            with their number and the first.
+        InputError: Values that are not finite or beyond all places, negative probabilities, sums that are not 1,
+            hypotheses given twice; with their number and the first.
     """
     for wrong, what, allowed in (
         (~np.isfinite(rows.xy_m).all(axis=(1, 2)), "paths are not finite", "finite values"),
+        ((abs(rows.xy_m) > _EARTH_M).any(axis=(1, 2)), "paths leave the Earth", f"at most {_EARTH_M:g} m"),
         (~np.isfinite(rows.probability), "probabilities are not finite", "finite values"),
         (rows.probability < 0.0, "probabilities are negative", "0 or more"),
         ((rows.actor_id < 0) | (rows.step < 0), "actors or steps are negative", "0 or more"),

@@ -337,6 +337,7 @@ def test_positions_in_a_vehicles_frame_are_refused(batch) -> None:
         ("probability", -0.1, "1 of 80 probabilities are negative"),
         ("probability", 0.9, "1 of 40 samples have probabilities of another sum; the first is .* with 1"),
         ("xy_m", np.inf, "1 of 80 paths are not finite"),
+        ("xy_m", 1e200, "1 of 80 paths leave the Earth"),
         ("step", -2, "1 of 80 actors or steps are negative"),
     ],
 )

@@ -234,24 +234,31 @@ def test_options_of_a_reset_that_cannot_be_used_leave_the_episode_as_it_is(optio
         assert env.unwrapped.rollout.setup.description.template == "S2"
 
 
-@pytest.mark.parametrize("action", [7, -1, 2.7, float("nan"), "keep", None, [0, 1], True])
-def test_an_action_that_is_no_manoeuvre_is_refused_before_anything_changes(action) -> None:
-    with made() as env:
+@pytest.mark.parametrize(
+    ("kind", "wrong", "allowed", "right"),
+    [
+        (
+            "manoeuvre",
+            [7, -1, 2.7, float("nan"), "keep", None, [0, 1], True],
+            r"action: .*0 \(keep\), 1 \(left\)",
+            np.int64(KEEP),
+        ),
+        (
+            "continuous",
+            [[0.0, np.nan, 0.0], [np.inf, 0.0, 0.0], [0.0, 0.0], 0.0, ["a", "b", "c"]],
+            r"action: .*3 finite numbers",
+            [0.5, 0.0, 0.0],
+        ),
+    ],
+)
+def test_what_is_no_action_is_refused_before_anything_changes(kind: str, wrong: list, allowed: str, right) -> None:
+    with made(action=kind) as env:
         env.reset(seed=7)
-        with pytest.raises(InputError, match=r"action: .*0 \(keep\), 1 \(left\)"):
-            env.step(action)
-        assert len(env.unwrapped.rollout.steps) == 1
-        assert env.step(np.int64(KEEP))[4]["time_s"] == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize("action", [[0.0, np.nan, 0.0], [np.inf, 0.0, 0.0], [0.0, 0.0], 0.0, ["a", "b", "c"]])
-def test_pedals_that_are_no_numbers_are_refused_before_anything_changes(action) -> None:
-    with made(action="continuous") as env:
-        env.reset(seed=7)
-        with pytest.raises(InputError, match=r"action: .*3 finite numbers"):
-            env.step(action)
-        assert len(env.unwrapped.rollout.steps) == 1
-        assert env.step([0.5, 0.0, 0.0])[4]["time_s"] == pytest.approx(0.2)
+        for action in wrong:
+            with pytest.raises(InputError, match=allowed):
+                env.step(action)
+            assert len(env.unwrapped.rollout.steps) == 1
+        assert env.step(right)[4]["time_s"] == pytest.approx(0.2)
 
 
 def test_an_option_that_does_not_exist_is_named() -> None:

@@ -523,6 +523,17 @@ def record_near(car_m, walker_xy, actor_class=ActorClass.PEDESTRIAN):
     return replace(record, actors=actors)
 
 
+@pytest.mark.parametrize("cars", [(CAR, 7), (7, CAR)])
+def test_the_fastest_of_several_who_pass_people_counts(cars):
+    slow, fast = (Driven(NORTHBOUND, at_speed(136.0, speed_mps, 150)) for speed_mps in (1.0, 1.8))
+    walker = Driven(line((RIGHT_X_M, 22.0), (RIGHT_X_M, 23.0)), np.zeros(150))
+    vehicles = dict(zip(cars, (slow, fast), strict=True))
+    record = hand_made(replace(crossing(), crossings=(STRIPES,)), {**vehicles, WALKER: walker})
+    walks = replace(record.actors[WALKER], actor_class=ActorClass.PEDESTRIAN)
+    _, part = check_people(replace(record, actors={**record.actors, WALKER: walks}))
+    assert part.value == pytest.approx(1.8, abs=1e-6)
+
+
 @pytest.mark.parametrize(("steps", "found"), [(21, True), (40, True), (20, False), (41, False)])
 def test_the_first_and_the_last_step_on_the_crossing_count(steps, found):
     """The front comes to the crossing after 8 m, in 1.013 s, the rear leaves it after 16 m, in 2.025 s."""

@@ -103,30 +103,23 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a
     assert pull_over_path(left, rolling.ego(0), 1) is None
 
 
-def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
-    road = lab.RoadBuilder().edge([[0.0, 0.0], [150.0, 0.0]], 2, ("W", "J"), shoulder=True)
-    road.edge([[150.0, 3.3], [175.0, 3.3]], 1, ("J", "J"), internal=True)
-    road.edge([[175.0, 0.0], [400.0, 0.0]], 2, ("J", "E"), shoulder=True)
-    road.connect(1, 4, via=(2,), signal=True)
-    half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
-    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=road.built())
-    assert pull_over_path(WAITED, view.ego(0), 1) is None
-
-
-@pytest.mark.parametrize("kind", [LaneKind.KERB, LaneKind.SIDEWALK])
-def test_a_vehicle_beside_a_strip_that_nobody_uses_goes_over_the_stop_line(lab, kind):
+@pytest.mark.parametrize("kind", [LaneKind.SHOULDER, LaneKind.KERB, LaneKind.SIDEWALK])
+def test_a_vehicle_goes_over_the_stop_line_beside_a_strip_that_nobody_uses_and_not_beside_a_shoulder(lab, kind):
     road = lab.RoadBuilder().edge([[0.0, 0.0], [150.0, 0.0]], 2, ("W", "J"), shoulder=True)
     road.edge([[150.0, 3.3], [175.0, 3.3]], 1, ("J", "J"), internal=True)
     road.edge([[175.0, 0.0], [400.0, 0.0]], 2, ("J", "E"), shoulder=True)
     road.connect(1, 4, via=(2,), signal=True)
     network = road.built()
     lanes = tuple(
-        replace(lane, kind=kind, emergency_allowed=False) if lane.kind is LaneKind.SHOULDER else lane
+        replace(lane, kind=kind, emergency_allowed=kind is LaneKind.SHOULDER)
+        if lane.kind is LaneKind.SHOULDER
+        else lane
         for lane in network.lanes
     )
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=replace(network, lanes=lanes))
-    assert pull_over_path(WAITED, view.ego(0), 1).curve.points[-1, 0] + half > 151.0
+    path = pull_over_path(WAITED, view.ego(0), 1)
+    assert path is None if kind is LaneKind.SHOULDER else path.curve.points[-1, 0] + half > 151.0
 
 
 @pytest.mark.parametrize("unit", [UNIT, WAITED], ids=["at once", "an EMV waits"])

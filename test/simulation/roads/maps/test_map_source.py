@@ -28,27 +28,15 @@ from siren_ros.simulation.roads.maps.map_source import (
         ("city.centre.osm.xml", b"<osm/>", SourceKind.OPENSTREETMAP, "city.centre"),
         ("misnamed.osm", b"<net/>", SourceKind.SUMO, "misnamed"),
         (".xml", b"<net/>", SourceKind.SUMO, ".xml"),
+        ("city.osm.xml.gz", b"<osm/>", SourceKind.OPENSTREETMAP, "city"),
+        ("city.osm.bz2", b"<osm/>", SourceKind.OPENSTREETMAP, "city"),
     ],
 )
-def test_the_root_element_tells_the_kind(tmp_path, name, content, kind, stem):
+def test_the_root_element_tells_the_kind_also_of_what_is_packed(tmp_path, name, content, kind, stem):
     path = tmp_path / name
-    path.write_bytes(content)
+    path.write_bytes({".gz": gzip.compress, ".bz2": bz2.compress}.get(path.suffix, bytes)(content))
     source = read_map_source(path)
     assert (source.kind, source.name, source.content) == (kind, stem, content)
-
-
-def test_gzip_is_seen_through(tmp_path):
-    path = tmp_path / "city.osm.xml.gz"
-    path.write_bytes(gzip.compress(b"<osm/>"))
-    source = read_map_source(path)
-    assert (source.kind, source.name, source.content) == (SourceKind.OPENSTREETMAP, "city", b"<osm/>")
-
-
-def test_bzip2_is_seen_through(tmp_path):
-    path = tmp_path / "city.osm.bz2"
-    path.write_bytes(bz2.compress(b"<osm/>"))
-    source = read_map_source(path)
-    assert (source.kind, source.name, source.content) == (SourceKind.OPENSTREETMAP, "city", b"<osm/>")
 
 
 @pytest.mark.parametrize(("mark", "prefix"), [("xmlns", ""), ("xmlns:od", "od:")])

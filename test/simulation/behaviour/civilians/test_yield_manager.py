@@ -457,6 +457,17 @@ def holding(lab, network, *cars):
     return YieldState({2: UNIT}, actors=ActorTable.empty().updated(lab.traffic_of(network, cars)))
 
 
+@pytest.mark.parametrize("second_s", [50.0, 9.0])
+def test_who_answers_another_emv_hears_at_least_as_far_as_before_and_counts_anew(lab, straight, second_s):
+    there, passed, second = lab.Car(2, 0, 80, 0, (0,), left=-0.7), emv_at(lab, 120.0), second_at(lab, second_s)
+    state = holding(lab, straight, passed, there, second)
+    state = replace(state, units={2: replace(UNIT, off_path_steps=7)})
+    state, _, _ = steps(lab.world_of(straight, lab.L3), [passed, there, second], 1, state, 1)
+    unit = state.units[2]
+    assert (unit.emv_id, unit.off_path_steps) == (9, 0)
+    assert unit.driver.response_distance_m >= UNIT.driver.response_distance_m
+
+
 def test_who_has_pulled_over_holds_until_the_last_emv_within_hearing_has_passed(lab, straight):
     """The first EMV has passed. The civilian's rear is at 77.6 m, the second EMV's front 65 m behind it."""
     world = lab.world_of(straight, lab.L3)

@@ -136,7 +136,7 @@ class _Drive(Drive):
 
     def traversals(self) -> Iterator[Traversal]:
         """Find the actor's traversals in the order of time."""
-        runs = self._runs()
+        runs = [*self._with_short_edges(self._runs())]
         for number, run in enumerate(runs):
             connection, following = self._movement(run, runs[number + 1 : number + 3])
             if connection is not None:
@@ -152,6 +152,23 @@ class _Drive(Drive):
         edges = self.movements.edge_of_lane[self.lane[road]]
         starts = np.concatenate(([0], np.flatnonzero(np.diff(edges)) + 1, [len(edges)]))
         return [_Run(int(edges[start]), int(road[start]), int(road[end - 1])) for start, end in pairwise(starts)]
+
+    def _with_short_edges(self, runs: list[_Run]) -> Iterator[_Run]:
+        """The runs, and between two of them the edge over which one step went: some are shorter than a step's way."""
+        between, edges = self.movements.between, self.movements.network.edges
+        for run, following in pairwise([*runs, None]):
+            if run is not None:
+                yield run
+            if run is None or following is None or (run.edge, following.edge) in between:
+                continue
+            ways = (
+                (start, after) for start, after in between if start == run.edge and (after, following.edge) in between
+            )
+            rows = np.arange(run.last + 1, following.first)
+            for _, edge in [*ways][:1] if len(rows) else []:
+                lane = self.movements.network.lanes[edges[edge].lanes[0]]
+                passed = _first(rows, self._along(lane, rows, 0.0) >= lane.length_m, following.first)
+                yield _Run(edge, run.last + 1, max(passed - 1, run.last + 1))
 
     def _movement(self, run: _Run, later: list[_Run]) -> tuple[int | None, _Run | None]:
         """Find the movement that follows a run, and the run to which it leads.

@@ -47,7 +47,7 @@ from siren_ros.scoring.judging.junction_templates import (
     turned_right_rad,
 )
 from siren_ros.scoring.judging.verdict import Moment, Verdict
-from siren_ros.simulation.roads.road_network import JunctionKind
+from siren_ros.simulation.roads.road_network import Edge, JunctionKind, LaneKind
 
 LINE_M = 100.0 - EMV_LENGTH_M / 2.0
 """Where the EMV's centre is as its front passes the line."""
@@ -122,6 +122,29 @@ def test_a_record_may_begin_later_than_step_0():
     )
     assert cut.enter_step == whole.enter_step
     assert least_free_speed_mps(late, cut) == least_free_speed_mps(record, whole)
+
+
+def test_an_edge_before_the_line_that_is_shorter_than_a_step_is_found():
+    """The lane of NORTHBOUND ends 10.3 m earlier, and a joint and a lane of 0.3 m lead to the line."""
+    movement = SIGNAL.connections[STRAIGHT]
+    lane = SIGNAL.lanes[movement.from_lane]
+    count, edges = len(SIGNAL.lanes), len(SIGNAL.edges)
+    parts = [lane.centre.cut(*ends) for ends in ((0.0, 89.7), (89.7, 99.7), (99.7, 100.0))]
+    joint = replace(lane, index=count, edge=edges, kind=LaneKind.INTERNAL, centre=parts[1])
+    short = replace(lane, index=count + 1, edge=edges + 1, position=0, centre=parts[2])
+    lanes = [*SIGNAL.lanes, joint, short]
+    lanes[lane.index] = replace(lane, centre=parts[0])
+    added = (Edge(edges, ":K", (count,), "K", "K", True), Edge(edges + 1, "short", (count + 1,), "K", "J", False))
+    onward = replace(movement, from_lane=count + 1)
+    plain = replace(movement, to_lane=count + 1, via=(count,), signal_id=None, signal_link=-1, junction="K")
+    others = [c for c in SIGNAL.connections if SIGNAL.lanes[c.from_lane].edge != lane.edge]
+    cut = replace(SIGNAL, lanes=tuple(lanes), edges=(*SIGNAL.edges, *added), connections=(*others, plain, onward))
+    drive = {EMV: Driven(NORTHBOUND, at_speed(70.1, 10.0, 200))}
+    (whole,) = find_traversals(hand_made(SIGNAL, drive))
+    _, found = find_traversals(hand_made(cut, drive))
+    assert cut.connections[found.connection] == onward
+    assert found.enter_step == whole.enter_step
+    assert found.centre_steps == whole.centre_steps
 
 
 def test_who_stands_in_the_next_lane_does_not_keep_the_vehicle_from_the_line():

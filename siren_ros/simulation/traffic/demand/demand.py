@@ -3,6 +3,7 @@
 One civilian becomes the AV under test where an episode has one.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -37,6 +38,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
 from siren_ros.simulation.traffic.demand.group_demand import (
     BRAKE_MPS2,
     LATERAL_MPS2,
+    QUEUED_CAR_M,
     STAGE_BEHIND_M,
     GroupPlan,
     plan_groups,
@@ -240,8 +242,7 @@ class _Planner:
         # Where left turns get green first, most of the crossing queue still waits, so the other movements count.
         straight = [way for way in bound if way.direction == "s"]
         crossing = tuple(way.signal_link for way in straight or bound)
-        streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
-        platoon = [vehicle for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams)]
+        platoon = [vehicle for vehicle in groups.vehicles if vehicle.name.startswith(self._streams)]
         red_from_s = max((red_from_s, *(time_s + RED_BEHIND_S for time_s in self._too_near_to_stop_s(platoon))))
         names = tuple(vehicle.name for vehicle in platoon)
         link, soonest_s = movement.signal_link, self._arrival_s(site.stretch[-1])
@@ -255,6 +256,15 @@ class _Planner:
         approach = tuple(way.signal_link for way in ways if way.signal_id == movement.signal_id)
         return SignalTiming(movement.signal_id, link, red_from_s, crossing, names, "emv0", soonest_s, approach, beside)
 
+    @property
+    def _streams(self) -> tuple[str, ...]:
+        """The beginnings of the names of vehicles that come to the stop line with the EMV."""
+        return tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
+
+    def _is_followed(self, vehicle: PlannedVehicle) -> bool:
+        """Whether a vehicle stands, or the EMV has to arrive right behind it."""
+        return vehicle.spot.speed_mps == 0.0 or vehicle.name.startswith(self._streams)
+
     @cached_property
     def _movements_at_end(self) -> tuple[Connection, ...]:
         """The EMV's movements at the site's junction, or at the end of its road, where the EMV may take another way."""
@@ -265,19 +275,28 @@ class _Planner:
         return tuple(self._network.connections[index] for index in site.connections)
 
     def _signals_behind(self) -> tuple[SignalTiming, ...]:
-        """Plans when the signals behind the end of a road turn red: as that at its end, as the EMV's arrival there."""
+        """Plans when the signals behind the site turn red.
+
+        Behind a road each does so by the EMV's arrival, as that at its end. Behind a junction a stream passes those
+        before which it has no room, in a green wave: who does not stands in the EMV's junction, or before it.
+        """
         demand, site, route = self._template.signal, self._site, self._start.route
-        if demand is None or site.junction is not None or site.stretch[-1] not in route:
+        streams = [group for group in self._template.demand.groups if group.name in self._streams]
+        if demand is None or site.stretch[-1] not in route or (site.junction is not None and not streams):
             return ()
+        room_m = QUEUED_CAR_M * sum(g.vehicles for g in streams) if site.junction is not None else _COORDINATED_M
         known = {movement.signal_id for movement in self._movements_at_end}
         timings: list[SignalTiming] = []
         last = route.index(site.stretch[-1])
         for edge, following in pairwise(route[last + 1 :]):
-            if self._factory.length_m(route[last + 1 : route.index(edge)]) > _COORDINATED_M:
+            if self._factory.length_m(route[last + 1 : route.index(edge)]) > room_m:
                 break
+            way_m = self._factory.length_m(route[last + 1 : route.index(edge) + 1])
+            wave_s = self._arrival_s(site.stretch[-1]) + way_m / max((g.speed_mps for g in streams), default=math.inf)
             for movement in civilian_movements(self._network, edge, following)[-1:]:
                 if movement.signal_id is not None and movement.alternates and movement.signal_id not in known:
-                    red_from_s = self._arrival_s(edge) - demand.red_before_arrival_s
+                    arrives_s = self._arrival_s(edge) if site.junction is None else wave_s
+                    red_from_s = arrives_s - (demand.red_before_arrival_s if site.junction is None else 0.0)
                     timings.append(SignalTiming(movement.signal_id, movement.signal_link, red_from_s))
                     known.add(movement.signal_id)
         return tuple(timings)
@@ -334,7 +353,7 @@ class _Planner:
             driver = replace(driver, speed_factor=demand.speed_mps / limit)
             depart_mps = min(
                 depart_speed_mps(self._network, start, demand),
-                behind_queue_mps(self._network, start, groups.vehicles),
+                behind_queue_mps(self._network, start, [*filter(self._is_followed, groups.vehicles)]),
             )
             spot = Spot(start.lane, start.front_m, depart_mps)
             emvs.append(self._factory.emv(f"{name}{number}", demand.actor_class, driver, route, spot))

@@ -27,7 +27,7 @@ from siren_ros.simulation.roads.routing import (
 )
 from siren_ros.simulation.roads.site_finder import junction_site
 from siren_ros.simulation.roads.sites import SHORTEST_ROAD_M, Lack, Site, SiteKind, way_back
-from siren_ros.simulation.scenario.driver_parameters import JunctionEntryConfig
+from siren_ros.simulation.scenario.driver_parameters import EmvDriver
 from siren_ros.simulation.scenario.presets import Attention
 from siren_ros.simulation.scenario.scenario import DemandGroup, EmvDemand, GroupAnchor, StartReference, Template
 from siren_ros.simulation.traffic.demand.plan import (
@@ -181,10 +181,11 @@ def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
     return network.length_m(start.lanes_to_site) - start.front_m
 
 
-def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, bound_s: float = 0.0) -> float:
+def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, bound_s: float | None = None) -> float:
     """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends.
 
-    And for the line itself, if others have the right of way there from ``bound_s`` before the arrival on.
+    And for the line itself, if others have the right of way there from ``bound_s`` before the arrival on, and the bends
+    beyond it; for neither without ``bound_s``.
     """
     way_m, speed = _speeds_mps(network, start, emv, bound_s)
     driven_m = np.minimum(SAMPLE_M, way_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
@@ -201,33 +202,27 @@ _EMV_QUEUE_BRAKE_MPS2: Final = 2.5
 """Deceleration with which an EMV can stop behind vehicles that stand ahead of it at its start."""
 _EMV_QUEUE_GAP_M: Final = 4.0
 """The gap that it leaves to them."""
+_EMV: Final = EmvDriver().driving
 
 
-def behind_queue_mps(network: RoadNetwork, start: EmvStart, standing: Sequence[PlannedVehicle]) -> float:
-    """The largest speed at the start from which an EMV stops gently behind vehicles that stand in its lanes.
+def behind_queue_mps(network: RoadNetwork, start: EmvStart, others: Sequence[PlannedVehicle]) -> float:
+    """The largest speed at the start from which an EMV stops gently, or falls in, behind vehicles ahead in its lanes.
 
-    Infinite where nobody stands ahead of it on the way to the site.
+    Infinite where nobody is ahead of it on the way to the site.
     """
     lengths_m = (network.lanes[lane].length_m for lane in start.lanes_to_site)
-    begins_m = dict(zip(start.lanes_to_site, accumulate(lengths_m, initial=0.0), strict=False))
-    rears_m = [
-        begins_m[vehicle.spot.lane] + vehicle.spot.front_m - vehicle.length_m
-        for vehicle in standing
-        if vehicle.spot.lane in begins_m and vehicle.spot.speed_mps == 0.0
-    ]
-    gap_m = min((rear_m - start.front_m for rear_m in rears_m if rear_m > start.front_m), default=math.inf)
-    return speed_before_mps(0.0, _EMV_QUEUE_BRAKE_MPS2, max(gap_m - _EMV_QUEUE_GAP_M, 0.0))
+    begins_m = dict(zip(start.lanes_to_site, accumulate(lengths_m, initial=-start.front_m), strict=False))
+    spots = ((vehicle.spot, vehicle.spot.front_m - vehicle.length_m) for vehicle in others)
+    gaps_m = [(begins_m[spot.lane] + rear_m, spot.speed_mps) for spot, rear_m in spots if spot.lane in begins_m]
+    free_m = [(max(gap_m - _EMV_QUEUE_GAP_M - _EMV.headway_s * mps, 0.0), mps) for gap_m, mps in gaps_m if gap_m > 0.0]
+    return min((speed_before_mps(mps**2, _EMV_QUEUE_BRAKE_MPS2, way_m) for way_m, mps in free_m), default=math.inf)
 
 
 EMV_ACCEL_MPS2: Final = 2.0
 """Acceleration with which an EMV comes to its target speed, in the estimate of its arrival."""
-_EMV_BRAKE_MPS2: Final = 3.5
-"""Deceleration of an EMV before bends, in the same estimate."""
-_EMV_LATERAL_ACCEL_MPS2: Final = 3.0
-"""Lateral acceleration of an EMV in bends, in the same estimate."""
-
-
-_AT_LINE: Final = JunctionEntryConfig()
+_EMV_BENDS_M: Final = 50.0
+"""Road beyond a line whose bends slow an EMV at the line: it stops from 50 km/h on it with this deceleration."""
+_AT_LINE: Final = EmvDriver().lines
 _LINE_MPS: Final = Attention().emv_line_mps.mean
 
 
@@ -238,22 +233,30 @@ def bound_s_of(site: Site, template: Template) -> float:
     return template.signal.red_before_arrival_s if template.signal and site.kind in _CONFLICT_POINTS else 0.0
 
 
-def _speeds_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, bound_s: float = 0.0) -> tuple[float, Floats]:
+def _speeds_mps(
+    network: RoadNetwork, start: EmvStart, emv: EmvDemand, bound_s: float | None = None
+) -> tuple[float, Floats]:
     """Length of the lanes to the stop line, and the largest speeds at samples of the way from the start on.
 
-    They keep the target speed and the limits of lateral acceleration, speeding up and braking; none beyond the line.
-    Towards a line they are those of an EMV that slows down as soon as others have the right of way there.
+    They keep the target speed and the limits of lateral acceleration, speeding up and braking. Towards a line they are
+    those of an EMV that slows down as soon as others have the right of way there, and for the bends beyond the line.
     """
     way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
     if start.front_m >= way.length_m:
         return way.length_m, np.empty(0)
     ahead = way.cut(start.front_m, way.length_m)
     left_m = ahead.length_m - np.arange(0.0, ahead.length_m, SAMPLE_M)
-    seen_m = emv.speed_mps * bound_s - left_m
+    last = network.lanes[start.lanes_to_site[-1]]
+    if bound_s is not None and last.edge in start.route:
+        onward = chain_along(network, last, start.route[start.route.index(last.edge) :][:2]).lanes
+        whole = Polyline.joined([way, *(network.lanes[lane].centre for lane in onward[1:])])
+        ahead = whole.cut(start.front_m, way.length_m + _EMV_BENDS_M)
+    seen_m = emv.speed_mps * (bound_s or 0.0) - left_m
     eased = np.sqrt(np.maximum(emv.speed_mps**2 - 2.0 * _AT_LINE.ease_off_mps2 * np.maximum(seen_m, 0.0), 0.0))
     line = np.maximum(eased, np.sqrt(_LINE_MPS**2 + 2.0 * _AT_LINE.brake_mps2 * left_m))
-    bends = np.minimum(line, bend_speeds_mps(ahead, _EMV_LATERAL_ACCEL_MPS2))
-    speed = with_braking(np.minimum(emv.speed_mps, bends), _EMV_BRAKE_MPS2)
+    bends = np.minimum(emv.speed_mps, bend_speeds_mps(ahead, _EMV.lateral_accel_mps2))
+    speed = np.minimum(line, with_braking(bends, _EMV.path_brake_mps2)[: len(line)])
+    speed = with_braking(speed, _EMV.path_brake_mps2)
     return way.length_m, with_accelerating(speed, emv.depart_speed_mps, EMV_ACCEL_MPS2)
 
 

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import random_stream
+from siren_ros.base.numerics.arrays import Floats, random_stream
 from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
@@ -17,7 +17,7 @@ from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, 
 from siren_ros.simulation.roads.routing import driving_lanes, edges_in_lane, quiet_reach_m
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
-from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template, ValueRange
 from siren_ros.simulation.traffic.demand.emv_start import (
     EMV_CLEARANCE_M,
     ONTO_SHOULDER_M,
@@ -57,6 +57,8 @@ to a queue at red before the EMV has passed them, and change into its lane."""
 LATERAL_MPS2: Final = 3.0
 BRAKE_MPS2: Final = 1.5
 """Deceleration of traffic before bends and in them (``traffic/sumo/driving_corrections.py``)."""
+_BENDS_M: Final = 25.0
+"""Road beyond a stop line whose bends slow a stream at the line: it stops from 30 km/h on it with this deceleration."""
 CROSSING_REACH_M: Final = 300.0
 """Largest distance from the stop line at which crossing traffic is placed: 20 s at 50 km/h."""
 _SATURATION_S: Final = 2.0
@@ -65,6 +67,8 @@ _DRIVE_OFF_S: Final = 1.6
 """Time that a driver loses who comes to 30 km/h with 2.6 m/s² (SUMO's acceleration of cars)."""
 _CAR_M: Final = 5.0
 """Length of road that a car takes in a queue, without the gap."""
+QUEUED_CAR_M: Final = 7.6
+"""The same with the gap (Highway Capacity Manual 2000, chapter 16)."""
 _LEAST_IN_ROW: Final = 4
 """Vehicles of the first crossing row, of as many as there are: they cross for 8 s. It lasts until the EMV comes."""
 
@@ -133,6 +137,7 @@ def group_rows(
         most_m = 0.0
         early_m = 0.0 if group.optional else early_m_of(network, site, group)
         anchors_m = [_together_m(network, row, start, group, arrival_s, early_m) for row in rows]
+        rows = [replace(row, headway_s=_bend_headway_s(network, row, group.speed_mps)) for row in rows]
     return [
         replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
         for row, anchor_m in zip(rows, anchors_m, strict=True)
@@ -147,20 +152,35 @@ def _together_m(
     In the EMV's own lane the EMV follows that vehicle from the start on, at the distance that it keeps. Where the lane
     fans out on the way, the EMV comes up next to it before that distance is reached.
     """
-    if {start.lane, start.lanes_to_site[-1]} <= set(row.chain.lanes):
+    if _follows(start, row):
         nearer_m = min(_FOLLOWING_M, group.first_gap_m - EMV_CLEARANCE_M)
         return row.anchor_m - way_to_stop_line_m(network, start) - nearer_m
     return _reached_from_m(network, row, group.speed_mps, arrival_s) - early_m
 
 
+def _follows(start: EmvStart, row: GroupRow) -> bool:
+    """Whether the EMV drives behind a row in its own lane."""
+    return {start.lane, start.lanes_to_site[-1]} <= set(row.chain.lanes)
+
+
 def _reached_from_m(network: RoadNetwork, row: GroupRow, speed_mps: float, arrival_s: float) -> float:
     """Place on a row from which a vehicle comes to the row's anchor after a time; negative beyond the row's begin."""
-    way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m)
-    speed = np.minimum(speed_mps, bend_speeds_mps(way, LATERAL_MPS2))
-    speed = with_braking(speed, BRAKE_MPS2)
-    left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
+    left_s = np.cumsum((SAMPLE_M / _speeds_mps(network, row, speed_mps))[::-1])[::-1]
     late = np.flatnonzero(left_s >= arrival_s)
     return float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - speed_mps * arrival_s
+
+
+def _speeds_mps(network: RoadNetwork, row: GroupRow, speed_mps: float) -> Floats:
+    """Speeds at samples of a row up to its anchor, with those bends behind that slow a vehicle before it."""
+    way = Polyline.joined([network.lanes[lane].centre for lane in row.chain.lanes]).cut(0.0, row.anchor_m + _BENDS_M)
+    speed = np.minimum(speed_mps, bend_speeds_mps(way, LATERAL_MPS2))
+    return with_braking(speed, BRAKE_MPS2)[: math.ceil(row.anchor_m / SAMPLE_M)]
+
+
+def _bend_headway_s(network: RoadNetwork, row: GroupRow, speed_mps: float) -> float:
+    """Least time between vehicles of a stream that a bend slows at the line, or each would delay those behind it."""
+    line_mps = float(_speeds_mps(network, row, speed_mps)[-1])
+    return _SATURATION_S + QUEUED_CAR_M * (1.0 / line_mps - 1.0 / speed_mps) if line_mps < speed_mps else 0.0
 
 
 def _runs_free(movement: Connection) -> bool:
@@ -449,10 +469,12 @@ class _GroupPlanner:
         pace = min(speed, self.network.lanes[row.chain.lanes[-1]].speed_limit_mps)
         spacing = max(spacing, row.headway_s * pace - length)
         nearest = group.anchor is GroupAnchor.ARRIVAL
+        last = nearest and (row.chain.lanes, row.forwards) not in self._reached_m
         place = self._place(row, group.first_gap_m, spacing, length, nearest=nearest)
         if place is None:
             return None
         front_m, lane, front = place
+        speed = self._in_time_mps(row, group, front_m - length) if last else speed
         self._reached_m[row.chain.lanes, row.forwards] = (front_m - length, front_m)
         self._taken.append((row, *self._spans(row, front_m, length, spacing)))
         if group.placement is not Placement.CROSSING:
@@ -466,8 +488,10 @@ class _GroupPlanner:
         headway_s = max((spacing - driver.driving.min_gap_m) / speed, LEAST_HEADWAY_S)
         driver = replace(driver, tau_s=min(driver.tau_s, headway_s))
         limit = self.network.lanes[lane].speed_limit_mps
-        if group.anchor is GroupAnchor.ARRIVAL:  # slow drivers would delay a stream, which would then come too late
-            driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))
+        if group.anchor is GroupAnchor.ARRIVAL:
+            # The last one of a stream drives as planned: faster it would be too early. Slower ones would delay it.
+            factor = speed / limit if last else max(driver.speed_factor, group.speed_mps / limit)
+            driver = replace(driver, speed_factor=factor)
         if group.placement is Placement.SAME_DIRECTION:  # in the EMV's lane a stream would hold up the EMV
             driver = replace(driver, speed_gain_eagerness=0.0)
         speed = min(speed, driver.speed_factor * limit)
@@ -476,6 +500,18 @@ class _GroupPlanner:
         route = self.factory.draw_route(edges, needed_m, rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing and not row.headway_s else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
+
+    def _in_time_mps(self, row: GroupRow, group: DemandGroup, rear_m: float) -> float:
+        """Speed with which the last one of a stream comes to the line in time, from a place that may not be its own.
+
+        It is in the template's range, and the lowest there if the EMV follows: a fast one would draw away from it.
+        """
+        only = ValueRange(group.speed_mps, group.speed_mps)
+        speeds = self.template.ranges.get(f"demand.{group.name}.speed_mps", only)
+        if _follows(self.start, row):
+            return speeds.minimum
+        wanted_m, way_m = (row.most_m - place_m for place_m in (row.anchor_m + group.first_gap_m, rear_m))
+        return min(max(group.speed_mps * way_m / max(wanted_m, 1.0), speeds.minimum), speeds.maximum)
 
     def _classes(self, group: DemandGroup, row: GroupRow) -> Shares:
         """The vehicle classes from which a group's vehicles in a row are drawn.

@@ -306,7 +306,7 @@ class GapOut:
             yellow = yellow_after(phases, number, link)
             if yellow is None:
                 self._waiting = False
-            elif max(arrivals) <= detector_s(yellow[1]) or self._emv_s(present) <= yellow[1] + self._least_red_s:
+            elif self._is_over(max(arrivals), yellow[1], *self._emv_s(present)):
                 libsumo.trafficlight.setPhase(signal, yellow[0])
                 self._waiting = False
             elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
@@ -322,19 +322,30 @@ class GapOut:
             if not before:
                 del self._in_lane[name]
 
-    def _emv_s(self, present: Collection[str]) -> float:
-        """Least time in which the EMV reaches the signal, behind vehicles at its speed; infinite once it has passed."""
+    def _is_over(self, last_s: float, yellow_s: float, emv_s: float, leader: str) -> bool:
+        """Whether the green ends: the last one is at its detector, or the EMV comes.
+
+        The EMV slows down before a red. Where it follows the platoon in its lane, an early red would part them.
+        """
+        comes = emv_s <= yellow_s + self._least_red_s
+        return comes or (leader not in self._timing.platoon and last_s <= detector_s(yellow_s))
+
+    def _emv_s(self, present: Collection[str]) -> tuple[float, str]:
+        """Least time in which the EMV reaches the signal, behind its leader at its speed, and the leader's name.
+
+        Infinite once it has passed.
+        """
         name = self._timing.emv
         gaps_m = self._gaps_m(name) if name in present else []
         if not gaps_m:
-            return math.inf
+            return math.inf, ""
         mps = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
         leads = libsumo.vehicle.getLeader(name, gaps_m[0])
         if leads and leads[0] and leads[1] < gaps_m[0]:
-            return gaps_m[0] / mps
+            return gaps_m[0] / mps, str(leads[0])
         most_mps = float(libsumo.vehicle.getAllowedSpeed(name))
         soonest_s = self._timing.emv_from_s - self._steps * STEP_S
-        return max(float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2)), soonest_s)
+        return max(float(time_to_go_s(gaps_m[0], mps, most_mps, _EMV_MPS2)), soonest_s), ""
 
     def _arrivals_s(self, name: str) -> list[float]:
         """Time in which a vehicle reaches the signal at its present speed; empty once it has passed."""

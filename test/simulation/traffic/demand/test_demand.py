@@ -288,6 +288,26 @@ def test_the_signals_behind_that_road_turn_red_behind_the_emv_too() -> None:
     assert plan_of("S1", network)[0].signals_behind == ()
 
 
+def test_a_stream_passes_signals_behind_a_junction_where_it_has_no_room_before_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With cars of 100 m it has none; the green wave has the speed of the stream, over junctions of 40 m at most."""
+    network = load_map(None)[1]
+    assert plan_of("S3", network)[0].signals_behind == ()
+    monkeypatch.setattr(demand, "QUEUED_CAR_M", 100.0)
+    traffic, template, site = plan_of("S3", network)
+    assert traffic.signal is not None
+    assert template.signal is not None
+    wave_s = traffic.signal.red_from_s + template.signal.red_before_arrival_s
+    edges = [network.edge_by_id[edge].index for edge in traffic.emvs[0].route]
+    behind = edges[edges.index(site.stretch[-1]) + 1 :]
+    ways_m = np.cumsum([driving_lanes(network, edge)[-1].length_m for edge in behind])
+    assert traffic.signals_behind
+    for timing in traffic.signals_behind:
+        late_s = timing.red_from_s - wave_s - ways_m / template.demand.groups[0].speed_mps
+        assert np.any((late_s > -0.5) & (late_s < 5.0 * np.arange(1, len(ways_m) + 1) + 0.5))
+
+
 def test_queues_of_s7_stand_in_all_driving_lanes_the_emvs_among_them(network: RoadNetwork) -> None:
     traffic, _, site = plan_of("S7", network)
     assert network.lanes[traffic.emvs[0].spot.lane].kind is LaneKind.DRIVING

@@ -573,14 +573,15 @@ def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank:
         (90.0, A_LEFT, 97.6, 0.0, 0.0),
         (90.0, A_LEFT, 94.5, 0.0, math.inf),
         (90.0, A_RIGHT, 107.6, 0.0, math.inf),
-        (90.0, A_LEFT, 107.6, 5.0, math.inf),
+        (90.0, A_LEFT, 107.6, 5.0, 50.0**0.5),
+        (90.0, A_LEFT, 98.6, 5.0, 5.0),
     ],
-    ids=["13 m", "in the next lane of the way", "too near", "next to it", "another lane", "drives"],
+    ids=["13 m", "in the next lane of the way", "too near", "next to it", "another lane", "drives", "drives near"],
 )
 def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
     start_m: float, lane: int, front_m: float, speed_mps: float, expected_mps: float
 ) -> None:
-    """Braking with 2.5 m/s² to 4 m behind a car of 4.6 m."""
+    """Braking with 2.5 m/s² to 4 m, and 0.8 s if it drives, behind a car of 4.6 m."""
     factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
     rng = np.random.default_rng(1)
     driver = factory.draw_driver(ActorClass.SEDAN, rng)

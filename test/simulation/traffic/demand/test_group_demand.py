@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,9 +44,16 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
-from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, ValueRange
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.demand.emv_start import EmvStart, early_m_of, lane_before, stays_inside
+from siren_ros.simulation.traffic.demand.emv_start import (
+    EmvStart,
+    bound_s_of,
+    early_m_of,
+    lane_before,
+    stays_inside,
+    unhindered_arrival_s,
+)
 from siren_ros.simulation.traffic.demand.group_demand import (
     STAGE_BEHIND_M,
     GroupPlan,
@@ -155,8 +163,11 @@ def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
     lanes = list(NETWORK.lanes)
     straight = Polyline.through([(-100.0, -5.25), (-18.85, -5.25)])
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], centre=Polyline.through(np.concatenate((straight.points, bend))))
-    bent = replace(NETWORK, lanes=tuple(lanes))
     fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0, first_gap_m=12.0)
+    south_m = -17.25 - 30.0 * np.arange(4)  # and straight on beyond the line
+    for lane, ends in zip(rows(fast)[0].chain.lanes[3:], pairwise(south_m), strict=False):
+        lanes[lane] = replace(lanes[lane], centre=Polyline.through([(-6.85, y) for y in ends]))
+    bent = replace(NETWORK, lanes=tuple(lanes))
     (row,) = rows(fast, network=bent)
     (flat,) = rows(fast)
     assert flat.most_m - flat.anchor_m == pytest.approx(12.0 * 12.0, abs=1.0)
@@ -542,7 +553,24 @@ def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_
     assert [vehicle.driver.speed_factor for vehicle in vehicles] == pytest.approx([1.1] * 3)
     assert [vehicle.spot.speed_mps for vehicle in vehicles] == pytest.approx([15.4] * 3)
     slow = replace(stream, speed_mps=7.0)
-    assert {vehicle.driver.speed_factor for vehicle in planned(slow, start=start_at(130.0)).vehicles} == {1.0}
+    last, *ahead = planned(slow, start=start_at(130.0)).vehicles
+    assert last.driver.speed_factor == pytest.approx(0.5), "it would come too early"
+    assert {vehicle.driver.speed_factor for vehicle in ahead} == {1.0}
+
+
+def test_the_last_one_of_a_stream_comes_in_time_although_nobody_starts_in_a_junction() -> None:
+    """The line is at 310 m, and a junction from 200 m to 210 m: where it would start there, it drives faster."""
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), vehicles=1, speed_mps=8.0)
+    template = replace(template_with(stream), ranges={"demand.group.speed_mps": ValueRange(7.5, 9.0)})
+    factory, site = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS), signal_site()
+    leads_s, speeds_mps = [], set()
+    for start in map(start_at, np.arange(100.0, 180.0, 4.0)):
+        (vehicle,) = plan_groups(NETWORK, site, start, template, 0, factory, CONFIG).vehicles
+        arrival_s = unhindered_arrival_s(NETWORK, start, template.emv, bound_s_of(site, template))
+        leads_s.append(arrival_s - (310.0 - fronts_m([vehicle])[0]) / vehicle.spot.speed_mps)
+        speeds_mps.add(round(vehicle.spot.speed_mps, 1))
+    assert np.ptp(leads_s) < 0.3, "it starts at whole metres"
+    assert len(speeds_mps) > 1
 
 
 def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:

@@ -408,6 +408,16 @@ def test_crossing_traffic_is_inside_when_the_emv_comes_however_late_the_platoon_
     assert signal.asked == asked
 
 
+@pytest.mark.parametrize(("leader", "emv_s", "ends"), [("a", 3.41, False), ("a", 3.39, True), ("z", 9.0, True)])
+def test_the_green_lasts_for_a_platoon_that_the_emv_follows_until_the_emv_comes(
+    signal: Signal, leader: str, emv_s: float, ends: bool
+) -> None:
+    """An early red would slow the EMV down, so that the one ahead of it has left the junction when it comes."""
+    signal.arrivals_s, signal.leader = {"a": 0.1, "e": emv_s}, (leader, 15.0)
+    gap_out(platoon=("a",)).apply({"a", "e"})
+    assert signal.asked == ([("phase", 1)] if ends else [])
+
+
 @pytest.mark.parametrize(("approach", "kept"), [((), True), ((1, 2), True), ((2,), False)])
 def test_who_comes_to_another_link_of_the_signal_has_passed(
     signal: Signal, approach: tuple[int, ...], kept: bool

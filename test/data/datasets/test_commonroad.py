@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from shapely.geometry import Point, Polygon
 from siren_ros.base.numerics.arrays import Points
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.data.datasets.commonroad import (
+    CommonRoadExporter,
     add_obstacle,
     add_problem,
     benchmark_id,
@@ -432,3 +434,18 @@ def test_the_drivability_checker_finds_who_touches_the_boundary(tmp_path, droppe
     file = scenario_file(tmp_path, *dropped)
     reading = read_with("commonroad_drivability", "read_commonroad_drivability.py", file)
     assert (reading["obstacles"], set(reading["touching"])) == (3, touching)
+
+
+@pytest.mark.parametrize("emv_ids", [(1, 3), (3, 1)])
+def test_the_problem_of_two_emvs_is_that_of_the_first_and_the_others_are_obstacles(emv_ids) -> None:
+    emvs = {number: moving(10.0 * number, -5.0, 5.0, is_emv=True) for number in emv_ids}
+    record = record_with({**emvs, 2: moving(90.0, -5.0, 5.0)}, crossing())
+    record = replace(record, description=replace(record.description, emv_ids=emv_ids))
+    source: Any = SimpleNamespace(record=lambda: record, network=record.network, description=record.description)
+    written: dict[str, bytes] = {}
+    files: Any = SimpleNamespace(write=written.__setitem__)
+    CommonRoadExporter("incoming").write_episode(source, "one", files)
+    root = fromstring(written["one.xml"])  # noqa: S314 - our own
+    place = {axis: float(root.findtext(f"planningProblem/initialState/position/point/{axis}", "")) for axis in "xy"}
+    assert place == {"x": pytest.approx(10.0), "y": pytest.approx(-5.0)}
+    assert len(root.findall("dynamicObstacle")) == 2

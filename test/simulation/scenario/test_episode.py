@@ -1,7 +1,7 @@
 """The fields of a request, descriptions of episodes, and their splits."""
 
 from collections import Counter
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 
 import pytest
 from hypothesis import given
@@ -128,6 +128,20 @@ def test_shares_are_70_15_15() -> None:
         Split.VAL: pytest.approx(0.15, abs=0.03),
         Split.TEST_SEED: pytest.approx(0.15, abs=0.03),
     }
+
+
+@pytest.mark.parametrize(
+    ("val", "test_seed", "split"), [(0, 0, Split.TRAIN), (100, 0, Split.VAL), (0, 100, Split.TEST_SEED)]
+)
+def test_no_episode_is_of_a_split_without_a_share(val: int, test_seed: int, split: Split) -> None:
+    rule = replace(RULE, val_percent=val, test_seed_percent=test_seed)
+    assert {rule.split_of(EpisodeIdentity("town", "S2", seed)) for seed in range(800)} == {split}
+
+
+def test_an_episodes_identity_has_its_parameters() -> None:
+    first, second = (described({"request": {"values": f"emv.speed_mps={mps}"}}) for mps in (12, 13))
+    assert EpisodeIdentity.of(first).values == "emv.speed_mps=12"
+    assert EpisodeIdentity.of(first) != EpisodeIdentity.of(second)
 
 
 @given(st.lists(IDENTITIES), st.lists(IDENTITIES))

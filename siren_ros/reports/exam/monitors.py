@@ -28,7 +28,7 @@ from siren_ros.reports.exam.finding import (
 from siren_ros.reports.exam.rules import RULES
 from siren_ros.scoring.judging.surrogate_safety import longest_run_s
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind
-from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS, rescue_boundary_m, rescue_sides
+from siren_ros.simulation.roads.routing import is_out_of_town, rescue_boundary_m, rescue_sides
 from siren_ros.simulation.world.actors import Event, EventKind, Lights
 
 _NOBODY_CALLED: Final = "no emergency vehicle with a siren came from behind"
@@ -373,9 +373,10 @@ def closed_corridor(examinee: Examinee, numbers: Numbers) -> Finding:
 
 
 def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
-    """Longest time for which the driver's centre is on the shoulder of a road that leads out of town."""
-    lanes = examinee.record.network.lanes
-    fast = [lane != NO_LANE and lanes[lane].speed_limit_mps > TOWN_LIMIT_MPS for lane in examinee.places.lane.tolist()]
+    """Longest time for which the driver's centre is on the shoulder of a road out of town with several lanes."""
+    network = examinee.record.network
+    places = examinee.places.lane.tolist()
+    fast = [lane != NO_LANE and is_out_of_town(network, network.lanes[lane].edge) for lane in places]
     there = np.asarray((examinee.lane_kinds == LaneKind.SHOULDER) & np.array(fast, np.bool_))
     return Finding(Measure(longest_run_s(there, examinee.track.step)), first_step(examinee, there))
 

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import shapely
 
+from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.base.tables import Measure
@@ -23,9 +24,11 @@ from siren_ros.reports.exam.examinee import (
     held_for,
     lasting_deceleration_mps2,
     movements_of,
+    once,
     stretches,
 )
 from siren_ros.reports.exam.finding import (
+    MPS,
     STANDS_MPS,
     Finding,
     M,
@@ -37,9 +40,9 @@ from siren_ros.reports.exam.finding import (
     least_of_last,
 )
 from siren_ros.scoring.judging.surrogate_safety import longest_run_s
-from siren_ros.simulation.roads.road_network import NO_LANE
+from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.routing import has_right_of_way
-from siren_ros.simulation.world.actors import EventKind, Lights
+from siren_ros.simulation.world.actors import TURN_LIGHTS, EventKind, Lights
 
 _AT_LINE_M: Final = 10.0
 """A driver stops at a line where it stands within this way before it: a car's length, and one in front of it."""
@@ -51,11 +54,65 @@ _RANKS: Final[Mapping[str, int]] = {"G": 2, "y": 2, "Y": 2, "g": 1}
 
 def speeding(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest speed above the limit of the lane that lasts for ``lasting_s``; junctions do not count."""
-    lanes = examinee.record.network.lanes
-    limit = np.array([np.inf if lane == NO_LANE else lanes[lane].speed_limit_mps for lane in examinee.places.lane])
+    limit = _limit_mps(examinee)
     over = least_of_last(examinee.track.speed_mps - limit, steps_from_s(numbers["lasting_s"]))
     on_road = np.isfinite(limit) & ~examinee.in_junction
     return greatest(examinee, np.maximum(over, 0.0), on_road, "the driver was on no lane")
+
+
+def _limit_mps(examinee: Examinee) -> Floats:
+    """Limit of the driver's lane; infinite off the lanes."""
+    lanes = examinee.record.network.lanes
+    return np.array([np.inf if lane == NO_LANE else lanes[lane].speed_limit_mps for lane in examinee.places.lane])
+
+
+def passes_standing(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Greatest speed above the prudent one next to an EMV that has stood for ``stands_s`` with lamps but no siren.
+
+    The prudent speed is ``below_mps`` under the limit, and at least ``least_mps``. The EMV is next to the driver while
+    the bodies overlap along the road and the centres are at most ``aside_m`` apart across it.
+    """
+    passes = np.zeros(len(examinee.track), np.bool_)
+    for emv_id in examinee.record.emv_ids:
+        there, own, emv = examinee.with_emv(emv_id)
+        ahead, left = ahead_and_left_m(own, emv)
+        reach_m = 0.5 * (examinee.actor.length_m + examinee.record.actors[emv_id].length_m)
+        lit = (emv.lights & (Lights.BEACON | Lights.SIREN)) == Lights.BEACON
+        stands = held_for(lit & (emv.speed_mps < STANDS_MPS), steps_from_s(numbers["stands_s"]))
+        passes[there] |= stands & (np.abs(ahead) < reach_m) & (np.abs(left) < numbers["aside_m"])
+    prudent = np.maximum(_limit_mps(examinee) - numbers["below_mps"], numbers["least_mps"])
+    over = np.maximum(examinee.track.speed_mps - prudent, 0.0)
+    return greatest(examinee, over, passes, "it passed no emergency vehicle that stood with its lamps")
+
+
+def reserved_lane(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Longest time, after that to respond, on a lane closed to ordinary vehicles while an EMV calls."""
+    lanes = [None if lane == NO_LANE else examinee.record.network.lanes[lane] for lane in examinee.places.lane.tolist()]
+    closed = [lane is not None and lane.kind is LaneKind.DRIVING and not lane.civilian_allowed for lane in lanes]
+    there = np.array(closed, np.bool_) & examinee.called
+    if not there.any():
+        return Finding(Measure.lacking("no emergency vehicle called on a lane for some vehicles only"))
+    late = held_for(there, examinee.reaction_steps)
+    return Finding(Measure(longest_run_s(late, examinee.track.step)), first_step(examinee, late))
+
+
+def turn_signal(examinee: Examinee, numbers: Numbers) -> Finding:
+    """Greatest way, of the last ``before_m`` before a turn at a junction, without the indicator of its side.
+
+    Turns within ``after_s`` of an EMV's call do not count: making way has signals of its own.
+    """
+    track, worst = examinee.track, Finding(Measure.lacking("the driver turned nowhere"))
+    way_m = np.diff(track.driven_m, append=track.driven_m[-1:])
+    asked = once(examinee.called, steps_from_s(numbers["after_s"]))
+    for row, _, own in movements_of(examinee.record, track, examinee.places):
+        before = (track.driven_m >= track.driven_m[row] - numbers["before_m"]) & (np.arange(len(track)) < row)
+        if own.direction not in TURN_LIGHTS or asked[before].any():
+            continue
+        dark = before & ((track.lights & TURN_LIGHTS[own.direction]) == 0)
+        dark_m = float(way_m[dark].sum())
+        if not worst.measure.valid or dark_m > worst.measure.value:
+            worst = Finding(Measure(dark_m), first_step(examinee, dark))
+    return worst
 
 
 def off_road(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -253,6 +310,14 @@ def evades(examinee: Examinee, _numbers: Numbers) -> Finding:
 
 RULES: Final[Mapping[str, Monitor]] = {
     "speeding": Monitor(speeding, "m/s", "speed above the limit", {"lasting_s": S}),
+    "passes_standing": Monitor(
+        passes_standing,
+        "m/s",
+        "speed above the prudent one next to a standing EMV",
+        {"stands_s": S, "below_mps": MPS, "least_mps": MPS, "aside_m": M},
+    ),
+    "reserved_lane": Monitor(reserved_lane, "s", "time on a reserved lane before the EMV", {}, asks_to_act=True),
+    "turn_signal": Monitor(turn_signal, "m", "way before a turn without the indicator", {"before_m": M, "after_s": S}),
     "off_road": Monitor(off_road, "s", "time off the road", {}),
     "stop_sign": Monitor(past_stop_sign, "m/s", "least speed at a stop sign", {}),
     "right_of_way": Monitor(right_of_way, "s", "time before somebody with the right of way", {}),

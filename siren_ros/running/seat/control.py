@@ -10,7 +10,7 @@ import numpy as np
 
 from siren_ros.base.numerics.braking import safe_following_mps
 from siren_ros.running.seat.sight import Sight
-from siren_ros.simulation.world.actors import Lights, indicator_to
+from siren_ros.simulation.world.actors import TURN_LIGHTS, Lights, indicator_to
 from siren_ros.simulation.world.commands import AvControl
 
 _GENTLE_MPS2: Final = 2.0
@@ -38,6 +38,8 @@ _LINE_M: Final = 1.0
 _SEEN_ROWS: Final = 80
 """Rows of the path that are checked for junctions."""
 _SIGNALS_S: Final = 2.0
+_TURNS_M: Final = 35.0
+"""Way before a turn on which the indicator shows: 100 feet (California Vehicle Code, section 22108) and a step."""
 _SLOW_MPS: Final = 5.0
 """A slower vehicle may come to a stop."""
 _HEARD_M: Final = 50.0
@@ -123,12 +125,15 @@ def speed_to_junction(sight: Sight) -> float:
 
 
 def indicators(sight: Sight) -> int:
-    """Indicators for a lane change that the path has soon."""
+    """Indicators for a lane change that the path has soon, and for the turn at the next junction."""
     row = sight.way.row(sight.s_m)
     reach = row + 1 + int(max(sight.speed_mps, 1.0) * _SIGNALS_S)
     soon = sight.way.changes[row:reach]
-    if sight.in_junction or not soon.any():
+    if sight.in_junction:
         return int(Lights.NONE)
+    if not soon.any():
+        turn = next((line for line in sight.way.lines if sight.s_m <= line.at_m <= sight.s_m + _TURNS_M), None)
+        return int(TURN_LIGHTS.get(turn.connection.direction, Lights.NONE)) if turn else int(Lights.NONE)
     return indicator_to(float(soon[np.flatnonzero(soon)[0]]))
 
 

@@ -101,6 +101,10 @@ def indicator_to(move: float) -> int:
     return int(Lights.INDICATOR_LEFT if move > 0.0 else Lights.INDICATOR_RIGHT)
 
 
+TURN_LIGHTS: Final = {"l": Lights.INDICATOR_LEFT, "t": Lights.INDICATOR_LEFT, "r": Lights.INDICATOR_RIGHT}
+"""The indicator of a movement across a junction, by its direction; bends of the road have none."""
+
+
 class Mode(IntEnum):
     """The active behaviour of an actor (paper, Algorithms 1 and 2)."""
 

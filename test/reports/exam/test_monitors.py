@@ -20,6 +20,7 @@ from siren_ros.running.seat.seated import answers_of
 from siren_ros.scoring.evaluation.yielding.encounters import lane_offsets
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.maps.map_formats import mirrored_net
+from siren_ros.simulation.roads.road_network import LaneKind
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.world.actors import Event, EventKind, Lights
 
@@ -270,6 +271,12 @@ def test_time_on_the_shoulder():
     motorway = replace(town, network=replace(town.network, lanes=lanes))
     assert found("on_shoulder", examinee(STOPS_ASIDE, record=motorway)).measure.value > 10.0
     assert found("on_shoulder", examinee(STAYS)).measure.value == 0.0
+    shoulder_and_one = tuple(
+        lane if lane.kind is not LaneKind.DRIVING or lane.position == 1 else replace(lane, kind=LaneKind.CYCLE)
+        for lane in lanes
+    )
+    country_road = replace(town, network=replace(town.network, lanes=shoulder_and_one))
+    assert found("on_shoulder", examinee(STOPS_ASIDE, record=country_road)).measure.value == 0.0
 
 
 def two_emvs(driven, car):

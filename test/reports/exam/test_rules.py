@@ -9,6 +9,8 @@ from hand_made_record import (
     EASTBOUND,
     EMV,
     EMV_LENGTH_M,
+    LANE_TURN,
+    RIGHT_X_M,
     SOUTHBOUND,
     Driven,
     crossing,
@@ -69,6 +71,61 @@ def test_speed_above_the_limit_has_to_last():
     assert value("speeding", recorded({CAR: north((13.0, 4.0))}), lasting_s=1.0) == 0.0
     brief = north((13.0, 2.0), (20.0, 0.6), (13.0, 2.0))
     assert value("speeding", recorded({CAR: brief}), lasting_s=1.0) == 0.0
+
+
+PRUDENT = {"stands_s": 5.0, "below_mps": 8.9, "least_mps": 2.2, "aside_m": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "left_m", "lights", "over_mps"),
+    [(10.0, 3.5, Lights.BEACON, 5.0), (4.0, 3.5, Lights.BEACON, 0.0), (10.0, 7.0, Lights.BEACON, None)]
+    + [(10.0, 3.5, lights, None) for lights in (Lights.NONE, Lights.BEACON | Lights.SIREN)],
+)
+def test_an_emv_that_stands_with_its_lamps_is_passed_slowly(speed_mps, left_m, lights, over_mps):
+    x_m = IN_LANE[0][0] - left_m
+    stands = Driven(line((x_m, -120.0), (x_m, 0.0)), arc((0.0, 12.0), start_m=70.0))
+    record = with_states(
+        recorded({CAR: north((speed_mps, 12.0), start_m=70.0 - 7.0 * speed_mps), EMV: stands}),
+        lights=lambda state: np.where(state.actor_id == EMV, int(lights), 0).astype(np.uint8),
+    )
+    if over_mps is None:
+        assert not found("passes_standing", record, **PRUDENT).measure.valid
+    else:
+        assert value("passes_standing", record, **PRUDENT) == pytest.approx(over_mps, abs=0.01)
+    soon = found("passes_standing", record, **{**PRUDENT, "stands_s": 11.5})
+    assert not soon.measure.valid
+
+
+def test_a_lane_for_others_is_left_when_a_siren_comes():
+    behind = Driven(IN_LANE, arc((10.0, 9.0)))
+    record = recorded({CAR: north((10.0, 9.0), start_m=30.0), EMV: behind}, siren=(EMV,))
+    assert not found("reserved_lane", record).measure.valid
+    own = Examinee(record, CAR, HEARD_M, REACTION_S).places.lane[0]
+    lanes = tuple(replace(lane, civilian_allowed=lane.index != own) for lane in record.network.lanes)
+    reserved = replace(record, network=replace(record.network, lanes=lanes))
+    on_road_s = (100.0 - 30.0) / 10.0
+    assert value("reserved_lane", reserved) == pytest.approx(on_road_s - REACTION_S, abs=0.15)
+    assert not found("reserved_lane", replace(reserved, actors=record.actors), heard_m=1.0).measure.valid
+
+
+@pytest.mark.parametrize(("from_m", "dark_m"), [(60.0, 0.0), (80.0, 10.5), (200.0, 30.5)])
+def test_a_turn_is_signalled_on_the_last_hundred_feet(from_m, dark_m):
+    """The driver turns right at its stop line, 100 m on its way."""
+    way = np.concatenate((line((RIGHT_X_M, -120.0)), LANE_TURN, line((120.0, LANE_TURN[-1][1]))))
+    plain = recorded({CAR: Driven(way, arc((10.0, 14.0)))})
+
+    def lit(side):
+        def lights(state):
+            shown = (state.actor_id == CAR) & (state.step * 0.05 * 10.0 >= from_m)
+            return np.where(shown, int(side), 0).astype(np.uint8)
+
+        return lights
+
+    numbers = {"before_m": 30.5, "after_s": 10.0}
+    right, left = (with_states(plain, lights=lit(side)) for side in (Lights.INDICATOR_RIGHT, Lights.INDICATOR_LEFT))
+    assert value("turn_signal", right, **numbers) == pytest.approx(dark_m, abs=0.6)
+    assert value("turn_signal", left, **numbers) == pytest.approx(30.5, abs=0.6)
+    assert not found("turn_signal", recorded({CAR: north((10.0, 14.0))}), **numbers).measure.valid
 
 
 def test_time_off_the_road():

@@ -20,6 +20,8 @@ from siren_ros.running.seat.control import (
     speed_to_red,
     steered,
 )
+from siren_ros.running.seat.sight import Line
+from siren_ros.simulation.roads.road_network import Connection
 from siren_ros.simulation.world.actors import Lights
 
 
@@ -98,6 +100,16 @@ def test_the_indicator_of_a_lane_change_shows_before_it():
     shown = [indicators(sight(s_m, way=way)) for s_m in (10.0, 25.0, 45.0, 70.0)]
     assert shown == [0, Lights.INDICATOR_RIGHT, Lights.INDICATOR_RIGHT, 0]
     assert indicators(sight(105.0, way=straight_way(changes=np.ones(ROWS)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("direction", "light"), [("l", Lights.INDICATOR_LEFT), ("r", Lights.INDICATOR_RIGHT), ("s", 0)]
+)
+def test_the_indicator_of_a_turn_shows_100_feet_before_it(direction, light):
+    movement = Connection(0, 1, (2,), direction, None, -1, must_stop=False, junction="J")
+    way = straight_way(lines=(Line(100.0, movement),))
+    shown = [indicators(sight(100.0 + s_m, way=way)) for s_m in (-40.0, -30.5, -0.6)]
+    assert shown == [0, light, light]
 
 
 @pytest.mark.parametrize(

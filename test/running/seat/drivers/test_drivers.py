@@ -204,7 +204,7 @@ def test_the_shipped_driver_makes_way_and_its_card_says_how_it_learned() -> None
         emv_m: driver.step(driver.start, sight_at(emv_m=emv_m))[0].aim.manoeuvre for emv_m in (15.0, 30.0, 150.0)
     }
     assert manoeuvres == {15.0: Manoeuvre.PULL_OVER, 30.0: Manoeuvre.PULL_OVER, 150.0: Manoeuvre.KEEP}
-    card = driver.network.card
+    card = driver.choose.args[0].card
     assert card["kind"] == "driver"
     assert card["minutes"] < 30.0
     assert card["task"]["seeds"][1] <= 1000

@@ -49,7 +49,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
     line = action("make", make, "make sealed episodes and their questions; only the folder public leaves your machine")
     line.add_argument("round", type=Path, metavar="ROUND", help="new folder of the round")
-    tasks = "; ".join(f"{name}: {kind.title}" for name, kind in KINDS.items())
+    tasks = "; ".join(f"{name}: {kind.names[0]}" for name, kind in KINDS.items())
     line.add_argument("--task", default=PREDICTION, choices=tuple(KINDS), help=f"{tasks} (default %(default)s)")
     line.add_argument("--rulebook", default="international", metavar="NAME", help="of an exam (default %(default)s)")
     add_matrix(line.add_argument_group("the matrix of the episodes"), "S2 S3 S4; exam: S1 to S7", "their own", "0:2")

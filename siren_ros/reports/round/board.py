@@ -11,7 +11,6 @@ import tempfile
 from collections.abc import Callable, Mapping
 from glob import escape
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final
 
 from siren_ros import __version__
@@ -55,7 +54,6 @@ from siren_ros.simulation.scenario.sealing import commitment, write_salt
 BOARD_FILE: Final = "board.json"
 ANSWERS: Final = "answers"
 SCORES: Final = "scores"
-_NO_RULES: Final[Mapping[str, str]] = MappingProxyType({})
 _HASHED: Final = ("map", "bag", "question")
 
 
@@ -66,7 +64,7 @@ def make_round(
     on_episode: Callable[[], None] = lambda: None,
     *,
     task: str = PREDICTION,
-    rules: Content = _NO_RULES,
+    rules: Content | None = None,
 ) -> Content:
     """Make a round.
 
@@ -97,7 +95,7 @@ def make_round(
     order = random_stream(int.from_bytes(salt), "round/order").permutation(len(planned)).tolist()
     plan = {
         "task": task,
-        "rules": dict(rules),
+        "rules": dict(rules or {}),
         "episodes": [
             {"name": f"episode{number:03d}", "request": kept_request(planned[place], private).to_json()}
             for number, place in enumerate(order, 1)
@@ -231,7 +229,7 @@ def _board(
         raise InputError("submissions", str(answers), "one that can be scored")
     kind = kind_of(plan)
     fair = {file.stem: sums for file, (sums, flag, _) in found.items() if not flag}
-    rows = standings(fair, kind.metric, less_is_better=kind.less_is_better) if fair else ()
+    rows = standings(fair, kind.names[1], less_is_better=kind.less_is_better) if fair else ()
     values, differences = ([row.json() for row in rows if bool(row.against) is tested] for tested in (False, True))
     return {
         "task": plan["task"],
@@ -308,7 +306,7 @@ def page_of(board: Content) -> Page:
         Section("seal", "Seal", again, tables=(seal, bags), commands=("siren round verify FOLDER",)),
     )
     lead = f"{len(board['rows'])} of {len(about)} submissions are ranked on {len(episodes)} sealed episodes."
-    return Page(f"Round: {kind_of(board).title}", lead, sections)
+    return Page(f"Round: {kind_of(board).names[0]}", lead, sections)
 
 
 def _difference(row: Content) -> Score:

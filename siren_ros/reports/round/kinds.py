@@ -1,7 +1,7 @@
 """The kinds of rounds by their names: what an episode asks, what a submission is, and how it is judged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -22,80 +22,52 @@ from siren_ros.simulation.scenario.paper import TEMPLATES
 PREDICTION: Final = "prediction"
 
 
+Judge = Callable[[Path], tuple[BlockSums, str, Content]]
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of rounds."""
 
-    title: str
-    metric: str
-    less_is_better: bool
-    study: Study
-    """Episodes of a round, unless the organiser names others."""
-    models: tuple[str, ...]
-    """Models of the project that can answer."""
-    suffixes: tuple[str, ...]
-    """Suffixes of submissions that are files."""
-    holds: str
-    """Pattern of a file in submissions that are folders."""
     question: Callable[[str, EpisodeRequest, EpisodeRecord, Path, Path], Content]
     """What is asked of an episode, by name, request, record and bag; the folder gets what else participants need."""
     answer: Callable[[Path, str, Path], int]
     """Answers the public part of a round with a model, into a file."""
     take: Callable[[Path, Path, Path, Content, Limits], Path]
     """Makes the answers of a submission, at a path that it completes; with the private part and the plan."""
-    judge: Callable[[Content, Path, Path], tuple[Callable[[Path], tuple[BlockSums, str, Content]], Content]]
+    judge: Callable[[Content, Path, Path], tuple[Judge, Content]]
     """By plan, folder of the salt and bags: gives the scores of answers, why they are flagged, and what else is told of
     them; and what is told of all."""
+    names: tuple[str, str]
+    """Title, and name of the score."""
+    models: tuple[str, ...]
+    """Models of the project that can answer."""
+    suffixes: tuple[str, ...]
+    """Suffixes of submissions that are files."""
+    study: Study
+    """Episodes of a round, unless the organiser names others."""
+    holds: str = COMMAND_FILE
+    """Pattern of a file in submissions that are folders."""
+    less_is_better: bool = True
     forged: Callable[[Content, Path, Sequence[Path]], list[str]] = lambda *_: []
     """What in answers does not follow from the salt."""
     rules: Callable[[str], Content] = lambda _: {}
     """What everybody is told of the rules, by the rulebook's name."""
 
 
-_SHORT: Final = ("S2", "S3", "S4"), (0, 1)
-
+_SHORT: Final = Study(("S2", "S3", "S4"), seeds=(0, 1))
+_SENSED: Final = replace(_SHORT, sensors="front")
+_EXAM: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
+_PREDICTION: Final = prediction.question, prediction.answer, prediction.take, prediction.judge
+_DETECTION: Final = detection.question, detection.answer, detection.take, detection.judge
+_DRIVING: Final = driving.question, driving.answer, driving.take, driving.judge
+_OF_EXAM: Final = ("exam for drivers", "violated clauses"), tuple(DRIVERS), (driving.NAME_SUFFIX, ".onnx"), _EXAM
+_OF_DETECTION: Final = ("3-D detection", "mAP of episodes"), tuple(DETECTORS), (".json", ".pkl", ".npz"), _SENSED
+_OF_PREDICTION: Final = ("trajectory prediction", "ADE in metres"), tuple(PREDICTORS), (".parquet",), _SHORT
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
-        PREDICTION: Kind(
-            title="trajectory prediction",
-            metric="ADE in metres",
-            less_is_better=True,
-            study=Study(_SHORT[0], seeds=_SHORT[1]),
-            models=tuple(PREDICTORS),
-            suffixes=(".parquet",),
-            holds=COMMAND_FILE,
-            question=prediction.question,
-            answer=prediction.answer,
-            take=prediction.take,
-            judge=prediction.judge,
-        ),
-        "detection": Kind(
-            title="3-D detection",
-            metric="mAP of episodes",
-            less_is_better=False,
-            study=Study(_SHORT[0], seeds=_SHORT[1], sensors="front"),
-            models=tuple(DETECTORS),
-            suffixes=(".json", ".pkl", ".npz"),
-            holds="*.txt",
-            question=detection.question,
-            answer=detection.answer,
-            take=detection.take,
-            judge=detection.judge,
-        ),
-        "exam": Kind(
-            title="exam for drivers",
-            metric="violated clauses",
-            less_is_better=True,
-            study=Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20))),
-            models=tuple(DRIVERS),
-            suffixes=(driving.NAME_SUFFIX, ".onnx"),
-            holds=COMMAND_FILE,
-            question=driving.question,
-            answer=driving.answer,
-            take=driving.take,
-            judge=driving.judge,
-            forged=driving.forged,
-            rules=driving.rules,
-        ),
+        PREDICTION: Kind(*_PREDICTION, *_OF_PREDICTION),
+        "detection": Kind(*_DETECTION, *_OF_DETECTION, holds="*.txt", less_is_better=False),
+        "exam": Kind(*_DRIVING, *_OF_EXAM, forged=driving.forged, rules=driving.rules),
     }
 )

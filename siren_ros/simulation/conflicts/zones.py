@@ -18,7 +18,7 @@ _ALONG_COURSE: Final = 0.9945
 _COLUMNS: Final = 8
 _BISECTIONS: Final = 3
 """Number of bisections: the entry into a zone is exact to an eighth of a step."""
-_STRAIGHT_AFTER_M: Final = 6.0
+STRAIGHT_AFTER_M: Final = 6.0
 """Distance after which a vehicle that points elsewhere follows its course."""
 TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading."""
@@ -201,9 +201,9 @@ def pose_after(ways: Ways, n: int, off: tuple[float, float], way_m: float) -> Po
     body = ways.bodies[n]
     first, last, s_m = ways.first[n], ways.last[n], body[PLACE] + way_m
     x, y, cos, sin = pose_at(ways.points, first, last, body[SPACING], s_m, body[LEFT], body[CUT])
-    if way_m > _STRAIGHT_AFTER_M:
+    if way_m > STRAIGHT_AFTER_M:
         return x, y, cos, sin
-    left = 1.0 - way_m / _STRAIGHT_AFTER_M
+    left = 1.0 - way_m / STRAIGHT_AFTER_M
     aside, turned = left * off[0], left * off[1]
     c, s = np.cos(turned), np.sin(turned)
     return x - aside * sin, y + aside * cos, cos * c - sin * s, sin * c + cos * s

@@ -53,9 +53,11 @@ from siren_ros.simulation.conflicts.zones import (
     SAME_DIRECTION,
     SPACING,
     STEP_M,
+    STRAIGHT_AFTER_M,
     Ways,
     Zone,
     follows_course,
+    off_course,
     search_among,
     straight_to_m,
 )
@@ -314,10 +316,10 @@ def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[floa
 
 
 @compiled
-def _is_ahead(ways: Ways, row: int, other: int) -> bool:
-    """Whether a body is ahead of another one in its own direction: of two that touch in one direction, it goes on."""
+def _ahead_m(ways: Ways, row: int, other: int) -> float:
+    """How far a body is ahead of another one in its own direction: of two that touch in one direction, it goes on."""
     (x_m, y_m, yaw_rad), (other_x_m, other_y_m) = ways.bodies[row, :3], ways.bodies[other, :2]
-    return np.cos(yaw_rad) * (x_m - other_x_m) + np.sin(yaw_rad) * (y_m - other_y_m) > 0.0
+    return np.cos(yaw_rad) * (x_m - other_x_m) + np.sin(yaw_rad) * (y_m - other_y_m)
 
 
 @compiled
@@ -329,6 +331,20 @@ def _widened(ways: Ways, drivers: Drivers) -> Ways:
         if not drivers.inside[row]:
             bodies[row, HALF_WIDTH] += _MARGIN_M
     return Ways(ways.points, ways.first, ways.last, bodies)
+
+
+@compiled
+def _drift_where_lying_over(ways: Ways, rights: Rights, inside: Flags) -> None:
+    """Lets drivers in lanes that lie over others go on sideways, as they point: there SUMO knows of nobody beside them.
+
+    A heading that comes back to the course evenly over a way moves a body aside by the sine times half of it.
+    """
+    if len(rights.overlying) == 0:
+        return
+    there = come_to(ways, rights, rights.overlying, np.zeros(len(inside)))
+    for row in range(len(inside)):
+        if inside[row] and there[row]:
+            ways.bodies[row, LEFT] += 0.5 * STRAIGHT_AFTER_M * np.sin(off_course(ways, row)[1])
 
 
 @compiled
@@ -346,7 +362,8 @@ def _strictest_waits(
     Left out are vehicles that merge among themselves but for riders and where roads lie over each other, and those that
     lead while there is room, which SUMO handles, and those from outside that come across the way of a driver who does
     not look.
-    A rider and another one who are beside each other do not go on together where their ways lead to the same place.
+    A rider and another one who are beside each other do not go on together where their ways lead to the same place;
+    nor do two where roads lie over each other.
 
     ``order`` are the rows by x. The margins are those towards vehicles from outside, and among SUMO's own. ``square``
     is 2: by a constant, speeds would be squared with another last bit than Python's.
@@ -354,6 +371,7 @@ def _strictest_waits(
     held, rides, n = drivers.held, drivers.rides, len(order)
     inside, speed_mps = drivers.inside, drivers.speed_mps
     widened, pairs = _widened(ways, drivers), near_pairs(drivers, order)
+    _drift_where_lying_over(widened, rights, inside)
     zones = search_among(widened, pairs)
     _cross_where_tight(ways, rights, pairs, zones, inside)
     _agree_on_entries(pairs, zones, inside)
@@ -366,13 +384,15 @@ def _strictest_waits(
         leads = leads or (merges and blocked < np.inf and ridden)
         unknown, meeting = inside[other] and (merges or leads), (blocked, 0.0) if leads else (own_in, other_in)
         unknown = unknown and are_in(ways, rights, rights.overlying, (row, other), meeting)
-        if unknown and blocked <= 0.0 and _is_ahead(ways, row, other):
+        ahead_m = _ahead_m(ways, row, other)
+        if unknown and blocked <= 0.0 and ahead_m > 0.0:
             continue
         sumos = merges and inside[other] and not ridden and not unknown
         if met == 0.0 or (not leads and ((drivers.blind[row] and not inside[other]) or sumos)):
             continue
         if leads:
-            lead_mps = 0.0 if ridden and blocked <= 0.0 else speed_mps[other]
+            beside = unknown and -ahead_m < drivers.half_length_m[row] + drivers.half_length_m[other]
+            lead_mps = 0.0 if beside or (ridden and blocked <= 0.0) else speed_mps[other]
             wait = _wait_behind(speed_mps[row], lead_mps, blocked - _BEHIND_M)
             if wait[_FREE] > 0.0 and wait[_BRAKE] <= (_GENTLE_MPS2 if held[row] else _FIRM_MPS2):
                 continue

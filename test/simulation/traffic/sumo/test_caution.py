@@ -336,6 +336,26 @@ def test_of_two_that_touch_on_such_roads_the_one_ahead_goes_on() -> None:
         assert [caution.actor_id for caution in beside(1.5, *cars)] == [behind]
 
 
+@pytest.mark.parametrize(("turned", "waits"), [(0.0, True), (-0.3, False)])
+def test_who_points_away_from_such_a_road_is_taken_to_go_there(turned: float, waits: bool) -> None:
+    """The first one drives 2.6 m beside the other one, whose body is 1.8 m wide, and is to come back to its lane."""
+    found = beside(1.5, Car(0, 100.0, 4.0, left=-1.1, turned=turned), Car(1, 96.0, 8.0))
+    assert bool(found) is waits
+
+
+@pytest.mark.parametrize(("turned", "waits"), [(0.0, False), (0.2, True)])
+def test_who_points_at_such_a_road_is_taken_to_go_there(turned: float, waits: bool) -> None:
+    found = beside(1.9, Car(0, 100.0, 4.0, turned=turned), Car(1, 96.0, 5.0))
+    assert bool(found) is waits
+
+
+@pytest.mark.parametrize(("ahead_m", "waits"), [(1.0, True), (6.0, False)])
+def test_on_such_a_road_nobody_follows_a_vehicle_that_is_still_beside_it(ahead_m: float, waits: bool) -> None:
+    """Its body is free of the other one's by 10 cm, and comes nearer."""
+    found = beside(1.5, Car(0, 100.0, 2.5, left=-0.7, turned=0.15), Car(1, 100.0 + ahead_m, 5.0))
+    assert [caution.actor_id for caution in found if caution.wait.speed_mps == 0.0] == ([1] if waits else [])
+
+
 def shifting(aside_m: float) -> RoadNetwork:
     """A road with two lanes that go aside on 10 m between its two pieces."""
     ends = {"a": (0.0, 0.0), "j": (105.0, 0.5 * aside_m), "b": (210.0, aside_m)}

@@ -252,8 +252,13 @@ def publish_round(folder: Path, out: Path) -> None:
     private, scores = folder / PRIVATE, folder / SCORES
     read_plan(private)
     board = read_content(scores / BOARD_FILE, "rows", "differences", "flagged", "refused", "submissions")
-    told = read_content(folder / PUBLIC / ROUND_FILE, "commitment", "episodes")
-    of_round = {"commitment": told["commitment"], "split": "sealed", "episodes": told["episodes"]}
+    told = read_content(folder / PUBLIC / ROUND_FILE, "commitment", "rules", "episodes")
+    of_round = {
+        "commitment": told["commitment"],
+        "rules": told["rules"],
+        "split": "sealed",
+        "episodes": told["episodes"],
+    }
     content = {**board, **of_round, "salt": (private / SALT_FILE).read_text(encoding="ascii").strip()}
     with writing(out, "new folder"):
         shutil.copytree(folder / PUBLIC, out)
@@ -288,7 +293,7 @@ def page_of(board: Content) -> Page:
     head = ("submission", "result", "kind", "SHA-256", "reason")
     episodes = [(one["name"], one["bag_sha256"], one["question_sha256"]) for one in board["episodes"]]
     sealed: list[Row] = [("salt", board["salt"]), ("commitment", board["commitment"]), ("split", board["split"])]
-    sealed += [("SIREN", board["version"])]
+    sealed += [("SIREN", board["version"]), *((key, str(value)) for key, value in board["rules"].items())]
     floor = board.get("floor", {})
     text = (
         (floor["text"], "A submission that is flagged is not ranked before somebody has looked at it.") if floor else ()
@@ -346,7 +351,7 @@ def _wrong_with(published: Path, kept: Path | None, processes: int, on_episode: 
     ]
     if kept is not None and read_content(kept, "episodes") != told:
         wrong.append(f"{ROUND_FILE} is not the one that participants got")
-    if (board["episodes"], board["commitment"]) != (told["episodes"], told["commitment"]):
+    if any(board[key] != told[key] for key in ("episodes", "commitment", "rules")) or told["rules"] != plan["rules"]:
         wrong.append(f"{BOARD_FILE} is of another round")
     kind = kind_of(plan)
     with tempfile.TemporaryDirectory(prefix="siren-verify-") as scratch:

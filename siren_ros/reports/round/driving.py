@@ -130,7 +130,7 @@ def judge(plan: Content, _folder: Path, bags: Path) -> tuple[Callable[[Path], tu
         certificate = certificate_of(driver.name, None, book, sittings)
         violated = np.array([len(one.violated) for one in sittings], dtype=np.float64)
         told = {
-            "passed": certificate.passed,
+            "passed": "yes" if certificate.passed else "no",
             "grade": certificate.grade.value,
             "violations": int(violated.sum()),
             "lacks": "; ".join(certificate.lacks),

@@ -1,5 +1,6 @@
 """The samples of each task."""
 
+import json
 from itertools import islice, pairwise
 
 import numpy as np
@@ -18,9 +19,13 @@ from siren_ros.scoring.evaluation.risk.sequence_model import read_small_frames
 from siren_ros.scoring.evaluation.risk.video_set import read_set
 
 
+def samples_in(path):
+    file = PackedSamples(path)
+    return [file[number] for number in range(len(file))]
+
+
 def all_of(folder):
-    files = [PackedSamples(path) for path in sorted(folder.glob("*.parquet"))]
-    return [file[number] for file in files for number in range(len(file))]
+    return [item for path in sorted(folder.glob("*.parquet")) for item in samples_in(path)]
 
 
 def column(sample, name, columns=prediction.COLUMNS):
@@ -139,6 +144,11 @@ def test_films_have_the_labels_of_their_set(packed, video_set_folder):
     videos = read_set(video_set_folder)
     got = {item["video"]: item for item in all_of(packed("risk"))}
     assert set(got) == set(videos.videos)
+    listed = [
+        (one["split"], one["id"]) for one in json.loads((packed("risk") / "dataset.json").read_text())["episodes"]
+    ]
+    in_files = [(path.stem, item["video"]) for path in packed("risk").glob("*.parquet") for item in samples_in(path)]
+    assert sorted(listed) == sorted(in_files)
     for key, item in got.items():
         video = videos.videos[key]
         assert item["label"] == video.label.risk

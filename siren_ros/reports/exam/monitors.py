@@ -279,8 +279,9 @@ def encroachment(examinee: Examinee, _numbers: Numbers) -> Finding:
 def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time from the last EMV's passing until the driver is in the middle of a lane and drives.
 
-    One that stands behind others or at the end of its lane drives on as it can. Time in which the EMV stands right
-    ahead, or sounds its siren within ``near_m``, does not count. Where the record ends before, the time until there, if
+    One that stands behind others or at the end of its lane drives on as it can; there, to the side of the middle, it
+    cannot turn back, and that time does not count. Nor does time in which the EMV stands right ahead, or sounds its
+    siren within ``near_m``. Where the record ends before, the time until there, if
     that is longer than ``waits_s``.
     """
     if not any(call.passed.any() for call in examinee.calls):
@@ -289,14 +290,14 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
         )
     last = max(int(np.argmax(call.passed)) for call in examinee.calls if call.passed.any())
     aside = np.abs(examinee.offsets.offset_m) > numbers["offset_m"]
-    stands = (examinee.track.speed_mps < STANDS_MPS) & (examinee.room.ahead_m > _GO_ON_M)
-    back = ~(aside | stands)[last:]
+    stands, blocked = examinee.track.speed_mps < STANDS_MPS, examinee.room.ahead_m <= _GO_ON_M
+    back = ~(aside | (stands & ~blocked))[last:]
     back &= ~examinee.called[last:]
     ahead = [call.passed & (-call.gap_m < _RIGHT_AHEAD_M) & (call.speed_mps < STANDS_MPS) for call in examinee.calls]
     for call in examinee.calls:  # from the driver's front to the EMV's rear
         lengths_m = examinee.actor.length_m + examinee.record.actors[call.emv_id].length_m
         ahead.append(call.passed & call.siren & (-call.gap_m - lengths_m < numbers["near_m"]))
-    counts = ~np.any(ahead, axis=0)[last:]
+    counts = ~np.any([*ahead, stands & blocked], axis=0)[last:]
     if back.any():
         return Finding(Measure(float(counts[: np.argmax(back)].sum()) * STEP_S), int(examinee.track.step[last]))
     left_s = float(counts.sum()) * STEP_S

@@ -258,6 +258,12 @@ def test_the_return_to_the_lane():
     assert never.at_least
     assert never.value > 5.0
     assert not found("return_to_lane", examinee(STOPS_ASIDE), offset_m=0.6, waits_s=30.0, near_m=0.0).measure.valid
+    off_the_middle = line((5.25, -120.0), (5.25, -80.0), (6.45, -60.0), (6.45, 110.0))
+    for ahead_m, counts in ((6.0, False), (16.0, True)):  # it stands at -54 m, somebody else 2 m or 12 m ahead
+        other = Driven(line((6.45, -54.0 + ahead_m), (6.45, 0.0)), arc((0.0, 20.0)))
+        cars = {CAR: replace(STOPS_ASIDE, points=off_the_middle), 3: other}
+        wedged = examinee(None, record=record_of(arc((10.0, 20.0)), cars, siren=True))
+        assert found("return_to_lane", wedged, **numbers).measure.valid is counts
     # It stands 66 m on the way. An EMV that stands 20 m ahead of it keeps it there, one that is 60 m ahead does not.
     for way_m, counts in ((86.0, False), (126.0, True)):
         waits = examinee(STOPS_ASIDE, arc((10.0, way_m / 10.0), (0.0, 20.0 - way_m / 10.0)))

@@ -124,3 +124,12 @@ def test_a_violation_of_a_duty_to_act_is_grave_if_it_is_one_by_the_latest_notice
 
     assert grade(heard_m=50.0, heard_late_m=50.0) is Grade.MAJOR
     assert grade(heard_m=50.0, heard_late_m=8.0) is Grade.MINOR
+
+
+def test_the_latest_notice_excuses_no_violation_but_those_of_duties_to_act():
+    record = record_of(arc((10.0, 3.6), (0.0, 6.0)), {CAR: Driven(IN_LANE, arc((0.0, 10.0), start_m=50.0))})
+    numbers = {"gap_m": 10.0, "slow_mps": 2.0, "left_line_m": 0.5}
+    stuck = Clause("one", "One", "Do so.", "A law", "obstruction", numbers, 1.0, 3.0)
+    book = replace(load_rulebook("international"), clauses=(stuck,), heard_m=50.0, heard_late_m=8.0)
+    (mark,) = examine(record, CAR, book).marks  # the EMV stands 9 m behind it, where it is heard early alone
+    assert mark.grade is Grade.MAJOR

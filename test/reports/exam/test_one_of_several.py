@@ -185,5 +185,6 @@ def test_the_figures_of_others_are_those_of_the_episode_less_those_of_the_papers
     record, paper = recorded(8.0, EMV, CAR, SECOND, THIRD), recorded(10.0, EMV, SECOND)
     compared = compared_with_paper(record, CAR, paper, SECOND)
     assert compared == {"emv_delay_s": pytest.approx(2.0, abs=0.06), "braked_hard": 2.0}
+    assert compared_with_paper(record, CAR, recorded(10.0), SECOND)["braked_hard"] == 2.0
     compared = compared_with_paper(paper, SECOND, record, CAR)
     assert compared == {"emv_delay_s": pytest.approx(-2.0, abs=0.06), "braked_hard": -2.0}

@@ -39,15 +39,19 @@ def differences(content: Content, bags: Sequence[Path], rulebook: str = "", jobs
         raise InputError("certificate", repr(error), "the content of a certificate.json of siren exam") from error
 
 
+_BAGS: Final = {"bag_sha256": "", "paper_sha256": " of the paper's driver"}
+
+
 def _differences(content: Content, bags: Sequence[Path], rulebook: str, jobs: int) -> tuple[str, ...]:
     book = load_rulebook(rulebook or content["rulebook"])
     by_hash = {bag_sha256(bag): bag for bag in bags}
     said, episodes = [], content["episodes"]
     calls = []
     for one in episodes:
-        wanted = [one[key] for key in ("bag_sha256", "paper_sha256") if one.get(key)]
-        lost = [digest for digest in wanted if digest not in by_hash]
-        said += [f"{shown_text(one['episode'])}: no bag has the hash {shown_text(digest)}" for digest in lost]
+        lost = [key for key in _BAGS if one.get(key) and one[key] not in by_hash]
+        said += [
+            f"{shown_text(one['episode'])}: no bag{_BAGS[key]} has the hash {shown_text(one[key])}" for key in lost
+        ]
         if not lost:
             calls.append((one, by_hash, book))
     if said:

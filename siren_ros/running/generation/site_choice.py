@@ -26,7 +26,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     approach_to,
     stays_inside,
 )
-from siren_ros.simulation.traffic.demand.group_demand import connection_from
+from siren_ros.simulation.traffic.demand.group_demand import QUEUED_CAR_M, connection_from
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
 from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass
@@ -40,9 +40,7 @@ _JUNCTION_M: Final = 10.0
 """Length of road behind a site that its junction may cover."""
 _NO_SHOULDER: Final = frozenset({SiteKind.MULTI_LANE_ROAD, SiteKind.QUEUED_APPROACH})
 """Kinds of sites at which the EMV needs others to make way; on a free shoulder it could pass without that."""
-_CAR_M: Final = 7.6
-"""Length of road that a car takes in a queue (Highway Capacity Manual 2000, chapter 16)."""
-_ROW_M: Final = 4.0 * _CAR_M
+_ROW_M: Final = 4.0 * QUEUED_CAR_M
 """Road for a row that crosses until the EMV comes."""
 _CROSSED: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
@@ -307,7 +305,9 @@ def _side_m(network: RoadNetwork, site: Site) -> float:
 
 def _is_left_free(network: RoadNetwork, site: Site, _: Template) -> bool:
     ends = [network.lanes[network.connections[index].to_lane] for index in (*site.connections, *site.crossing)]
-    short = [way for lane in ends if lane.length_m < _CAR_M for way in network.connections_from.get(lane.index, ())]
+    short = [
+        way for lane in ends if lane.length_m < QUEUED_CAR_M for way in network.connections_from.get(lane.index, ())
+    ]
     held = any(way.must_stop or way.signal_id is not None for way in short)
     return site.kind not in _CROSSED or not held
 

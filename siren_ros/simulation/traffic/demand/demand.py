@@ -3,7 +3,6 @@
 One civilian becomes the AV under test where an episode has one.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,7 +22,7 @@ from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, 
 from siren_ros.simulation.roads.routing import civilian_movements, driving_lanes, path_centre, route_path
 from siren_ros.simulation.roads.sites import Site, SiteKind, overlaps
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
-from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement, Template
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
 from siren_ros.simulation.traffic.demand.emv_start import (
     EmvStart,
     arrival_s,
@@ -242,7 +241,7 @@ class _Planner:
         # Where left turns get green first, most of the crossing queue still waits, so the other movements count.
         straight = [way for way in bound if way.direction == "s"]
         crossing = tuple(way.signal_link for way in straight or bound)
-        platoon = [vehicle for vehicle in groups.vehicles if vehicle.name.startswith(self._streams)]
+        platoon = [vehicle for vehicle in groups.vehicles if self._is_of_stream(vehicle)]
         red_from_s = max((red_from_s, *(time_s + RED_BEHIND_S for time_s in self._too_near_to_stop_s(platoon))))
         names = tuple(vehicle.name for vehicle in platoon)
         link, soonest_s = movement.signal_link, self._arrival_s(site.stretch[-1])
@@ -257,13 +256,16 @@ class _Planner:
         return SignalTiming(movement.signal_id, link, red_from_s, crossing, names, "emv0", soonest_s, approach, beside)
 
     @property
-    def _streams(self) -> tuple[str, ...]:
-        """The beginnings of the names of vehicles that come to the stop line with the EMV."""
-        return tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
+    def _streams(self) -> tuple[DemandGroup, ...]:
+        """Groups that come to the stop line with the EMV."""
+        return tuple(group for group in self._template.demand.groups if group.anchor is GroupAnchor.ARRIVAL)
+
+    def _is_of_stream(self, vehicle: PlannedVehicle) -> bool:
+        return vehicle.name.startswith(tuple(group.name for group in self._streams))
 
     def _is_followed(self, vehicle: PlannedVehicle) -> bool:
         """Whether a vehicle stands, or the EMV has to arrive right behind it."""
-        return vehicle.spot.speed_mps == 0.0 or vehicle.name.startswith(self._streams)
+        return vehicle.spot.speed_mps == 0.0 or self._is_of_stream(vehicle)
 
     @cached_property
     def _movements_at_end(self) -> tuple[Connection, ...]:
@@ -280,23 +282,24 @@ class _Planner:
         Behind a road each does so by the EMV's arrival, as that at its end. Behind a junction a stream passes those
         before which it has no room, in a green wave: who does not stands in the EMV's junction, or before it.
         """
-        demand, site, route = self._template.signal, self._site, self._start.route
-        streams = [group for group in self._template.demand.groups if group.name in self._streams]
-        if demand is None or site.stretch[-1] not in route or (site.junction is not None and not streams):
+        demand, site, route, streams = self._template.signal, self._site, self._start.route, self._streams
+        at_junction = site.junction is not None
+        if demand is None or site.stretch[-1] not in route or (at_junction and not streams):
             return ()
-        room_m = QUEUED_CAR_M * sum(g.vehicles for g in streams) if site.junction is not None else _COORDINATED_M
+        room_m = QUEUED_CAR_M * sum(group.vehicles for group in streams) if at_junction else _COORDINATED_M
         known = {movement.signal_id for movement in self._movements_at_end}
         timings: list[SignalTiming] = []
-        last = route.index(site.stretch[-1])
-        for edge, following in pairwise(route[last + 1 :]):
-            if self._factory.length_m(route[last + 1 : route.index(edge)]) > room_m:
+        behind = route[route.index(site.stretch[-1]) + 1 :]
+        for number, (edge, following) in enumerate(pairwise(behind)):
+            if self._factory.length_m(behind[:number]) > room_m:
                 break
-            way_m = self._factory.length_m(route[last + 1 : route.index(edge) + 1])
-            wave_s = self._arrival_s(site.stretch[-1]) + way_m / max((g.speed_mps for g in streams), default=math.inf)
+            if at_junction:
+                way_m = self._factory.length_m(behind[: number + 1])
+                red_from_s = self._arrival_s(site.stretch[-1]) + way_m / max(group.speed_mps for group in streams)
+            else:
+                red_from_s = self._arrival_s(edge) - demand.red_before_arrival_s
             for movement in civilian_movements(self._network, edge, following)[-1:]:
                 if movement.signal_id is not None and movement.alternates and movement.signal_id not in known:
-                    arrives_s = self._arrival_s(edge) if site.junction is None else wave_s
-                    red_from_s = arrives_s - (demand.red_before_arrival_s if site.junction is None else 0.0)
                     timings.append(SignalTiming(movement.signal_id, movement.signal_link, red_from_s))
                     known.add(movement.signal_id)
         return tuple(timings)

@@ -68,7 +68,7 @@ _DRIVE_OFF_S: Final = 1.6
 _CAR_M: Final = 5.0
 """Length of road that a car takes in a queue, without the gap."""
 QUEUED_CAR_M: Final = 7.6
-"""The same with the gap (Highway Capacity Manual 2000, chapter 16)."""
+"""Length of road that a car takes in a queue with the gap (Highway Capacity Manual 2000, chapter 16)."""
 _LEAST_IN_ROW: Final = 4
 """Vehicles of the first crossing row, of as many as there are: they cross for 8 s. It lasts until the EMV comes."""
 

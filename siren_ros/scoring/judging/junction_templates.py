@@ -155,20 +155,23 @@ class _Drive(Drive):
 
     def _with_short_edges(self, runs: list[_Run]) -> Iterator[_Run]:
         """The runs, and between two of them the edge over which one step went: some are shorter than a step's way."""
-        between, edges = self.movements.between, self.movements.network.edges
-        for run, following in pairwise([*runs, None]):
-            if run is not None:
-                yield run
-            if run is None or following is None or (run.edge, following.edge) in between:
-                continue
-            ways = (
-                (start, after) for start, after in between if start == run.edge and (after, following.edge) in between
-            )
-            rows = np.arange(run.last + 1, following.first)
-            for _, edge in [*ways][:1] if len(rows) else []:
-                lane = self.movements.network.lanes[edges[edge].lanes[0]]
-                passed = _first(rows, self._along(lane, rows, 0.0) >= lane.length_m, following.first)
-                yield _Run(edge, run.last + 1, max(passed - 1, run.last + 1))
+        for run, following in pairwise(runs):
+            yield run
+            yield from self._short_edge_between(run, following)
+        yield from runs[-1:]
+
+    def _short_edge_between(self, run: _Run, following: _Run) -> Iterator[_Run]:
+        """The run over the edge that joins two others; nothing where they follow each other, or no step is between."""
+        between, network = self.movements.between, self.movements.network
+        rows = np.arange(run.last + 1, following.first)
+        if (run.edge, following.edge) in between or not len(rows):
+            return
+        after = (edge for start, edge in between if start == run.edge)
+        edge = next((edge for edge in after if (edge, following.edge) in between), None)
+        if edge is not None:
+            lane = network.lanes[network.edges[edge].lanes[0]]
+            passed = _first(rows, self._along(lane, rows, 0.0) >= lane.length_m, following.first)
+            yield _Run(edge, run.last + 1, max(passed - 1, run.last + 1))
 
     def _movement(self, run: _Run, later: list[_Run]) -> tuple[int | None, _Run | None]:
         """Find the movement that follows a run, and the run to which it leads.

@@ -84,7 +84,7 @@ def make_round(
         BagError: In an episode nobody stays around the EMV for 8 s.
         EpisodeError: An episode fails.
     """
-    planned = [episode.request for episode in plan_study(study)]
+    planned = plan_study(study)
     public, private = out / PUBLIC, out / PRIVATE
     with writing(out, "new folder"):
         out.mkdir(parents=True)
@@ -93,13 +93,12 @@ def make_round(
         private.chmod(0o700)
     salt = write_salt(private / SALT_FILE)
     order = random_stream(int.from_bytes(salt), "round/order").permutation(len(planned)).tolist()
+    requests = [kept_request(planned[place].request, private) for place in order]
+    names = [f"episode{number:03d}" for number in range(1, len(requests) + 1)]
     plan = {
         "task": task,
         "rules": dict(rules or {}),
-        "episodes": [
-            {"name": f"episode{number:03d}", "request": kept_request(planned[place], private).to_json()}
-            for number, place in enumerate(order, 1)
-        ],
+        "episodes": [{"name": name, "request": one.to_json()} for name, one in zip(names, requests, strict=True)],
         "versions": dict(present_versions()),
     }
     write_json(private / PLAN_FILE, plan)
@@ -110,13 +109,7 @@ def make_round(
             told.append({key: made[key] for key in ("name", "map_sha256", "bag_sha256", "question_sha256")})
             write_text(question_file(public, made["name"]), made["question"])
             write_text(public / MAPS / f"{made['map_sha256']}.net.xml", made["net"])
-    content = {
-        "task": task,
-        "rules": plan["rules"],
-        "commitment": commitment(salt, plan),
-        "versions": plan["versions"],
-        "episodes": told,
-    }
+    content = {**plan, "commitment": commitment(salt, plan), "episodes": told}
     write_json(public / ROUND_FILE, content)
     return content
 

@@ -20,8 +20,6 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 
 PREDICTION: Final = "prediction"
-
-
 Judge = Callable[[Path], tuple[BlockSums, str, Content]]
 
 
@@ -56,18 +54,41 @@ class Kind:
 
 
 _SHORT: Final = Study(("S2", "S3", "S4"), seeds=(0, 1))
-_SENSED: Final = replace(_SHORT, sensors="front")
-_EXAM: Final = Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20)))
-_PREDICTION: Final = prediction.question, prediction.answer, prediction.take, prediction.judge
-_DETECTION: Final = detection.question, detection.answer, detection.take, detection.judge
-_DRIVING: Final = driving.question, driving.answer, driving.take, driving.judge
-_OF_EXAM: Final = ("exam for drivers", "violated clauses"), tuple(DRIVERS), (driving.NAME_SUFFIX, ".onnx"), _EXAM
-_OF_DETECTION: Final = ("3-D detection", "mAP of episodes"), tuple(DETECTORS), (".json", ".pkl", ".npz"), _SENSED
-_OF_PREDICTION: Final = ("trajectory prediction", "ADE in metres"), tuple(PREDICTORS), (".parquet",), _SHORT
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
-        PREDICTION: Kind(*_PREDICTION, *_OF_PREDICTION),
-        "detection": Kind(*_DETECTION, *_OF_DETECTION, holds="*.txt", less_is_better=False),
-        "exam": Kind(*_DRIVING, *_OF_EXAM, forged=driving.forged, rules=driving.rules),
+        PREDICTION: Kind(
+            question=prediction.question,
+            answer=prediction.answer,
+            take=prediction.take,
+            judge=prediction.judge,
+            names=("trajectory prediction", "ADE in metres"),
+            models=tuple(PREDICTORS),
+            suffixes=(".parquet",),
+            study=_SHORT,
+        ),
+        "detection": Kind(
+            question=detection.question,
+            answer=detection.answer,
+            take=detection.take,
+            judge=detection.judge,
+            names=("3-D detection", "mAP of episodes"),
+            models=tuple(DETECTORS),
+            suffixes=(".json", ".pkl", ".npz"),
+            study=replace(_SHORT, sensors="front"),
+            holds="*.txt",
+            less_is_better=False,
+        ),
+        "exam": Kind(
+            question=driving.question,
+            answer=driving.answer,
+            take=driving.take,
+            judge=driving.judge,
+            names=("exam for drivers", "violated clauses"),
+            models=tuple(DRIVERS),
+            suffixes=(driving.NAME_SUFFIX, ".onnx"),
+            study=Study(TEMPLATES, levels=("L2", "L3"), seeds=tuple(range(20))),
+            forged=driving.forged,
+            rules=driving.rules,
+        ),
     }
 )

@@ -27,7 +27,7 @@ from siren_ros.errors import EpisodeError, InputError, SirenError, writing
 from siren_ros.reports.exam.grading import Rulebook, load_rulebook
 from siren_ros.reports.exam.sitting import MadeEpisode, certificate_of, sit_in_made_episode
 from siren_ros.reports.round.prediction import Limits
-from siren_ros.reports.round.sealed_round import COMMAND_FILE, request_in, strata_of
+from siren_ros.reports.round.sealed_round import command_in, request_in, strata_of
 from siren_ros.running.generation.closed_loop import LoopStep, record_episode
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.running.generation.replay_check import answers_in
@@ -98,10 +98,7 @@ def _limited(given: Path, home: Path, folder: Path, limits: Limits) -> list[str]
     """The command line of a ROS program that reads ROS and a copy of its own folder, and nothing of the round."""
     if limits[2]:
         raise InputError("container", limits[2], "none: a driver talks to the episode by ROS")
-    try:
-        words = shlex.split((given / COMMAND_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError("program", given.name, f"a command line in {COMMAND_FILE} ({error})") from error
+    words = command_in(given)
     places = [Path(sys.prefix), Path(sys.base_prefix), Path(siren_ros.__file__).parent]
     inside = [str(place) for place in places if folder.resolve().is_relative_to(place.resolve())]
     if inside:

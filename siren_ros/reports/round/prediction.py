@@ -4,7 +4,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from shlex import split
 from typing import Any, Final
 
 import numpy as np
@@ -16,9 +15,9 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
 from siren_ros.reports.round.sealed_round import (
-    COMMAND_FILE,
     MAPS,
     QUESTIONS,
+    command_in,
     public_of,
     question_file,
     read_content,
@@ -101,10 +100,7 @@ def _asked(
     """The rows that a program answers, question by question."""
     with tempfile.TemporaryDirectory(prefix="siren-maps-") as readable:
         shutil.copytree(public / MAPS, readable, dirs_exist_ok=True)
-        try:
-            words = split((program / COMMAND_FILE).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError("program", program.name, f"a command line in {COMMAND_FILE} ({error})") from error
+        words = command_in(program)
         processor_s = answer_s * len(names)
         if container:
             words = [*container_words(container, program, Path(readable), memory_mb, processor_s), *words]

@@ -7,6 +7,7 @@ the commitment, a hash of salt and plan. ``private`` stays with the organiser un
 import hashlib
 import json
 import re
+import shlex
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
@@ -77,6 +78,14 @@ def question_file(public: Path, name: str) -> Path:
 def public_of(folder: Path) -> Path:
     """The public part of the round whose salt and plan lie in a folder: of one that is held, or that was published."""
     return folder.parent / PUBLIC if folder.name == PRIVATE else folder
+
+
+def command_in(program: Path) -> list[str]:
+    """The words of the command line in a program's folder; InputError if there is none."""
+    try:
+        return shlex.split((program / COMMAND_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError("program", program.name, f"a command line in {COMMAND_FILE} ({error})") from error
 
 
 def strata_of(plan: Content) -> Rows:

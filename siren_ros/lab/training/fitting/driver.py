@@ -26,13 +26,12 @@ from siren_ros.lab.learning.rollout import SeatState
 from siren_ros.lab.training.fitting.descent import Descent, exported
 from siren_ros.lab.training.settings import DriverFit
 from siren_ros.reports.exam.grading import VIOLATED
-from siren_ros.running.seat.drivers.learned import BY_RULE, INPUT, OUTPUT, comes_from_behind
+from siren_ros.running.seat.drivers.learned import BY_RULE, IN_LINE_M, INPUT, OUTPUT, comes_from_behind
 from siren_ros.running.seat.policy import VECTOR_SIZE, Manoeuvre
 
 Layers = tuple[tuple[Floats32, Floats32], ...]
 """Layers of a network, first one first: matrices, shape ``(outputs, inputs)``, and offsets, with tanh between
 layers."""
-_IN_LINE_M: Final = 3.0
 _HEARD_GAP_M: Final = 60.0
 
 
@@ -61,7 +60,7 @@ def goes_right(_observation: npt.NDArray[Any], state: SeatState) -> int:
 
 def goes_right_or_pulls_over(observation: npt.NDArray[Any], state: SeatState) -> int:
     """Expert that changes to the right, and pulls over in the rightmost lane."""
-    if comes_from_behind(state.sight, _HEARD_GAP_M, _IN_LINE_M) and not _lane_on_the_right(state):
+    if comes_from_behind(state.sight, _HEARD_GAP_M, IN_LINE_M) and not _lane_on_the_right(state):
         return Manoeuvre.PULL_OVER
     return goes_right(observation, state)
 

@@ -25,7 +25,8 @@ OUTPUT: Final = "logits"
 SHIPPED: Final = Path("drivers", "learned.onnx")
 """Place of the shipped driver below the parameter files."""
 _NEVER: Final = -(10**9)
-_IN_LINE_M: Final = 3.0
+IN_LINE_M: Final = 3.0
+"""Distance across the road within which a siren comes in the own lane."""
 _IN_LINE_GAP_M: Final = 40.0
 _RULE_STEPS: Final = round(0.5 / STEP_S)
 """A rule decides as often as the shipped network."""
@@ -71,7 +72,7 @@ def comes_from_behind(sight: Sight, gap_m: float, aside_m: float = inf) -> bool:
 
 def pulls_over(sight: Sight) -> Manoeuvre:
     """Rule that pulls over while a siren comes from behind in the own lane."""
-    return Manoeuvre.PULL_OVER if comes_from_behind(sight, _IN_LINE_GAP_M, _IN_LINE_M) else Manoeuvre.KEEP
+    return Manoeuvre.PULL_OVER if comes_from_behind(sight, _IN_LINE_GAP_M, IN_LINE_M) else Manoeuvre.KEEP
 
 
 BY_RULE: Final = LearnedDriver(pulls_over, _RULE_STEPS)

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 from dds_domains import own_domain
-from environment_support import TALKER, TIMEOUT_S, Checkout, ros_variables, running
-from program_output import own_lines
+from environment_support import TALKER, Checkout, ros_variables, running
+
+from small_ros2.main import main
 
 
 @pytest.fixture
@@ -52,13 +53,31 @@ def start_ros2(domain_id: str) -> Iterator[Callable[..., "subprocess.Popen[str]"
 
 
 @pytest.fixture
-def ros2(start_ros2: Callable[..., "subprocess.Popen[str]"]) -> Callable[..., "subprocess.CompletedProcess[str]"]:
-    """Runs the small ros2 to its end."""
+def ros2(
+    domain_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., "subprocess.CompletedProcess[str]"]:
+    """Runs the small ros2 to its end in this process, where it starts no other one."""
 
     def run(*arguments: str, variables: Mapping[str, str] | None = None) -> "subprocess.CompletedProcess[str]":
-        process = start_ros2(*arguments, variables=variables)
-        stdout, stderr = process.communicate(timeout=TIMEOUT_S)
-        return subprocess.CompletedProcess(arguments, process.returncode, own_lines(stdout), stderr)
+        for name, value in {**ros_variables(domain_id), "ROS_LOG_DIR": str(tmp_path), **(variables or {})}.items():
+            monkeypatch.setenv(name, value)
+        try:
+            code: int | str | None = main(arguments)
+        except SystemExit as ended:
+            code = ended.code
+        return subprocess.CompletedProcess(arguments, int(code or 0), *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def refused(ros2: Callable[..., "subprocess.CompletedProcess[str]"]) -> Callable[..., None]:
+    """Runs a call that ends with an exit code and one line."""
+
+    def run(words: list[str], exit_code: int, named: str, variables: Mapping[str, str] | None = None) -> None:
+        result = ros2(*words, variables=variables)
+        assert (result.returncode, result.stdout, result.stderr.count("\n")) == (exit_code, "", 1)
+        assert named in result.stderr
 
     return run
 

@@ -35,18 +35,8 @@ printf '%s\\n' "$@" >>"$state/extras"
 
 def clean_environment(**changes: str) -> dict[str, str]:
     """The variables of this process without those that a ROS, or ./env itself, would have set."""
-    prefixes = (
-        "ROS_",
-        "FASTDDS_",
-        "FASTRTPS_",
-        "AMENT_",
-        "CMAKE_PREFIX",
-        "COLCON_",
-        "SIREN_",
-        "VIRTUAL_ENV",
-        "PYTHONPYCACHE",
-        "PYTHONDONT",
-    )
+    ros = ("ROS_", "FASTDDS_", "FASTRTPS_", "AMENT_", "CMAKE_PREFIX", "COLCON_")
+    prefixes = (*ros, "SIREN_", "VIRTUAL_ENV", "PYTHONPYCACHE", "PYTHONDONT")
     return {name: value for name, value in os.environ.items() if not name.startswith(prefixes)} | changes
 
 

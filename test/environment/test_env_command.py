@@ -11,29 +11,25 @@ import pytest
 from environment_support import Checkout
 
 
-def test_makes_the_environment_once(checkout: Checkout) -> None:
-    for _ in range(3):
-        assert checkout.env("true").returncode == 0
-    assert checkout.calls() == [".venv wheels"]
-
-
-def test_without_a_command_only_makes_the_environment(checkout: Checkout) -> None:
+def test_makes_the_environment_once_and_sources_what_it_sets(checkout: Checkout) -> None:
     assert checkout.env().returncode == 0
+    assert checkout.env("bash", "-c", "echo $MADE").stdout == "yes\n"
     assert checkout.calls() == [".venv wheels"]
 
 
-def test_sources_what_the_environment_sets(checkout: Checkout) -> None:
-    assert checkout.env("bash", "-c", "echo $MADE").stdout == "yes\n"
-
-
-@pytest.mark.parametrize("name", ["env", "setup.py", "setup.cfg", "tools/environment/lock.txt", "msg_defs/package.xml"])
-def test_a_changed_definition_makes_it_again(checkout: Checkout, name: str) -> None:
+def test_a_changed_definition_makes_it_again(checkout: Checkout) -> None:
+    added = checkout.root / "msg_defs/msg/Added.msg"
+    for name in ("env", "setup.py", "setup.cfg", "tools/environment/lock.txt", "msg_defs/package.xml", added.name):
+        checkout.env("true")
+        before = len(checkout.calls())
+        with (added if name == added.name else checkout.root / name).open("a") as file:
+            file.write("# changed\n")
+        for _ in range(2):
+            checkout.env("true")
+            assert len(checkout.calls()) == before + 1, name
+    added.unlink()
     checkout.env("true")
-    with (checkout.root / name).open("a") as file:
-        file.write("# changed\n")
-    checkout.env("true")
-    checkout.env("true")
-    assert len(checkout.calls()) == 2
+    assert len(checkout.calls()) == before + 2
 
 
 def test_changed_ranges_of_packages_make_it_again_and_settings_of_tools_do_not(checkout: Checkout) -> None:
@@ -45,17 +41,6 @@ def test_changed_ranges_of_packages_make_it_again_and_settings_of_tools_do_not(c
     project.write_text(project.read_text().replace("numpy>=1.26", "numpy>=1.27"))
     checkout.env("true")
     assert len(checkout.calls()) == 2
-
-
-def test_an_added_and_a_removed_message_make_it_again(checkout: Checkout) -> None:
-    checkout.env("true")
-    added = checkout.root / "msg_defs/msg/Added.msg"
-    added.write_text("uint8 value\n")
-    checkout.env("true")
-    assert len(checkout.calls()) == 2
-    added.unlink()
-    checkout.env("true")
-    assert len(checkout.calls()) == 3
 
 
 def test_a_checkout_that_moved_makes_it_again(checkout: Checkout, tmp_path: Path) -> None:
@@ -98,19 +83,12 @@ def test_exit_code_output_and_arguments_pass_through(checkout: Checkout) -> None
     result = checkout.env("bash", "-c", 'printf "<%s>" "$@"; exit 7', "bash", "a b", "*", "")
     assert result.returncode == 7
     assert result.stdout == "<a b><*><>"
+    assert checkout.env("no-such-command").returncode == 127
 
 
 def test_the_command_replaces_env_and_gets_its_signals(checkout: Checkout) -> None:
     checkout.env("true")
     assert checkout.env("bash", "-c", "kill -TERM $$").returncode == -signal.SIGTERM
-
-
-def test_an_unknown_command_is_127_and_an_unknown_option_2(checkout: Checkout) -> None:
-    assert checkout.env("no-such-command").returncode == 127
-    result = checkout.env("--no-such-option")
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert "--no-such-option" in result.stderr
 
 
 def test_an_extra_is_asked_for_once(checkout: Checkout) -> None:
@@ -122,35 +100,31 @@ def test_an_extra_is_asked_for_once(checkout: Checkout) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["pytest", "ruff", "mypy", "colcon", "tools/check_workspace.sh", "tools/mutants.sh"]
+    ("commands", "extra"),
+    [
+        (["pytest", "ruff", "mypy", "colcon", "tools/check_workspace.sh", "tools/mutants.sh"], " dev"),
+        (["mkdocs"], " docs"),
+        (["ros2", "siren", "python"], ""),
+    ],
 )
-def test_a_development_command_brings_its_extra(checkout: Checkout, command: str) -> None:
-    checkout.env(command, "--version")
-    assert checkout.calls() == [".venv wheels dev"]
+def test_a_command_brings_its_extra(checkout: Checkout, commands: list[str], extra: str) -> None:
+    for command in commands:
+        shutil.rmtree(checkout.root / ".venv", ignore_errors=True)
+        checkout.env(command, "--version")
+    assert checkout.calls() == [f".venv wheels{extra}"] * len(commands)
 
 
-def test_the_sites_command_brings_its_extra(checkout: Checkout) -> None:
-    checkout.env("mkdocs", "--version")
-    assert checkout.calls() == [".venv wheels docs"]
-
-
-def test_commands_of_an_episode_bring_none(checkout: Checkout) -> None:
-    for command in ("ros2", "siren", "python"):
-        checkout.env(command, "--help")
-    assert checkout.calls() == [".venv wheels"]
-
-
-@pytest.mark.parametrize("arguments", [("--with",), ("--with", ""), ("--with", "-x"), ("--with", "a b", "true")])
-def test_what_cannot_be_an_extra_is_refused_in_one_line(checkout: Checkout, arguments: tuple[str, ...]) -> None:
-    result = checkout.env(*arguments)
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert "--with" in result.stderr
-    assert checkout.calls() == []
-
-
-def test_help_makes_nothing(checkout: Checkout) -> None:
+def test_help_and_what_is_refused_make_nothing(checkout: Checkout, tmp_path: Path) -> None:
     assert "./env pytest" in checkout.env("--help").stdout
+    for arguments in (("--with",), ("--with", ""), ("--with", "-x"), ("--with", "a b", "true"), ("--no-such-option",)):
+        result = checkout.env(*arguments)
+        assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+        assert arguments[0] in result.stderr
+    result = checkout.env("true", **sourced_ros(tmp_path, "humble"))
+    assert result.returncode == 2
+    assert result.stderr == (
+        "env: ROS_DISTRO: 'humble' cannot be used; allowed: jazzy, or a shell in which no ROS is sourced\n"
+    )
     assert checkout.calls() == []
 
 
@@ -167,14 +141,6 @@ def test_a_sourced_ros_gets_an_environment_of_its_own(checkout: Checkout, tmp_pa
     checkout.env("true")
     checkout.env("true", **variables)
     assert checkout.calls() == [".venv.jazzy sourced", ".venv wheels"]
-
-
-def test_another_ros_is_refused_in_one_line(checkout: Checkout, tmp_path: Path) -> None:
-    result = checkout.env("true", **sourced_ros(tmp_path, "humble"))
-    assert result.returncode == 2
-    assert result.stderr == (
-        "env: ROS_DISTRO: 'humble' cannot be used; allowed: jazzy, or a shell in which no ROS is sourced\n"
-    )
 
 
 def test_the_environment_itself_is_no_sourced_ros(checkout: Checkout) -> None:

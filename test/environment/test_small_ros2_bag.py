@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
+Refused = Callable[..., None]
 Start = Callable[..., "subprocess.Popen[str]"]
 
 pytestmark = pytest.mark.timeout(60)
@@ -103,12 +104,9 @@ def test_info_tells_what_the_bag_holds(ros2: Run, bag: Path) -> None:
     assert "Topic: /bag/count | Type: std_msgs/msg/Int32 | Count: 20 | Serialization Format: cdr" in result.stdout
 
 
-def test_info_of_a_damaged_bag_is_one_line(ros2: Run, bag: Path) -> None:
+def test_info_of_a_damaged_bag_is_one_line(refused: Refused, bag: Path) -> None:
     (bag / "metadata.yaml").write_text("nothing")
-    result = ros2("bag", "info", str(bag))
-    assert result.returncode == 1
-    assert result.stderr.count("\n") == 1
-    assert str(bag) in result.stderr
+    refused(["bag", "info", str(bag)], 1, str(bag))
 
 
 def test_play_keeps_order_content_and_timing(start_ros2: Start, domain_id: str, bag: Path) -> None:
@@ -122,19 +120,13 @@ def test_play_keeps_order_content_and_timing(start_ros2: Start, domain_id: str, 
     assert arrivals_ns[-1] - arrivals_ns[0] > 0.6 * (STEPS - 1) * STEP_NS
 
 
-def test_play_from_an_offset_faster_and_only_some_topics(start_ros2: Start, domain_id: str, bag: Path) -> None:
-    options = ["--start-offset", "0.5", "-r", "4", "--topics", "/bag/count"]
-    received, exit_code = heard(start_ros2, domain_id, str(bag), *options, lines=STEPS // 2)
+def test_play_from_an_offset_with_an_own_clock_some_topics(start_ros2: Start, domain_id: str, bag: Path) -> None:
+    options = ["--start-offset", "0.5", "-r", "4", "--topics", "/bag/count", "--clock", "100"]
+    ticks = STEPS // 2 * 5 - 4
+    received, exit_code = heard(start_ros2, domain_id, str(bag), *options, lines=STEPS // 2 + ticks)
     assert exit_code == 0
-    assert {words[0] for words in received} == {"count"}
+    assert values(received, "clock") == [NS_PER_S + (50 + tick) * 10_000_000 for tick in range(ticks)]
     assert values(received, "count", 2) == list(range(STEPS // 2, STEPS))
-
-
-def test_play_with_a_clock_of_its_own(start_ros2: Start, domain_id: str, bag: Path) -> None:
-    options = ["--clock", "100", "--topics", "/bag/count"]
-    ticks = (STEPS - 1) * 5 + 1
-    received, _ = heard(start_ros2, domain_id, str(bag), *options, lines=STEPS + ticks)
-    assert values(received, "clock") == [NS_PER_S + tick * 10_000_000 for tick in range(ticks)]
 
 
 def test_play_again_and_again(start_ros2: Start, domain_id: str, bag: Path) -> None:
@@ -146,10 +138,6 @@ def test_play_again_and_again(start_ros2: Start, domain_id: str, bag: Path) -> N
         assert player.returncode == 130
 
 
-def test_an_unknown_topic_is_named(ros2: Run, bag: Path) -> None:
+def test_an_unknown_topic_is_named(refused: Refused, bag: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS")
-    result = ros2("bag", "play", str(bag), "--topics", "/no/such")
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert "/no/such" in result.stderr
-    assert "/bag/count" in result.stderr
+    refused(["bag", "play", str(bag), "--topics", "/no/such"], 2, "/no/such")

@@ -17,7 +17,7 @@ from program_output import next_line
 rclpy = pytest.importorskip("rclpy", reason="needs ROS")
 
 from small_ros2.tf2_echo import text_of  # noqa: E402  the modules import rclpy
-from small_ros2.topic import declared_topic, with_depth  # noqa: E402
+from small_ros2.topic import with_depth  # noqa: E402
 from small_ros2.transforms import FrameTree, TransformError  # noqa: E402
 from small_ros2.view_frames import dot_text, drawn, frame_data, places  # noqa: E402
 
@@ -85,10 +85,10 @@ def test_the_latest_time_is_one_that_all_links_have() -> None:
 def test_what_is_missing_is_said_in_tf2s_words() -> None:
     tree = tree_of(transform("map", "odom", S, (0.0, 0.0, 0.0)), transform("a", "b", S, (0.0, 0.0, 0.0)))
     for target, source, message in (
-        ("no", "map", 'Invalid frame ID "no" passed to canTransform argument target_frame - frame does not exist'),
-        ("map", "no", 'Invalid frame ID "no" passed to canTransform argument source_frame - frame does not exist'),
-        ("/map", "odom", "in tf2 frame_ids cannot start with a '/'"),
-        ("map", "b", "Could not find a connection between 'map' and 'b' because they are not part of the same tree"),
+        ("no", "map", 'Invalid frame ID "no" passed to canTransform argument target_frame'),
+        ("map", "no", 'Invalid frame ID "no" passed to canTransform argument source_frame'),
+        ("/map", "odom", "cannot start with a '/'"),
+        ("map", "b", "not part of the same tree"),
     ):
         with pytest.raises(TransformError, match=re.escape(message)):
             tree.latest(target, source)
@@ -122,13 +122,9 @@ def test_the_tree_is_written_as_view_frames_writes_it(tmp_path: Path) -> None:
     static = transform("base_link", "lidar", 0, (2.0, 0.0, 1.9))
     tree = tree_of(*(transform("map", "base_link", k * S // 20, (0.0, 0.0, 0.0)) for k in range(21)), static=(static,))
     data = frame_data(tree)
-    text = dot_text(data, 7.5)
-    assert (
-        '"map" -> "base_link"[label=" Broadcaster: default_authority\\nAverage rate: 21.0\\nBuffer length: 1.0\\n'
-        'Most recent transform: 1.0\\nOldest transform: 0.0\\n"];'
-    ) in text
-    assert '"base_link" -> "lidar"[label=" Broadcaster: default_authority\\nAverage rate: 10000.0\\n' in text
-    assert text.endswith('"Recorded at time: 7.5"[ shape=plaintext ] ;\n}->"map";\n}')
+    lines = dot_text(data, 7.5).splitlines()
+    assert lines[2].startswith('"map" -> "base_link"[label=" Broadcaster: default_authority\\nAverage rate: 21.0\\n')
+    assert lines[1].startswith('"base_link" -> "lidar"[label=" Broadcaster: default_authority\\nAverage rate: 10000.0')
     assert dot_text({}, 0.0) == 'digraph G { "No tf data received" }'
     assert places(data) == {"map": (0.0, 0), "base_link": (0.0, 1), "lidar": (0.0, 2)}
     for number, content in enumerate((data, {})):
@@ -145,6 +141,8 @@ def test_the_tree_is_written_as_view_frames_writes_it(tmp_path: Path) -> None:
         ("cosim", "/siren/step_done", "siren_msgs/msg/StepDone", 64),
         ("sumo_bridge", "/siren/map", "std_msgs/msg/String", 1),
         ("rviz", "/siren/map", "std_msgs/msg/String", None),
+        ("sumo_bridge", "/siren/map", "std_msgs/msg/Int32", None),
+        ("sumo_bridge", "/siren/map/more", "std_msgs/msg/String", None),
         ("recorder", "/rosout", "rcl_interfaces/msg/Log", None),
     ],
 )
@@ -156,11 +154,6 @@ def test_the_depth_of_our_own_nodes_is_known(node: str, topic: str, type_name: s
     with_depth(endpoint, topic)
     expected = (HistoryPolicy.UNKNOWN, 0) if depth is None else (HistoryPolicy.KEEP_LAST, depth)
     assert (quality.history, quality.depth) == expected
-
-
-def test_a_topic_of_another_type_is_not_ours() -> None:
-    assert declared_topic("/siren/map", "std_msgs/msg/Int32") is None
-    assert declared_topic("/siren/map/more", "std_msgs/msg/String") is None
 
 
 BROADCASTER = """
@@ -226,8 +219,5 @@ def test_frames_of_a_live_broadcaster(ros2: Run, start_ros2: Start, tmp_path: Pa
         (["tf2_ros", "static_transform_publisher"], 1, "tf2_echo"),
     ],
 )
-def test_a_wrong_call_is_one_line(ros2: Run, words: list[str], code: int, named: str) -> None:
-    result = ros2("run", *words)
-    lines = [line for line in result.stderr.splitlines() if not line.startswith("[INFO]")]
-    assert (result.returncode, len(lines)) == (code, 1), result.stderr
-    assert named in lines[0]
+def test_a_wrong_call_is_one_line(refused: Callable[..., None], words: list[str], code: int, named: str) -> None:
+    refused(["run", *words], code, named)

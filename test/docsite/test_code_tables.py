@@ -7,8 +7,8 @@ import pytest
 from repository import REPOSITORY
 
 import siren_ros
-from docsite.code_tables import TABLES, node_table
-from docsite.template_tables import Entry, entries, template_table
+from docsite.code_tables import TABLES
+from docsite.template_tables import template_table
 from docsite.topic_tables import texts_of
 from siren_ros.scoring.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.scoring.judging.verify import VerifyLimits
@@ -22,20 +22,13 @@ def rows(table: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if "| `" in line]
 
 
-def test_the_table_of_drivers_has_every_parameter_with_its_range() -> None:
+def test_tables_have_every_parameter_metric_and_public_name() -> None:
     table = rows(TABLES["drivers"]())
-    assert [row[0].strip("`") for row in table] == list(DRIVER_PARAMETERS)
+    names = {kind: [row[0].strip("`") for row in rows(TABLES[kind]())] for kind in ("drivers", "yield", "library")}
+    assert names["drivers"] == list(DRIVER_PARAMETERS)
+    assert names["yield"] == [metric.name for metric in (*EPISODE_METRICS, *DRIVER_METRICS)]
+    assert sorted(names["library"]) == siren_ros.__all__
     assert ["`emv_driver.driving.comfort_accel_mps2`", "2", "0.8 to 4", "acceleration"] in table
-
-
-def test_the_table_of_yielding_has_every_metric_of_episodes_then_of_drivers() -> None:
-    names = [row[0].strip("`") for row in rows(TABLES["yield"]())]
-    assert names == [metric.name for metric in (*EPISODE_METRICS, *DRIVER_METRICS)]
-
-
-def test_a_node_that_does_not_exist_has_no_table() -> None:
-    with pytest.raises(KeyError):
-        node_table("no_such_node")
 
 
 def test_the_table_of_nodes_has_every_node_that_a_user_can_start() -> None:
@@ -48,10 +41,6 @@ def test_the_table_of_limits_has_every_limit_with_its_value_and_meaning() -> Non
     table = {row[0].strip("`"): row[1:] for row in rows(TABLES["check_limits"]())}
     assert {name: float(row[0]) for name, row in table.items()} == vars(VerifyLimits())
     assert all(row[1] for row in table.values())
-
-
-def test_the_table_of_the_library_has_every_public_name() -> None:
-    assert sorted(row[0].strip("`") for row in rows(TABLES["library"]())) == siren_ros.__all__
 
 
 def test_the_text_of_a_topic_is_the_one_below_it() -> None:
@@ -84,15 +73,6 @@ predicate:
   # s on the shoulder
   shoulder_min_s: 2.0
 """
-
-
-def test_comments_belong_to_the_key_below_and_to_the_number_after_a_word() -> None:
-    by_path = {entry.path: entry for entry in entries(TEXT)}
-    assert by_path["duration_s"] == Entry("duration_s", {"default": 40.0, "range": [25.0, 45.0]}, "s")
-    assert by_path["emv"] == Entry("emv", None, "")
-    assert by_path["emv.start_m"].comment == "m, from the line"
-    assert by_path["demand.number"].comment == ""
-    assert by_path["id"].comment == "heading of two lines"
 
 
 def test_the_tables_hold_every_parameter_and_threshold(tmp_path: Path) -> None:

@@ -50,31 +50,20 @@ def library(tmp_path: Path) -> Path:
     return tmp_path / "lib"
 
 
-def test_the_first_page_has_the_public_functions_in_the_order_of_the_file(library: Path) -> None:
-    assert api_pages(library)["api/index.md"].endswith("\n\n::: lib.api.read\n\n::: lib.api.close\n")
+def test_the_pages_have_the_public_functions_in_the_order_of_the_file_and_the_errors(library: Path) -> None:
+    pages = api_pages(library)
+    assert pages["api/index.md"].endswith("\n\n::: lib.api.read\n\n::: lib.api.close\n")
+    assert "::: lib.errors.Bad\n" in pages["api/errors.md"]
+    named = [page if isinstance(page, str) else next(iter(page.values())) for page in api_navigation()]
+    assert named == list(pages)
 
 
 def test_the_types_are_those_of_public_signatures(library: Path) -> None:
     assert public_types(ast.parse(FUNCTIONS), "lib") == ["lib.roads.ends.End", "lib.roads.lanes.Lane"]
-    head, _, body = api_pages(library)["api/types.md"].partition("---\n\n")
-    assert "search:\n  boost: 0." in head
-    assert body == "# Types\n\n::: lib.roads.ends.End\n\n::: lib.roads.lanes.Lane\n"
-
-
-def test_the_types_are_also_those_that_the_top_package_offers_itself(library: Path) -> None:
     offered = "from lib.api import read as read\nfrom lib.errors import Bad\nfrom lib.seat.seats import Seat as Seat\n"
     (library / "__init__.py").write_text(f'"""The library."""\n{offered}')
     body = api_pages(library)["api/types.md"].partition("# Types\n\n")[2]
     assert body == "::: lib.roads.ends.End\n\n::: lib.roads.lanes.Lane\n\n::: lib.seat.seats.Seat\n"
-
-
-def test_the_errors_have_a_page(library: Path) -> None:
-    assert "::: lib.errors.Bad\n" in api_pages(library)["api/errors.md"]
-
-
-def test_the_navigation_has_every_page_once(library: Path) -> None:
-    named = [page if isinstance(page, str) else next(iter(page.values())) for page in api_navigation()]
-    assert named == list(api_pages(library))
 
 
 def site_of(folder: Path, **pages: str) -> Path:
@@ -128,32 +117,16 @@ def test_sound_pages_have_no_faults(tmp_path: Path, body: str) -> None:
 )
 def test_each_fault_is_named(tmp_path: Path, body: str, fault: str) -> None:
     assert faults_of_site(site_of(tmp_path, a=body, b='<h2 id="here">b</h2>')) == [fault]
+    for number, rule in enumerate(('@import "https://e.org/a.css";', "a { src: url(//e.org/f.woff2) }")):
+        (tmp_path / f"own{number}.css").write_text("a { src: url(own.woff2) }" + rule)
+    assert [line.partition(": loads ")[0] for line in faults_of_site(tmp_path)[1:]] == ["own0.css", "own1.css"]
 
 
-@pytest.mark.parametrize("rule", ['@import "https://e.org/a.css";', "a { src: url(//e.org/f.woff2) }"])
-def test_styles_that_load_from_elsewhere_are_named(tmp_path: Path, rule: str) -> None:
-    site_of(tmp_path, a="")
-    (tmp_path / "own.css").write_text("a { src: url(own.woff2) }" + rule)
-    (fault,) = faults_of_site(tmp_path)
-    assert fault.startswith("own.css: loads ")
-
-
-def test_the_page_of_the_command_has_every_verb_task_and_format() -> None:
+def test_the_pages_of_the_command_and_of_the_messages_have_all_of_them() -> None:
     page = command_page()
-    headings = {line for line in page.splitlines() if line.startswith("## ")}
-    assert {"## `siren`", "## `siren info`", "## `siren evaluate yield`", "## `siren export nuscenes`"} <= headings
-    assert "## `siren generate risk`" in headings
-    assert len(headings) == page.count("## `siren")
-    assert "--population {region,all}" in page
-
-
-def test_the_page_of_the_command_has_the_options_of_every_command() -> None:
-    page = command_page()
+    assert {"## `siren`", "## `siren generate risk`", "## `siren export nuscenes`"} <= set(page.splitlines())
     assert re.findall(r"^usage: (siren[\w -]*) \[-h\]$", page, re.MULTILINE) == []
     assert all(option in page for option in ("--draw-seed N", "--pictures", "--evaluations N", "--only PART"))
-
-
-def test_the_page_of_the_messages_has_every_type_with_its_fields() -> None:
     page = message_page(REPOSITORY / "msg_defs" / "msg")
     assert page.count("\n## `siren_msgs/") == len(list((REPOSITORY / "msg_defs" / "msg").glob("*.msg")))
     assert "float64 busy_s" in page

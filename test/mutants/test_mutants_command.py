@@ -9,6 +9,9 @@ import pytest
 from repository import REPOSITORY
 
 BEFORE = """
+import functools
+
+
 def gap(a, b):
     return a - b
 """
@@ -28,10 +31,7 @@ def count_down(number):
 
 def doubled(a):
     return 2 * a
-"""
-)
-SHARED = """
-import functools
+
 
 def first_of(values):
     return values[0]
@@ -45,44 +45,13 @@ def second_of(values):
 def kept():
     return 3
 """
-SHARED_TESTS = """
+)
+TESTS = """
 import pytest
 
-from shop.prices import shared
-
-SECOND = shared.second_of((5, 7))
-
-
-@pytest.fixture(scope="module")
-def first():
-    return shared.first_of((5, 7))
-
-
-def test_of_neither():
-    assert shared.first_of((1, 2)) + shared.second_of((3, 4)) > 0
-
-
-def test_that_the_fixture_is_there(first):
-    assert first
-
-
-def test_first(first):
-    assert first == 5
-
-
-def test_second():
-    assert SECOND == 7
-
-
-def test_that_something_is_kept():
-    assert shared.kept() is not None
-
-
-def test_what_is_kept():
-    assert shared.kept() == 3
-"""
-TESTS = """
 from shop.prices import sums
+
+SECOND = sums.second_of((5, 7))
 
 
 def test_gap():
@@ -103,6 +72,27 @@ def test_fails_always():
 
 def test_slow():
     assert sum(range(20_000_000)) > sums.doubled(1)
+
+
+@pytest.fixture(scope="module")
+def first():
+    return sums.first_of((5, 7))
+
+
+def test_that_the_fixture_is_there(first):
+    assert first and sums.kept() is not None
+
+
+def test_first(first):
+    assert first == 5
+
+
+def test_second():
+    assert SECOND == 7
+
+
+def test_what_is_kept():
+    assert sums.kept() == 3
 """
 
 
@@ -114,8 +104,6 @@ def tiny(tmp_path_factory):
         "shop/prices/__init__.py": "",
         "shop/prices/sums.py": BEFORE,
         "test/prices/test_sums.py": TESTS,
-        "shop/prices/shared.py": SHARED,
-        "test/prices/test_shared.py": SHARED_TESTS,
         "tools/mutants/equivalent.yaml": (
             "- {file: shop/prices/sums.py, was: return 2 * a, becomes: return 2 / a, why: an example}\n"
         ),
@@ -148,43 +136,32 @@ def verdicts(entries, was):
     return {entry["becomes"]: entry["verdict"] for entry in entries if entry["was"] == was}
 
 
-def test_what_the_tests_notice_is_caught_and_what_they_do_not_survives(whole):
+def test_what_the_tests_notice_is_caught_and_what_they_do_not_survives(tiny, whole):
     done, entries = whole
+    assert len({entry["line"] for entry in entries}) == 7, "of the change only"
+    assert not verdicts(entries, "return a - b")
     inside = verdicts(entries, "return low < x and x < high")
     assert inside["return low >= x and x < high"] == "caught"
     assert inside["return low < x or x < high"] == "survived"
-    assert "shop/prices/sums.py:7: survived" in done.stdout
+    assert "shop/prices/sums.py:10: survived" in done.stdout
     assert "+ return low < x or x < high" in done.stdout
-
-
-def test_a_program_that_hangs_is_caught(whole):
-    _, entries = whole
-    loop = [entry for entry in entries if entry["was"] == "number = number - 1"]
-    hung = next(entry for entry in loop if entry["becomes"] == "number = number + 1")
-    assert (hung["verdict"], hung["by"]) == ("caught", "time limit or crash")
-
-
-def test_slow_and_failing_tests_are_left_out_so_that_only_they_notice_nothing(whole):
-    done, entries = whole
+    loop = {entry["becomes"]: entry for entry in entries if entry["was"] == "number = number - 1"}
+    assert loop["number = number + 1"]["verdict"] == "caught", "it hangs"
+    assert loop["number = number + 1"]["by"] == "time limit or crash"
     doubled = verdicts(entries, "return 2 * a")
     assert doubled.pop("return 2 / a") == "equivalent"
     assert set(doubled.values()) == {"survived"}
     for name in ("test_slow", "test_fails_always"):
         assert f"left out, since it is slow or fails in a copy: test/prices/test_sums.py::{name}" in done.stderr
-
-
-def test_the_score_counts_what_is_not_equivalent(whole):
-    done, entries = whole
     caught = sum(entry["verdict"] == "caught" for entry in entries)
     equivalent = sum(entry["verdict"] == "equivalent" for entry in entries)
-    counted = len(entries) - equivalent
-    assert f"{caught:5} of {counted:4} caught" in done.stdout
+    assert f"{caught:5} of {len(entries) - equivalent:4} caught" in done.stdout
     assert f"({equivalent} equivalent)" in done.stdout
-
-
-def test_the_working_tree_is_left_as_it_was(tiny, whole):
     assert (tiny / "shop/prices/sums.py").read_text() == CODE
-    assert whole
+    # The fixture and what is cached run within the first test that uses them, the constant while the module is loaded.
+    by = {entry["becomes"]: entry["by"].rpartition("::")[2] for entry in entries}
+    assert (by["return values[ 1]"], by["return values[ 0]"]) == ("test_first", "test_second")
+    assert {by[entry["becomes"]] for entry in entries if entry["was"] == "return 3"} == {"test_what_is_kept"}
 
 
 def test_survivors_are_run_again_with_better_tests(tiny, whole):
@@ -200,27 +177,6 @@ def test_survivors_are_run_again_with_better_tests(tiny, whole):
     assert done.returncode == 0
     assert len(again) == sum(entry["verdict"] == "survived" for entry in entries)
     assert verdicts(again, "return low < x and x < high")["return low < x or x < high"] == "caught"
-
-
-def test_what_tests_share_is_noticed_by_those_that_look_at_it(tiny):
-    """The fixture runs within the first test that uses it; the constant is made while the module is loaded.
-
-    The function that keeps its result runs within the first test that calls it.
-    """
-    results = tiny / "shared.json"
-    done = run(tiny, "shop/prices/shared.py", "--results", str(results))
-    assert done.returncode == 0, done.stderr
-    notices = {entry["becomes"]: entry["by"] for entry in json.loads(results.read_text())}
-    assert notices["return values[ 1]"] == "test/prices/test_shared.py::test_first"
-    assert notices["return values[ 0]"] == "test/prices/test_shared.py::test_second"
-    kept = {becomes: by for becomes, by in notices.items() if becomes.startswith("return ") and "values" not in becomes}
-    assert set(kept.values()) == {"test/prices/test_shared.py::test_what_is_kept"}
-
-
-def test_only_lines_of_the_change_are_looked_at(whole):
-    _, entries = whole
-    assert not verdicts(entries, "return a - b")
-    assert len({entry["line"] for entry in entries}) == 4
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from repository import REPOSITORY
 
 from mutants.baseline import Baseline, baseline_from
 from mutants.mutations import changed_lines, mutants_of, sample
-from mutants.operators import ForgetField, TurnName, operators
 from mutants.places import changed_lines_since, files_below, folder_of, mirror_of
 from mutants.report import load_equivalents
 
@@ -33,20 +32,8 @@ def test_a_seed_draws_the_same_sample_each_time_and_another_seed_another_one():
     assert set(sample(every, None, 1)) == set(every)
 
 
-def test_the_difference_is_told_by_lines():
-    turned = next(mutant for mutant in mutants_of("f.py", SOURCE) if mutant.operator == "ReplaceBinaryOperator_Mul_Div")
-    assert changed_lines(turned, SOURCE) == ("return a * b", "return a / b")
-
-
 def changes(source):
     return {changed_lines(mutant, source)[1] for mutant in mutants_of("code.py", source)}
-
-
-@pytest.mark.parametrize("operator", [TurnName, ForgetField])
-def test_the_examples_hold(operator):
-    for example in operator.examples():
-        texts = {mutant.text(example.pre_mutation_code) for mutant in mutants_of("x", example.pre_mutation_code)}
-        assert example.post_mutation_code in texts
 
 
 @pytest.mark.parametrize(
@@ -101,10 +88,6 @@ def test_each_change_gives_another_program_and_says_where():
     assert source not in texts
     for text in texts:
         compile(text, "code.py", "exec")
-
-
-def test_the_operators_have_names_of_their_own():
-    assert all(name == factory.__name__ for name, factory in operators().items())
 
 
 @pytest.mark.parametrize("source", ["x = gap_m < b", "x = seen.speed_mps[row] < limit", "x = share < 0.5"])
@@ -203,16 +186,10 @@ EQUIVALENTS = load_equivalents(REPOSITORY / "tools" / "mutants" / "equivalent.ya
 
 def test_each_change_is_of_a_line_of_its_file_and_has_its_reason() -> None:
     assert len(EQUIVALENTS) > 10
+    assert max(Counter(EQUIVALENTS).values()) == 1
     for entry in EQUIVALENTS:
         lines = {line.strip() for line in (REPOSITORY / entry.file).read_text(encoding="utf-8").splitlines()}
         assert entry.was in lines, entry
         assert entry.becomes != entry.was
         assert entry.why
-
-
-def test_no_change_is_listed_twice() -> None:
-    assert max(Counter(EQUIVALENTS).values()) == 1
-
-
-def test_without_a_list_there_is_none() -> None:
     assert load_equivalents(REPOSITORY / "no_such.yaml") == []

@@ -8,18 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import BagError, InputError
-from siren_ros.lab.calibration.fit import fit, residuals_over
+from siren_ros.lab.calibration.fit import residuals_over
 from siren_ros.lab.calibration.problem import (
     FAILED_M,
-    FIRST_S,
     FORMER_NAMES,
-    HORIZON_GROWTH,
-    HORIZON_LAST,
     PARAMETERS,
     WHOLE,
     Situation,
@@ -85,7 +80,9 @@ def test_a_parameter_changes_its_fields_and_no_others(parameter: DriverParameter
     value = parameter.at(share)
     assert parameter.share_of(value) == pytest.approx(share)
     if parameter.name.startswith("sumo."):
-        changed = changes(DRIVER, with_drivers(plan_of(DRIVER), {parameter.name: value}).emvs[0].driver)
+        plan = with_drivers(plan_of(DRIVER), {parameter.name: value, "emv_driver.approach.headway_s": 1.0})
+        changed = changes(DRIVER, plan.emvs[0].driver)
+        assert plan.groups == plan_of(DRIVER).groups
         assert with_world(world(), {parameter.name: value}).config == DriverParameters()
     else:
         before, after = world(), with_world(world(), {parameter.name: value})
@@ -98,32 +95,18 @@ def test_a_parameter_changes_its_fields_and_no_others(parameter: DriverParameter
     assert {new for _, new in changed.values()} == {value}
 
 
-def test_only_the_emvs_drivers_change() -> None:
-    plan = plan_of(DRIVER)
-    changed = with_drivers(plan, {"sumo.tau_s": 2.0, "emv_driver.approach.headway_s": 1.0})
-    assert changed.emvs[0].driver == replace(DRIVER, tau_s=2.0)
-    assert changed.groups == plan.groups
-
-
 def test_former_names_still_work() -> None:
     assert [parameter.name for parameter in parameters_named(list(FORMER_NAMES))] == list(FORMER_NAMES.values())
-    with pytest.raises(InputError, match="each once"):
-        parameters_named(["controller.target_speed_mps", "emv.speed_mps"])
-
-
-@pytest.mark.parametrize("names", [[], ["sumo.tau_s", "sumo.tau_s"], ["sumo.mood"]])
-def test_unusable_names_are_refused(names: list[str]) -> None:
-    with pytest.raises(InputError, match="parameters"):
-        parameters_named(names)
+    for names in ([], ["sumo.tau_s", "sumo.tau_s"], ["sumo.mood"], ["controller.target_speed_mps", "emv.speed_mps"]):
+        with pytest.raises(InputError, match="parameters"):
+            parameters_named(names)
 
 
 @pytest.mark.parametrize(
     ("name", "levels", "works"),
     [
-        ("sumo.tau_s", ["L0"], True),
         ("sumo.tau_s", ["L1", "L3"], False),
         ("emv_driver.approach.headway_s", ["L0"], False),
-        ("emv_driver.approach.headway_s", ["L2"], True),
         ("emv_driver.approach.headway_s", ["L0", "L1"], True),
         ("sumo.tau_s", ["L0", "L1"], True),
     ],
@@ -138,10 +121,16 @@ def line(speed_mps: float, end_s: float = 4.0, step_s: float = 0.5, begin_s: flo
     return Trajectory(time_s, np.stack((speed_mps * time_s, 0.0 * time_s), axis=1))
 
 
-def test_the_distance_is_the_root_mean_square_at_the_given_times() -> None:
-    given, other = line(10.0, end_s=2.0, step_s=1.0), line(13.0, step_s=0.05)
-    assert given.distance_m(other) == pytest.approx(np.sqrt((0.0 + 3.0**2 + 6.0**2) / 3))
-    assert given.distance_m(given) == 0.0
+@pytest.mark.parametrize(
+    ("ends_s", "other", "squares"),
+    [
+        (2.0, line(13.0, step_s=0.05), [0.0, 9.0, 36.0]),
+        (3.0, line(10.0, end_s=2.0), [0.0, 0.0, 0.0, 100.0]),  # it left earlier: its last place counts
+        (2.0, line(11.0, begin_s=1.0), [1.0, 4.0]),  # times before the episode do not count
+    ],
+)
+def test_the_distance_is_the_root_mean_square_at_the_given_times(ends_s, other, squares) -> None:
+    assert line(10.0, end_s=ends_s, step_s=1.0).distance_m(other) == pytest.approx(np.sqrt(np.mean(squares)))
 
 
 def test_the_residuals_are_differences_of_places_and_their_norm_is_the_distance() -> None:
@@ -149,16 +138,6 @@ def test_the_residuals_are_differences_of_places_and_their_norm_is_the_distance(
     apart = given.residuals_m(other)
     assert apart == pytest.approx(np.array([0.0, 3.0, 6.0, 0.0, 0.0, 0.0]) / np.sqrt(2))
     assert np.linalg.norm(apart) == given.distance_m(other)
-
-
-def test_an_emv_that_left_earlier_counts_at_its_last_place() -> None:
-    given, other = line(10.0, end_s=3.0, step_s=1.0), line(10.0, end_s=2.0)
-    assert given.distance_m(other) == pytest.approx(np.sqrt(10.0**2 / 4))
-
-
-def test_times_before_the_episode_do_not_count_and_others_are_needed() -> None:
-    given = line(10.0, end_s=2.0, step_s=1.0)
-    assert given.distance_m(line(10.0, begin_s=1.0)) == pytest.approx(0.0)
     with pytest.raises(InputError, match="times of the episode"):
         given.distance_m(line(10.0, begin_s=5.0, end_s=9.0))
 
@@ -179,17 +158,12 @@ def test_a_record_gives_its_emv(record_of: Callable[..., EpisodeRecord]) -> None
     assert (np.diff(way.xy_m[:, 0]) > 0.0).all()
 
 
-def test_a_file_is_read_by_its_columns(tmp_path: Path) -> None:
-    file = tmp_path / "way.csv"
-    file.write_text("y_m,time_s,x_m,speed\n1,0,5,9\n2,0.5,6,9\n", encoding="utf-8")
-    way = Trajectory.read(file)
-    assert way.time_s.tolist() == [0.0, 0.5]
-    assert way.xy_m.tolist() == [[5.0, 1.0], [6.0, 2.0]]
-
-
 @pytest.mark.parametrize("rows", [["0,1,1"], ["0,1,1", "0,1,1"], ["0,a,1", "1,1,1"], ["0,nan,1", "1,1,1"]])
 def test_files_that_are_no_trajectory_are_refused(tmp_path: Path, rows: list[str]) -> None:
     file = tmp_path / "way.csv"
+    file.write_text("y_m,time_s,x_m,speed\n1,0,5,9\n2,0.5,6,9\n", encoding="utf-8")
+    way = Trajectory.read(file)
+    assert (way.time_s.tolist(), way.xy_m.tolist()) == ([0.0, 0.5], [[5.0, 1.0], [6.0, 2.0]])
     for content in ("\n".join(["time_s,x_m,y_m", *rows, ""]), "", "time_s,x_m\n0,1\n1,2\n"):
         file.write_text(content, encoding="utf-8")
         with pytest.raises(InputError, match="trajectory"):
@@ -203,17 +177,13 @@ SPEED = "emv.speed_mps"
 UNTIL_S = 2.0
 
 
-def test_a_generation_of_tries_comes_closer_to_a_known_parameter() -> None:
+def test_tries_are_the_nearer_the_more_alike_their_parameters_are() -> None:
     """The benchmark of the recovery searches to the end, with several parameters."""
-    truth = 10.5
-    target = Target("made", SITUATION, driven(SITUATION, {SPEED: truth}, UNTIL_S))
+    target = Target("made", SITUATION, driven(SITUATION, {SPEED: 10.5}, UNTIL_S))
     with residuals_over([target], 1) as residuals:
-        (at_the_truth,) = residuals([{SPEED: truth}], WHOLE)
-        assert not at_the_truth.any(), "the same parameters give the same trajectory"
-        fitted = fit(parameters_named([SPEED]), residuals, 11)
-    assert fitted.evaluations >= 11
-    assert 0.0 < fitted.error_m < fitted.start_error_m
-    assert abs(fitted.values[SPEED] - truth) < 1.5, "the middle of the range is 3.5 m/s off"
+        at_the_truth, near, far = residuals([{SPEED: speed_mps} for speed_mps in (10.5, 12.0, 14.0)], WHOLE)
+    assert not at_the_truth.any(), "the same parameters give the same trajectory"
+    assert 0.0 < np.linalg.norm(near) < np.linalg.norm(far)
 
 
 def test_a_situation_that_cannot_be_set_up_is_far_away() -> None:
@@ -225,12 +195,9 @@ def test_a_situation_that_cannot_be_set_up_is_far_away() -> None:
 
 
 def test_records_that_do_not_say_what_they_were_made_from_are_refused(record_of: Callable[..., EpisodeRecord]) -> None:
-    with pytest.raises(BagError, match="request"):
-        Situation.of_record(record_of(duration_s=1.0))
-
-
-def test_an_episode_with_an_av_is_refused(record_of: Callable[..., EpisodeRecord]) -> None:
     record = record_of(duration_s=1.0)
+    with pytest.raises(BagError, match="request"):
+        Situation.of_record(record)
     parameters = {**record.description.parameters, "request": EpisodeRequest("S2", av="civilian").to_json()}
     object.__setattr__(record.description, "parameters", parameters)
     with pytest.raises(InputError, match="AV under test"):
@@ -251,12 +218,3 @@ def targets_of(*lengths_s: float) -> list[Target]:
 def test_a_horizon_grows_by_half_until_little_is_left_out(length_s: float, horizons: tuple[float, ...]) -> None:
     assert horizons_of(targets_of(length_s)) == horizons
     assert horizons_of(targets_of(2.0, length_s, 3.0)) == horizons, "the longest counts"
-
-
-@given(st.floats(0.1, 300.0))
-def test_the_horizons_rise_to_the_whole(length_s: float) -> None:
-    *horizons, last = horizons_of(targets_of(length_s))
-    assert last == WHOLE
-    assert horizons == [pytest.approx(FIRST_S * HORIZON_GROWTH**number) for number in range(len(horizons))]
-    assert all(horizon * HORIZON_LAST < length_s for horizon in horizons)
-    assert FIRST_S * HORIZON_GROWTH ** len(horizons) * HORIZON_LAST >= length_s - 3.1e-14 * length_s - 1e-12

@@ -18,7 +18,6 @@ from siren_ros.lab.reproduction.make import (
     TargetFile,
     inputs_sha256,
     read_parts,
-    shown_minutes,
 )
 from siren_ros.lab.reproduction.results import read_results
 
@@ -99,10 +98,6 @@ def test_the_hash_follows_code_commands_files_and_needs(repository: Path) -> Non
     assert inputs_sha256(part, repository, ["n"]) not in {before, changed}
 
 
-def test_durations_are_shown_for_people() -> None:
-    assert [shown_minutes(value) for value in (0.2, 12.0, 200.0)] == ["1 min", "12 min", "3.3 h"]
-
-
 COUNTS = """
 import json, pathlib, sys
 out, value = pathlib.Path(sys.argv[1]), sys.argv[2]
@@ -173,18 +168,21 @@ def test_a_command_that_is_interrupted_is_asked_to_end(work: Reproduction) -> No
 
 
 def test_parts_are_made_once_and_their_figures_kept(work: Reproduction) -> None:
-    table = parts(part("a"), part("b", "a", targets=(TargetFile("picture.png", "picture.png"),)))
+    """What the second part puts into the repository is an input of the third one."""
+    (work.repository / "picture.png").write_text("old", encoding="utf-8")
+    second = part("b", "a", targets=(TargetFile("picture.png", "picture.png"),))
+    table = parts(part("a"), second, part("c", code="picture.png"))
     failed, said = make(work, table)
     assert failed == []
-    assert said[:2] == [f"{name}                a part: 90 min" for name in "ab"]
-    assert said[2] == "2 of 2 parts to make, 3.0 h on two cores"
+    assert said[:3] == [f"{name}                a part: 90 min" for name in "abc"]
+    assert said[3] == "3 of 3 parts to make, 4.5 h on two cores"
     result = read_results(work.results)["b"]
     assert result.figures == {"value": 2.0}
     assert result.commands == table["b"].commands
     assert (work.repository / "picture.png").read_text(encoding="utf-8") == "2"
     failed, said = make(work, table)
-    assert "0 of 2 parts to make, 0 min on two cores" in said
-    assert runs(work) == ["a", "b"]
+    assert "0 of 3 parts to make, 0 min on two cores" in said
+    assert runs(work) == ["a", "b", "c"]
 
 
 def test_a_pattern_stands_for_files_whose_folders_name_the_figures(work: Reproduction) -> None:
@@ -192,26 +190,27 @@ def test_a_pattern_stands_for_files_whose_folders_name_the_figures(work: Reprodu
     commands += tuple(
         f"{sys.executable} counts.py {{out}}/{name} {n}" for n, name in ((1, "rain/0"), (3, "rain/1"), (4, "fog/0"))
     )
-    sources = (FigureFile("*/?/scores.json", ("value",), "of", ("value",), means=("rain=of.rain.?",)),)
+    about = {"ratios": ("more=of.rain.1/of.fog.0",), "means": ("rain=of.rain.?",)}
+    sources = (FigureFile("*/?/scores.json", ("value",), "of", ("value",), **about),)
     make(work, parts(part("a", commands=commands, figures=sources)))
-    assert read_results(work.results)["a"].figures == {"of.rain.0": 1.0, "of.rain.1": 3.0, "of.fog.0": 4.0, "rain": 2.0}
+    of_a = {"of.rain.0": 1.0, "of.rain.1": 3.0, "of.fog.0": 4.0, "rain": 2.0, "more": 0.75}
+    assert read_results(work.results)["a"].figures == of_a
+    for name, wrong in (("ratios", "x=a/b"), ("means", "x=b.*")):
+        source = FigureFile("scores.json", ("value",), "", **{name: (wrong,)})
+        assert "x=" in make(work, parts(part("b", figures=(source,))))[0][0]
 
 
 def test_changed_code_makes_the_part_and_those_that_need_it_again(work: Reproduction) -> None:
     (work.repository / "other").mkdir()
     table = parts(part("a"), part("b", "a", code="other"), part("c", code="other"))
+    make(work, table, "b")
+    assert runs(work) == ["a", "b"], "only what is asked for and what it needs"
+    with pytest.raises(InputError, match="one or several of a, b, c"):
+        work.plan(table, ("d",))
     make(work, table)
     (work.repository / "src" / "a.py").write_text("2", encoding="utf-8")
     make(work, table)
     assert runs(work) == ["a", "b", "c", "a", "b"]
-
-
-def test_only_makes_a_part_and_what_it_needs(work: Reproduction) -> None:
-    table = parts(part("a"), part("b", "a"), part("c"))
-    make(work, table, "b")
-    assert runs(work) == ["a", "b"]
-    with pytest.raises(InputError, match="one or several of a, b, c"):
-        work.plan(table, ("d",))
 
 
 def test_a_folder_that_is_gone_is_made_again_where_it_is_read(work: Reproduction) -> None:
@@ -264,24 +263,3 @@ def test_parts_without_their_files_are_skipped_with_the_reason(work: Reproductio
     assert runs(work) == []
     assert said[0].endswith("skipped, as ../maps/x.xodr is not there; CONTRIBUTING.md says where it comes from")
     assert said[1].endswith("skipped, as a is not there")
-
-
-def test_what_a_part_puts_into_the_repository_is_an_input_of_the_parts_below(work: Reproduction) -> None:
-    (work.repository / "weights.txt").write_text("old", encoding="utf-8")
-    train = part("train", targets=(TargetFile("picture.png", "weights.txt"),))
-    table = parts(train, part("score", code="weights.txt"))
-    make(work, table)
-    assert runs(work) == ["train", "score"]
-    assert not any(step.due for step in work.plan(table))
-
-
-def test_ratios_and_means_are_figures_too(work: Reproduction) -> None:
-    source = FigureFile("scores.json", ("value",), "a", (), ("same=a.value/a.value",), ("mean=a.*",))
-    assert make(work, parts(part("a", figures=(source,))))[0] == []
-    assert read_results(work.results)["a"].figures == {"a.value": 2.0, "same": 1.0, "mean": 2.0}
-    for wrong in (
-        FigureFile("scores.json", ("value",), "", (), ("x=a/b",)),
-        FigureFile("scores.json", ("value",), "", (), (), ("x=b.*",)),
-    ):
-        failed, _ = make(work, parts(part("b", figures=(wrong,))))
-        assert "x=" in failed[0]

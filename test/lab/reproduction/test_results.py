@@ -20,15 +20,12 @@ def test_results_are_read_as_they_were_written(tmp_path_factory, results) -> Non
     assert read_results(file) == results
 
 
-def test_no_file_is_no_results(tmp_path: Path) -> None:
-    assert read_results(tmp_path / "none.json") == {}
-
-
 @pytest.mark.parametrize("text", ["{", "{}", '{"parts": {"a": {}}}', '{"parts": []}'])
 def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "results.json").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="a file of results"):
         read_results(tmp_path / "results.json")
+    assert read_results(tmp_path / "none.json") == {}
 
 
 def test_rows_are_named_by_their_texts() -> None:
@@ -45,6 +42,9 @@ def test_rows_are_named_by_their_texts() -> None:
         "card.holds": "20/20",
     }
     assert figures_in(content, ("*.idm.*",), "town") == {"town.rows.S1.idm.ade_m": 2.99}
+    content = {"rows": [{"template": "S1", "outcome": "delay", "levels": ["L3", "L1"], "difference": {"value": 2.0}}]}
+    assert figures_in(content, ("*",), leave_out=("rows", "value")) == {"S1.delay.L3-L1.difference": 2.0}
+    assert figures_in({"up to 15 m": 1, "siren:lstm": 2}, ("*",)) == {"up_to_15_m": 1, "siren_lstm": 2}
 
 
 def test_a_pattern_without_a_number_and_a_name_twice_are_refused() -> None:
@@ -58,10 +58,3 @@ def test_the_machine_has_no_name_and_no_path() -> None:
     said = machine()
     assert {"cores", "load", "processor", "python", "numpy"} <= set(said)
     assert not any("/" in value and Path(value).exists() for value in said.values())
-
-
-def test_names_leave_parts_out_and_join_lists_of_texts() -> None:
-    content = {"rows": [{"template": "S1", "outcome": "delay", "levels": ["L3", "L1"], "difference": {"value": 2.0}}]}
-    figures = figures_in(content, ("*",), leave_out=("rows", "value"))
-    assert figures == {"S1.delay.L3-L1.difference": 2.0}
-    assert figures_in({"up to 15 m": 1, "siren:lstm": 2}, ("*",)) == {"up_to_15_m": 1, "siren_lstm": 2}

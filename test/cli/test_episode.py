@@ -1,6 +1,5 @@
 """``siren episode``, and which of its two jobs ``siren replay`` does."""
 
-import os
 import struct
 import sys
 from collections.abc import Callable, Collection
@@ -10,7 +9,6 @@ import pytest
 from rosbags.typesys.store import Typestore
 
 from siren_ros.base.numerics.units import step_of_time_ns
-from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import open_bag, read_episode
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
 from siren_ros.running.generation.closed_loop import record_episode
@@ -20,8 +18,11 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 QUICK = ("--sensors", "none", "--duration-s", "0.5")
 
 
-def test_it_makes_a_bag_says_how_it_ended_and_what_can_follow(siren, tmp_path: Path) -> None:
+def test_it_makes_a_bag_says_how_it_ended_and_what_can_follow(siren, tmp_path: Path, monkeypatch) -> None:
     bag = str(tmp_path / "my bag")
+    monkeypatch.chdir(tmp_path)
+    siren(["episode", *QUICK])
+    assert (tmp_path / "bags" / "S2_L2_seed0" / "metadata.yaml").is_file(), "as cosim does"
     words = ["episode", "S3", "--level", "1", "--seed", "4", *QUICK, "--out", bag]
     printed = siren(words)
     ended, following = printed.out.splitlines()
@@ -34,12 +35,6 @@ def test_it_makes_a_bag_says_how_it_ended_and_what_can_follow(siren, tmp_path: P
     assert "--overwrite" in siren(words, 2).err
     siren([*words, "--overwrite"])
     siren([*words, "--overwrite", "--strict"], 1)
-
-
-def test_its_place_is_that_of_cosim(siren, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    siren(["episode", *QUICK])
-    assert (tmp_path / "bags" / "S2_L2_seed0" / "metadata.yaml").is_file()
 
 
 @pytest.mark.parametrize(
@@ -57,51 +52,27 @@ def bag(tmp_path: Path, write_bag: Callable[..., Path]) -> Path:
     return write_bag(tmp_path / "bag", duration_s=0.5)
 
 
-def player_of(bag: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> list[str]:
-    """The command that ``siren replay`` becomes."""
-    became: list[str] = []
-
-    def execute(program: str, arguments: list[str]) -> None:
-        became.extend([program, *arguments])
-        raise SystemExit(0)
-
-    monkeypatch.setattr(os, "execv", execute)
+def test_it_becomes_the_player(bag: Path, becomes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(bag.parent)
-    with pytest.raises(SystemExit):
-        main(["replay", "bag", *options])
-    return became
+    options = ["--rate", "2", "--start", "0.25", "--loop", "--paused"]
+    options += ["--topics", "/tf", "/b", "--playback-duration", "1.5", "--remap", "/tf:=/mine", "b:=c"]
+    became = becomes(["replay", "bag", *options])
+    assert became[:4] == [sys.executable, "-m", "siren_nodes.player", "--ros-args"]
+    assert became[4::2] == [*["-p"] * 7, "-r", "-r"]
+    assert became[5:15:2] == [f'bag:="{bag}"', "rate:=2.0", "start_s:=0.25", "loop:=true", "paused:=true"]
+    assert became[15::2] == ["playback_duration_s:=1.5", 'topics:=["/tf", "/b"]', "/tf:=/mine", "b:=c"]
 
 
-def test_it_becomes_the_player(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    became = player_of(bag, monkeypatch, "--rate", "2", "--start", "0.25", "--loop", "--paused")
-    assert became[:5] == [sys.executable, sys.executable, "-m", "siren_nodes.player", "--ros-args"]
-    assert became[5::2] == ["-p"] * 5
-    assert became[6::2] == [f'bag:="{bag}"', "rate:=2.0", "start_s:=0.25", "loop:=true", "paused:=true"]
-
-
-def test_topics_duration_and_other_names(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    options = ("--topics", "/tf", "/b", "--playback-duration", "1.5", "--remap", "/tf:=/mine", "b:=c")
-    became = player_of(bag, monkeypatch, *options)
-    assert became[-8::2] == ["-p", "-p", "-r", "-r"]
-    assert became[-7::2] == ["playback_duration_s:=1.5", 'topics:=["/tf", "/b"]', "/tf:=/mine", "b:=c"]
-
-
-def test_a_rule_that_is_none_is_refused(bag: Path, siren) -> None:
-    assert "--remap: '/tf=/mine' cannot be used" in siren(["replay", str(bag), "--remap", "/tf=/mine"], 2).err
-
-
-def test_a_bag_that_is_none_is_refused_before_the_player(tmp_path: Path, siren) -> None:
-    assert "nothing" in siren(["replay", str(tmp_path / "nothing")], 2).err
-
-
-def test_a_hand_made_bag_cannot_be_repeated(bag: Path, siren) -> None:
-    assert "request of the episode" in siren(["replay", "--check", str(bag)], 2).err
-
-
-def test_what_is_no_number_is_refused(bag: Path) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["replay", str(bag), "--rate", "fast"])
-    assert ended.value.code == 2
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["BAG", "--remap", "/tf=/mine"], "--remap: '/tf=/mine' cannot be used"),
+        (["nothing"], "nothing"),
+        (["--check", "BAG"], "request of the episode"),  # it is made by hand
+    ],
+)
+def test_what_cannot_be_played_or_repeated_is_refused(bag: Path, siren, words: list[str], said: str) -> None:
+    assert said in siren(["replay", *(str(bag) if word == "BAG" else word for word in words)], 2).err
 
 
 @pytest.fixture(scope="module")
@@ -112,43 +83,32 @@ def simulated_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return bag
 
 
-def without_steps(simulated_bag: Path, bag: Path, typestore: Typestore, left_out: Collection[int]) -> Path:
-    """The bag without the messages of some steps; its end and its outcome stay as they are."""
-    with open_bag(simulated_bag) as opened:
+def without_steps(made: Path, bag: Path, typestore: Typestore, left_out: Collection[int], other: int = -1) -> str:
+    """The bag without the messages of some steps, one with other states; its end and its outcome stay as they are."""
+    with open_bag(made) as opened:
         writer = EpisodeBagWriter(bag, typestore, opened.latched)
         for message in opened.messages():
-            if message.topic in opened.latched or step_of_time_ns(message.time_ns) not in left_out:
-                writer.write(message.topic, message.type_name, message.cdr, message.time_ns)
-    return writer.finish().path
+            step, cdr = step_of_time_ns(message.time_ns), message.cdr
+            if message.topic == "/siren/actor_states" and step == other:
+                cdr = cdr[:-8] + struct.pack("<d", 1e3)
+            if message.topic in opened.latched or step not in left_out:
+                writer.write(message.topic, message.type_name, cdr, message.time_ns)
+    return str(writer.finish().path)
 
 
 @pytest.mark.parametrize(("left_out", "held"), [(range(3, 10), 3), ((0, 1, 6), 7)])
 def test_a_bag_that_lacks_steps_is_compared_as_far_as_it_goes_and_not_called_complete(
-    simulated_bag: Path,
-    tmp_path: Path,
-    typestore: Typestore,
-    siren,
-    capsys: pytest.CaptureFixture[str],
-    left_out: Collection[int],
-    held: int,
+    simulated_bag, tmp_path, typestore, siren, left_out, held
 ) -> None:
     assert "over 10 steps" in siren(["replay", "--check", str(simulated_bag)]).out
     bag = without_steps(simulated_bag, tmp_path / "bag", typestore, left_out)
-    printed = siren(["replay", "--check", str(bag)], 1)
+    printed = siren(["replay", "--check", bag], 1)
     assert f"the same, to the last bit, over {held} steps" in printed.out
     assert printed.err == f"siren replay: {bag} is not complete: it holds {held} of 10 steps\n"
-    assert main(["info", str(bag)]) == 0
-    assert f"failed (the bag holds {held} of the 10 steps that were closed), not judged" in capsys.readouterr().out
-    assert "complete, complete" not in siren(["verify", str(bag)], 1).out
+    assert f"failed (the bag holds {held} of the 10 steps that were closed), not judged" in siren(["info", bag]).out
+    assert "complete, complete" not in siren(["verify", bag], 1).out
 
 
 def test_a_difference_in_a_step_that_is_there_is_still_found(simulated_bag, tmp_path, typestore, siren) -> None:
-    with open_bag(simulated_bag) as opened:
-        writer = EpisodeBagWriter(tmp_path / "bag", typestore, opened.latched)
-        for message in opened.messages():
-            step, cdr = step_of_time_ns(message.time_ns), message.cdr
-            if message.topic == "/siren/actor_states" and step == 7:
-                cdr = cdr[:-8] + struct.pack("<d", 1e3)
-            if message.topic in opened.latched or step != 2:
-                writer.write(message.topic, message.type_name, cdr, message.time_ns)
-    assert "differs first at step 7" in siren(["replay", "--check", str(writer.finish().path)], 1).out
+    bag = without_steps(simulated_bag, tmp_path / "bag", typestore, (2,), other=7)
+    assert "differs first at step 7" in siren(["replay", "--check", bag], 1).out

@@ -25,11 +25,7 @@ def test_the_own_heading_is_up_and_the_emv_behind_is_below() -> None:
     assert picture[52, 32, 2] == 255
     assert picture[12, 32, 2] == 0
     assert (picture[:, :, 1] == 0).all()
-
-
-def test_roads_and_the_way_ahead_are_in_the_first_channel() -> None:
-    picture = VIEW.draw(state_of(own_m=50.0))
-    assert picture[20, 32, 0] == 180
+    assert picture[20, 32, 0] == 180, "the way ahead"
     assert picture[45, 32, 0] == 90, "the way behind is road"
     assert picture[20, 35, 0] == 90, "the shoulder"
     assert picture[20, 5, 0] == 0, "27 m to the left there is no road"

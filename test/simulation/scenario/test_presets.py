@@ -9,14 +9,6 @@ from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal, load_preset
 
 
-def test_paper_preset_is_deterministic():
-    preset = load_preset("paper")
-    rng = np.random.default_rng(0)
-    assert {preset.reaction_delay_s.draw(rng) for _ in range(20)} == {0.0}
-    assert len({preset.response_distance_m.draw(rng) for _ in range(20)}) == 1
-    assert preset.compliance.complies == 1.0
-
-
 def test_realistic_preset_draws_its_mean_and_spread():
     preset = load_preset("realistic")
     rng = np.random.default_rng(0)
@@ -90,13 +82,6 @@ def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path):
         load_preset(str(file))
 
 
-def test_only_in_the_paper_everybody_forms_the_rescue_lane() -> None:
-    paper, realistic = load_preset("paper"), load_preset("realistic")
-    assert (paper.rescue_at_once, paper.rescue_late) == (1.0, 0.0)
-    assert (realistic.rescue_at_once, realistic.rescue_late) == (0.4, 0.45)
-    assert realistic.rescue_near_m == TruncatedNormal(100.0, 30.0, 30.0, 200.0)
-
-
 def test_a_distribution_is_scaled_and_shifted_as_its_values_are():
     drawn = TruncatedNormal(4.0, 1.0, 2.0, 7.0)
     assert drawn.scaled(1.5) == TruncatedNormal(6.0, 1.5, 3.0, 10.5)
@@ -135,8 +120,3 @@ def test_distributions_lie_within_limits_that_are_allowed_themselves(tmp_path, s
         else:
             with pytest.raises(InputError, match=section):
                 load_preset(str(file))
-
-
-def test_only_in_the_paper_does_no_motorcyclist_filter():
-    shares = {name: load_preset(name).filtering for name in names_in_params("presets")}
-    assert shares == {"paper": 0.0, "realistic": 0.3, "observed": 0.3, "inattentive": 0.3, "reckless": 0.6}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from siren_ros.data.tracks import rows_in_region
@@ -77,22 +77,12 @@ def test_the_band_decides_by_membership_alone(places, before):
         assert (actor_id in members) == expected
 
 
-def test_rows_of_a_record_are_those_of_its_members(record_of):
-    record = record_of(civilians=6)
-    inside = rows_in_region(record)
-    rows = record.rows
-    assert inside.shape == (len(rows),)
-    assert inside[rows.actor_id == record.emv_ids[0]].all()
-    assert 0 < inside.sum() < len(rows)
-    for state, members in zip(record.states, regions_of(record.states, record.emv_ids), strict=True):
-        assert set(rows.actor_id[inside & (rows.step == state.step)].tolist()) == set(members.tolist())
-
-
 @pytest.fixture(scope="module")
 def small_record(record_of):
     return record_of(civilians=1)
 
 
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2000))
 def test_rows_are_as_the_steps_say_whoever_is_there(seed, small_record):
     """Random walks around 45 m from two EMVs, with gaps; one step has nobody at all, and one was not recorded."""

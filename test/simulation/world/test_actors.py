@@ -34,11 +34,6 @@ def test_rows_hold_the_wanted_ids_or_are_minus_one(present, asked):
     assert rows.tolist() == [listed.index(actor) if actor in listed else -1 for actor in asked.tolist()]
 
 
-@given(present=_ids)
-def test_the_same_ids_are_the_rows_in_order(present):
-    assert rows_of_ids(present, present.copy()).tolist() == list(range(len(present)))
-
-
 def test_who_yields_is_in_a_phase_from_reacting_to_the_hold():
     """Not on the way back, and not who stands after a contact."""
     phases = {Mode.YIELD_REACTING, Mode.YIELD_DEFERRED, Mode.YIELD_LANE_CHANGE, Mode.YIELD_KEEP_LANE}
@@ -93,22 +88,10 @@ def test_rows_are_selected_from_every_column():
         name: [0, 2] for name in columns if name != "vx_mps"
     }
     assert chosen.speed_mps.tolist() == [3.0, np.hypot(-3.0, 2.0)]
-    assert len(ActorStates.empty(3)) == 0
-
-
-def test_selected_rows_and_frames_keep_the_step():
-    columns = {name: np.arange(4).astype(dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    states = ActorStates(step=7, **columns)
-    chosen = states.select(np.array([1, 3]))
-    assert (chosen.step, len(chosen), chosen.actor_id.tolist(), chosen.residual_m.tolist()) == (
-        7,
-        2,
-        [1, 3],
-        [1.0, 3.0],
-    )
     frame = chosen.to_pandas()
     assert list(frame.columns) == ["step", *ACTOR_STATE_DTYPES]
     assert frame.step.tolist() == [7, 7]
+    assert len(ActorStates.empty(3)) == 0
 
 
 def test_each_row_has_its_own_part_of_the_routes():

@@ -25,7 +25,7 @@ from siren_ros.simulation.behaviour.civilians.yield_lane_change import LEAST_SID
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.behaviour.driving.tracked_path import PEAK_CURVATURE
 from siren_ros.simulation.roads.road_network import LaneKind
-from siren_ros.simulation.world.actors import ActorClass, Mode, Owner, SignalState
+from siren_ros.simulation.world.actors import ActorClass, Mode, SignalState
 
 AMBULANCE = ActorClass.AMBULANCE
 WAITED = replace(UNIT, emv_waits_steps=30)
@@ -49,7 +49,7 @@ def test_the_emv_waits_behind_where_it_stands_or_crawls_near_and_headed_for_the_
     assert not emv_waits_behind(view.ego(1), -1)
 
 
-@pytest.mark.parametrize("turn", np.radians([0.0, 40.0, 100.0, -150.0]))
+@pytest.mark.parametrize("turn", np.radians([0.0, -150.0]))
 @pytest.mark.parametrize(
     ("bearing", "own_yaw", "other_yaw", "waits"),
     [
@@ -99,8 +99,9 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a
     for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
         front = pull_over_path(unit, view.ego(0), 1).curve.points[-1, 0] + half
         assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
-    rolling = view_of(lab, lab.Car(2, 1, 149.0 - half, 2.0, (0, 2)), network=junction)
+    rolling, coming = (view_of(lab, lab.Car(2, 1, s, 2.0, (0, 2)), network=junction) for s in (149.0 - half, 139.0))
     assert pull_over_path(left, rolling.ego(0), 1) is None
+    assert 148.0 < pull_over_path(left, coming.ego(0), 1).curve.points[-1, 0] + half < 150.0
 
 
 @pytest.mark.parametrize("kind", [LaneKind.SHOULDER, LaneKind.KERB, LaneKind.SIDEWALK])
@@ -129,19 +130,7 @@ def test_on_a_junction_only_who_has_an_emv_waiting_behind_pulls_over(lab, unit, 
     outcome = start_pull_over(unit, view.ego(0))
     assert outcome.unit.phase is (Mode.YIELD_PULL_OVER if unit is WAITED else Mode.YIELD_DEFERRED)
     assert (outcome.command is None) is (unit is UNIT)
-
-
-def test_a_queue_that_left_no_corridor_goes_on_until_the_emv_gets_through(lab):
-    road = lab.straight_road(2)
-    cars = [
-        *[lab.Car(1, 0, 80, 6, (0,), AMBULANCE), lab.Car(2, 0, 108, 0, (0,), desired=0)],
-        *[lab.Car(3, 0, 114.5, 0, (0,), desired=0), lab.Car(4, 1, 108, 0, (0,), desired=0)],
-        lab.Car(5, 1, 114.5, 0, (0,), desired=0),
-    ]
-    loop = lab.Loop(lab.world_of(road, lab.L3), cars).run(900)
-    assert loop.body.x_m[0] > 150.0
-    assert min(row[actor][0] for row in loop.log[-1:] for actor in (2, 3, 4, 5)) > 110.0
-    assert not loop.touching()
+    assert outcome.unit.deferred == ("junction" if unit is UNIT else "")
 
 
 def in_queue(lab, world, speed=0.0, left=0.0, turned=0.0, apart_m=0.0):
@@ -214,22 +203,6 @@ def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder
     assert (sides((0, 1)), sides((0, 2))) == ({2: 1, 3: 1}, {2: -1, 3: 1})
 
 
-def test_every_lane_of_the_road_pulls_over(lab, world):
-    _, commands, events = steps(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,))])
-    assert kinds(events) == ["yield_requested", "yield_requested", "yield_started", "yield_started"]
-    assert commands.mode.tolist() == [Mode.YIELD_PULL_OVER] * 2
-    assert commands.owner.tolist() == [Owner.ROS] * 2
-    assert [event.detail["side"] for event in events[2:]] == [-1, 1]
-
-
-def test_not_on_a_junction(lab):
-    world = lab.world_of(lab.junction_road(), lab.L3)
-    _, commands, events = steps(world, [lab.Car(1, 0, 135, 8, (0, 2), AMBULANCE), lab.Car(2, 2, 10, 5, (0, 2))])
-    assert kinds(events) == ["yield_requested", "yield_deferred"]
-    assert events[1].detail["reason"] == "junction"
-    assert commands.owner.tolist() == [Owner.SUMO]
-
-
 def joined_road(lab, *, oncoming_turns=False):
     """Two lanes, a path of 30 m over a junction, two lanes; the oncoming traffic of some turns left across it."""
     road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 2, ("W", "J"))
@@ -261,13 +234,6 @@ def test_a_vehicle_at_the_emvs_side_pulls_over_where_its_front_is_ahead_of_the_e
     _, commands, events = steps(world, [emv_at(lab), lab.Car(2, 1, centre, 5, (0,))])
     assert (kinds(events) == ["yield_requested", "yield_started"]) is yields
     assert (commands.actor_id.tolist() == [2]) is yields
-
-
-def test_a_pull_over_is_deferred_where_the_vehicle_cannot_stop_before_the_junction(lab):
-    world = lab.world_of(lab.junction_road(), lab.L3)
-    for speed, events in ((3.0, ["yield_requested", "yield_started"]), (12.0, ["yield_requested", "yield_deferred"])):
-        cars = [lab.Car(1, 0, 115, 8, (0, 2), AMBULANCE), lab.Car(2, 0, 136, speed, (0, 2))]
-        assert kinds(steps(world, cars)[2]) == events
 
 
 def test_a_queue_that_stands_too_close_waits_for_the_one_ahead(lab):
@@ -326,30 +292,6 @@ def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     assert edge_offset_m(beside_others.ego(1), 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
 
 
-def before_the_junction(lab, emv_s, car_s, car_mps):
-    """An EMV that stands, and the civilian 2 ahead of it, who does not make room; the stop line is at 150 m."""
-    world = lab.world_of(lab.junction_road(), lab.L3)
-    driver = world.config.civilian_driver
-    patient = replace(driver, pull_over=replace(driver.pull_over, room_after_s=1e3))
-    world = replace(world, config=replace(world.config, civilian_driver=patient))
-    cars = [lab.Car(1, 0, emv_s, 0, (0, 2), AMBULANCE), lab.Car(2, 0, car_s, car_mps, (0, 2))]
-    loop = lab.Loop(world, cars, lambda _: {})
-    loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))
-    return loop
-
-
-def test_stops_before_the_junction_and_the_head_of_a_queue_with_its_front_over_the_line_and_never_on_it(lab):
-    stopping = before_the_junction(lab, 100, 130, 4).run(200)
-    head = before_the_junction(lab, 105, 146, 0).run(400)
-    assert stopping.modes[2] == head.modes[2] == Mode.YIELD_HOLD
-    assert stopping.body.x_m[1] + 4.75 / 2 < 150.0
-    assert (
-        151.0
-        < head.body.x_m[1] + 4.75 / 2
-        <= 150.0 + head.world.config.civilian_driver.pull_over.head_over_line_m + 0.1
-    )
-
-
 @pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])
 @pytest.mark.parametrize(("speed", "left"), [(0.0, 0.0), (2.0, 0.3), (8.0, -0.4)])
 def test_the_path_to_the_edge_is_as_long_as_curvature_and_steering_ask(lab, world, lane, side, speed, left):
@@ -387,10 +329,6 @@ def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight
     assert abs(end[2]) < 0.05
     assert 0.2 < shift < 0.5
     assert path_behind(lab, 30.0)[0].curve.points[-1, 1] == pytest.approx(-(1.65 - 0.915), abs=0.01)
-
-
-def test_there_is_no_way_to_the_edge_close_behind_a_standing_vehicle(lab):
-    assert path_behind(lab, 2.5)[0] is None
 
 
 def test_beside_a_shoulder_a_wide_vehicle_reaches_a_metre_over_the_edge_at_most(lab):
@@ -461,7 +399,7 @@ def lengths_m(kind):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("turn", np.radians([0.0, 130.0]))
+@pytest.mark.parametrize("turn", np.radians([130.0]))
 @pytest.mark.parametrize("kind", [*RIDERS, ActorClass.HATCHBACK])
 @pytest.mark.parametrize(
     ("beyond_m", "gap_m", "speed_mps", "turned_deg", "waits"),
@@ -505,38 +443,6 @@ def test_a_driver_lets_a_rider_pass_before_pulling_over(kind):
     assert start_pull_over(waits.unit, scene(kind, -1.0, 7.0)).unit.phase is Mode.YIELD_DEFERRED
     for ego in (scene(kind, -8.0, 7.0), scene(kind, 40.0, 7.0), scene(kind, 5.0, 7.0, left_m=1.4)):
         assert start_pull_over(waits.unit, ego).unit.phase is Mode.YIELD_PULL_OVER
-
-
-class Passing(lab.Loop):
-    """A closed loop with a rider who rides straight on, and brakes behind a car in the way."""
-
-    wished_mps = 0.0
-
-    def sumo(self, i):
-        if self.cars[i].actor_id != RIDER:
-            return super().sumo(i)
-        seen, car = self.traffic, i - 1
-        gap_m = seen.x_m[car] - seen.x_m[i] - 0.5 * (self.table.length_m[car] + self.table.length_m[i])
-        apart_m = abs(seen.y_m[car] - seen.y_m[i]) - 0.5 * (self.table.width_m[car] + self.table.width_m[i])
-        free = apart_m > 0.1 or gap_m < -0.5
-        wished = self.wished_mps if free else np.sqrt(6.0 * max(gap_m - 1.0, 0.0))
-        speed = float(np.clip(wished, seen.speed_mps[i] - 0.3, seen.speed_mps[i] + 0.1))
-        return float(seen.x_m[i]) + 0.05 * speed, float(seen.y_m[i]), 0.0, speed
-
-
-@pytest.mark.parametrize(("behind_m", "speed_mps"), [(10.0, 9.0), (15.0, 9.0), (5.0, 7.5)])
-def test_nobody_pulls_over_into_a_cyclist(behind_m, speed_mps):
-    cars = [
-        lab.Car(1, 0, 40, 8, (0,), ActorClass.AMBULANCE),
-        lab.Car(CAR, 0, 100, 7, (0,), desired=7.0),
-        lab.Car(RIDER, 0, 100 - behind_m, speed_mps, (0,), ActorClass.BICYCLE, left=-1.4),
-    ]
-    loop = Passing(lab.world_of(lab.straight_road(1), lab.L3), cars)
-    loop.wished_mps = speed_mps
-    loop.run(400)
-    assert loop.touching() == []
-    first = next(row for row in loop.log if row[CAR][5] == Mode.YIELD_PULL_OVER)
-    assert abs(first[RIDER][0] - first[CAR][0]) > lengths_m(ActorClass.BICYCLE), "they are not side by side"
 
 
 @pytest.mark.parametrize("speed_mps", [4.0, 6.0, 8.0])

@@ -52,28 +52,7 @@ def test_empty_lane_has_infinite_gaps(lab):
 def test_refusals_by_gap():
     assert refusal_of_gaps(LaneGaps(math.inf, 0.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
     assert refusal_of_gaps(LaneGaps(-1.0, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.BESIDE
-    assert refusal_of_gaps(LaneGaps(3.9, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.GAP_FRONT
-    assert refusal_of_gaps(LaneGaps(4.1, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
     assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 2.1, 5.0), 5.0, 5.0, CONFIG) is None
-    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 11.0, 12.0), 5.0, 5.0, CONFIG) is Refusal.GAP_REAR
-    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 12.0, 12.0), 5.0, 5.0, CONFIG) is None
-
-
-def test_rear_gap_outlasts_both_vehicles_braking():
-    """The vehicles' motion, integrated, against the closed form."""
-    for speed, rear, target in ((7.0, 8.0, 2.8), (9.0, 6.0, 2.8), (5.0, 12.0, 13.9)):
-        gap = next(
-            g
-            for g in np.arange(0.1, 40.0, 0.02)
-            if refusal_of_gaps(LaneGaps(math.inf, 0.0, float(g), rear), speed, target, CONFIG) is None
-        )
-        distance, v, w, dt = gap, speed, rear, 0.001
-        for k in range(12000):
-            distance += (v - w) * dt
-            v = max(min(speed, target), v - CONFIG.own_brake_mps2 * dt)
-            if k * dt >= CONFIG.rear_time_s:
-                w = max(min(speed, target), w - CONFIG.brake_mps2 * dt) if w > min(speed, target) else w
-        assert distance >= CONFIG.rear_gap_m - 0.05
 
 
 def test_vehicle_beside_refuses(lab):
@@ -118,12 +97,6 @@ def test_path_starts_here_and_ends_in_the_target_lane(lab):
     path = lane_change_path(asked, assess(asked), stop_at_end=True)
     np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
     assert (path.curve.points[-1, 1], path.lane_at(0.0)) == (pytest.approx(3.3, abs=1e-6), 1)
-
-
-@pytest.mark.parametrize(("left", "expected"), [(0.0, True), (0.6, True), (1.2, False), (-1.2, False)])
-def test_entered_needs_the_whole_footprint(lab, left, expected):
-    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 1, 100, 8, (0,), left=left)])
-    assert entered_lane(view.ego(0), 1) is expected
 
 
 @pytest.mark.parametrize(("degrees", "expected"), [(7.5, True), (8.5, False), (-8.5, False)])

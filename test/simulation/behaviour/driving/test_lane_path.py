@@ -65,12 +65,6 @@ def test_ends_say_why(lab):
     assert alone == ((0,), lane_path.LaneEnd.JUNCTION)
 
 
-def test_from_inside_the_junction(lab):
-    lanes, end = lane_path.lanes_along(lab.junction_road(2), 6, 3.0, route(0, 4), 100.0)
-    assert lanes == (6, 7)
-    assert end is lane_path.LaneEnd.HORIZON
-
-
 def test_plain_joints_do_not_stop_a_civilian(lab):
     road = lab.RoadBuilder().edge([[0, 0], [60, 0]], 2, ("A", "B"))
     road.edge([[60, 0], [200, 0]], 2, ("B", "C"))
@@ -108,10 +102,6 @@ def test_neighbours_and_limits(lab):
     assert (limits.right_m, limits.driving_right_m, limits.left_m, limits.opposite_m) == pytest.approx(
         (-4.95, -1.65, 4.95, 0.0)
     )
-
-
-def test_opposite_lane_is_found_by_the_junctions(lab):
-    assert lane_path.road_limits(lab.two_way_road(), 0).opposite_m == pytest.approx(3.3)
 
 
 def test_an_internal_lane_belongs_to_the_movement_along_the_route_and_else_to_the_first(lab):
@@ -214,14 +204,6 @@ def test_nearest_place_agrees_with_the_polyline(point):
 def test_the_heading_at_an_arc_length_is_that_of_its_segment(s, heading):
     assert lane_path.lane_heading(BENT, s) == pytest.approx(heading)
     assert lane_path.lane_heading(BENT, 99.0) == pytest.approx(np.pi / 2.0)
-
-
-def test_the_last_segment_goes_straight_on():
-    line = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 5.0]]))
-    s, left, heading = lane_path.nearest_on_lane(line, 7.0, 12.0)
-    assert (s, left, heading) == pytest.approx((22.0, 3.0, np.pi / 2.0))
-    s, left, heading = lane_path.nearest_on_lane(line, -4.0, -2.0)
-    assert (s, left, heading) == pytest.approx((-4.0, -2.0, 0.0))
 
 
 def test_the_way_is_the_shoulders_up_to_the_turn(lab):

@@ -251,31 +251,11 @@ def test_never_both_pedals(vehicle):
             assert 0.0 <= pedals.brake <= 1.0
 
 
-def test_holds_still_with_brake_and_without_integral(vehicle):
-    pedals = press_pedals(0.05, 0.0, 0.0, 0.5, vehicle, CONFIG)
-    assert (pedals.throttle, pedals.integral_mps2) == (0.0, 0.0)
-    assert pedals.brake > 0.4
-
-
-def test_integral_does_not_wind_up(vehicle):
-    integral = 0.0
-    for _ in range(400):
-        integral = press_pedals(0.0, 14.0, 0.0, integral, vehicle, CONFIG).integral_mps2
-    assert integral == 0.0
-    for _ in range(4000):
-        integral = press_pedals(13.5, 14.0, 0.0, integral, vehicle, CONFIG).integral_mps2
-    assert integral <= 0.8
-
-
-def test_necessary_braking_wins(vehicle):
-    soft = press_pedals(10.0, 9.5, 0.0, 0.0, vehicle, CONFIG)
-    assert press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG).brake > soft.brake + 0.4
-    assert press_pedals(10.0, 0.0, 50.0, 0.0, vehicle, CONFIG).brake == 1.0
-
-
 @pytest.mark.parametrize(("speed", "target", "holds"), [(0.3, 0.0, True), (0.31, 0.0, False), (0.1, 0.06, False)])
 def test_the_brake_holds_only_at_a_standstill_that_is_wanted(vehicle, speed, target, holds):
-    assert (press_pedals(speed, target, 0.0, 0.0, vehicle, CONFIG).brake == 0.6) is holds
+    pedals = press_pedals(speed, target, 0.0, 0.5, vehicle, CONFIG)
+    assert (pedals.brake == 0.6) is holds
+    assert not holds or (pedals.throttle, pedals.integral_mps2) == (0.0, 0.0)
 
 
 def accel_of(pedals, speed, vehicle):
@@ -296,6 +276,7 @@ def accel_of(pedals, speed, vehicle):
 def test_pedals_give_the_acceleration_that_is_asked_for_within_comfort(vehicle, target, must, accel):
     pedals = press_pedals(6.0, target, must, 0.1, vehicle, CONFIG)
     assert accel_of(pedals, 6.0, vehicle) == pytest.approx(accel, abs=1e-9)
+    assert press_pedals(6.0, target, 50.0, 0.1, vehicle, CONFIG).brake == 1.0
 
 
 def braked(vehicle, steer_rad):
@@ -328,14 +309,7 @@ def test_the_integral_is_bounded_on_both_sides(vehicle, side):
     assert press_pedals(6.0, 6.0 + 0.5 * side, 0.0, 0.8 * side, vehicle, CONFIG).integral_mps2 == 0.8 * side
 
 
-def test_feed_forward_covers_the_resistances_at_steady_speed(vehicle):
-    pedals = press_pedals(13.89, 13.89, 0.0, 0.0, vehicle, CONFIG)
-    drive = pedals.throttle * min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / vehicle.mass_kg / 13.89)
-    resistance = 0.5 * 1.225 * vehicle.drag_area_m2 * 13.89**2 / vehicle.mass_kg + vehicle.rolling_resistance * 9.80665
-    assert drive == pytest.approx(resistance, rel=1e-6)
-
-
-CLASSES = [ActorClass.AMBULANCE, ActorClass.SEDAN, ActorClass.FIRE_TRUCK, ActorClass.POLICE]
+CLASSES = [ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK]
 
 
 def seen_of(body, table):
@@ -399,7 +373,7 @@ def test_lane_change_at_50_kmh_within_a_third_of_a_metre(lab, kind):
     assert np.abs(rows[-30:, 4]).max() < 0.03
 
 
-@pytest.mark.parametrize(("kind", "radius"), [(kind, r) for kind in CLASSES[:2] for r in (8.0, 12.0)])
+@pytest.mark.parametrize(("kind", "radius"), [(ActorClass.AMBULANCE, 8.0), (ActorClass.SEDAN, 12.0)])
 def test_right_turn_within_half_a_metre_at_limited_lateral_acceleration(lab, kind, radius):
     a = np.linspace(0.0, np.pi / 2.0, 10)
     arc = np.stack((60.0 + radius * np.sin(a), -radius * (1.0 - np.cos(a))), axis=-1)
@@ -411,15 +385,9 @@ def test_right_turn_within_half_a_metre_at_limited_lateral_acceleration(lab, kin
     assert rows[-1, 2] == pytest.approx(-np.pi / 2.0, abs=0.02)
 
 
-def test_initial_offset_decays_without_overshoot(lab):
-    rows, _ = drive(lab, ActorClass.AMBULANCE, [[0, 0], [200, 0]], 10.0, 10.0, 10.0, start=(0.0, 0.6, 0.0))
-    assert rows[:, 4].min() > -0.06
-    assert abs(rows[-1, 4]) < 0.02
-
-
-@pytest.mark.parametrize("kind", [ActorClass.BUS, ActorClass.TRUCK, ActorClass.FIRE_TRUCK, ActorClass.AMBULANCE])
-@pytest.mark.parametrize("start", [(0.0, 1.2, 0.0), (0.0, -1.0, -0.2), (0.0, 2.0, -0.1)])
-@pytest.mark.parametrize("speed", [4.0, 5.0, 7.0, 8.3])
+@pytest.mark.parametrize("kind", [ActorClass.BUS, ActorClass.FIRE_TRUCK])
+@pytest.mark.parametrize("start", [(0.0, 1.2, 0.0), (0.0, -1.0, -0.2)])
+@pytest.mark.parametrize("speed", [4.0, 8.3])
 def test_no_vehicle_swings_about_its_path(lab, kind, start, speed):
     """The wheels of a long one turn slowly: feedback that is too quick for them is unstable."""
     rows, _ = drive(lab, kind, [[0, 0], [250, 0]], speed, speed, 14.0, start=start)
@@ -439,45 +407,14 @@ def test_stops_behind_a_standing_vehicle_and_reports_it(lab):
     assert decel.max() < 4.5
 
 
-def test_follows_a_slower_vehicle_at_its_speed(lab):
-    rows, _ = drive(
-        lab, ActorClass.AMBULANCE, [[0, 0], [400, 0]], 13.89, 13.89, 20.0, others=[(60.0, 0.0, 0.0, 6.0)], stop=False
-    )
-    assert rows[-1, 3] == pytest.approx(6.0, abs=0.3)
-
-
-def test_ignores_vehicles_in_the_next_lane_and_behind(lab):
-    others = [(60.0, 3.3, 0.0, 0.0), (-12.0, 0.0, 0.0, 13.0), (80.0, -3.3, np.pi, 0.0)]
-    rows, blockers = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.0, 8.0, others=others, stop=False)
-    assert set(blockers) == {NO_ACTOR}
-    assert rows[-1, 3] == pytest.approx(13.0, abs=0.2)
-
-
-def test_lets_a_crossing_vehicle_pass(lab):
-    others = [(60.0, -36.0, np.pi / 2.0, 8.0)]
-    rows, blockers = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.89, 10.0, others=others, stop=False)
-    assert any(blocker != NO_ACTOR for blocker in blockers)
-    t = np.arange(1, len(rows) + 1) * 0.05
-    dx = np.abs(rows[:, 0] - 60.0)
-    dy = np.abs(-36.0 + 8.0 * t)
-    assert not np.any((dx < 3.25 + 0.92) & (dy < 1.05 + 2.38))
-    assert rows[-1, 3] > 10.0
-
-
-def test_a_crossing_vehicle_that_has_passed_is_no_reason_to_brake(lab):
-    others = [(60.0, -20.0, np.pi / 2.0, 10.0)]
-    rows, _ = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.0, 4.0, others=others, stop=False)
-    assert rows[:, 3].min() > 12.5
-
-
-def test_without_watch_nobody_is_seen(lab):
-    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 5.0), (10.0, 0.0, 0.0, 0.0))
-    _, command, blocker = navigated(*scene, 5.0, gap_escape_active=True)
-    assert blocker == NO_ACTOR
-    assert command.brake == 0.0
-    _, command, blocker = navigated(*scene, 5.0)
-    assert blocker != NO_ACTOR
-    assert command.brake > 0.1
+@pytest.mark.parametrize("mode", ["gap_escape_active", "corridor"])
+def test_in_a_gap_escape_and_in_a_corridor_leaders_are_left_to_the_other_limits(lab, mode):
+    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 10.0), (15.0, 0.0, 0.0, 0.0))
+    _, watching, blocker = navigated(*scene, 10.0)
+    _, leaving, nobody = navigated(*scene, 10.0, **{mode: True})
+    assert (blocker, nobody) == (2, NO_ACTOR)
+    assert watching.brake > 0.5
+    assert leaving.brake == 0.0
 
 
 def test_without_a_path_it_brakes_to_a_stop(lab):
@@ -502,16 +439,6 @@ def test_a_limit_counts_besides_target_and_path(lab):
     assert command(SpeedLimit(2.0)).brake > 0.0
     hard = command(SpeedLimit(5.0, brake_mps2=7.0)).brake
     assert hard * vehicle.max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)
-
-
-def test_leaders_can_be_left_to_the_limit(lab):
-    scene = on_straight(lab, [ActorClass.AMBULANCE, ActorClass.SEDAN], (0.0, 0.0, 0.0, 10.0), (15.0, 0.0, 0.0, 0.0))
-    _, watching, blocker = navigated(*scene, 10.0)
-    _, leaving, nobody = navigated(*scene, 10.0, corridor=True)
-    assert blocker == 2
-    assert watching.brake > 0.5
-    assert nobody == NO_ACTOR
-    assert leaving.brake == 0.0
 
 
 def test_without_a_path_nothing_is_left_of_it_and_it_is_done():

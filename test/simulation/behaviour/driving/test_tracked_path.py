@@ -72,9 +72,10 @@ def test_speed_falls_to_zero_at_the_end_with_comfortable_braking():
     assert TrackedPath.of(STRAIGHT, CONFIG, stop_at_end=False).speed_cap_mps(100.0) > 30.0
 
 
-def test_curve_limits_the_speed_and_is_braked_for_before_it():
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_bend_to_either_side_limits_the_speed_and_is_braked_for_before_it(side):
     a = np.linspace(0.0, np.pi / 2.0, 100)
-    bend = np.stack((60.0 + 12.0 * np.sin(a), 12.0 * (1.0 - np.cos(a))), axis=-1)
+    bend = np.stack((60.0 + 12.0 * np.sin(a), side * 12.0 * (1.0 - np.cos(a))), axis=-1)
     path = TrackedPath.of(Curve.through(np.concatenate(([[0.0, 0.0]], bend))), CONFIG, stop_at_end=False)
     assert path.speed_cap_mps(70.0) == pytest.approx(6.0, rel=0.05)
     assert path.speed_cap_mps(40.0) == pytest.approx((36.0 + 2.0 * 2.0 * 20.0) ** 0.5, rel=0.1)
@@ -94,22 +95,6 @@ def test_the_lane_is_that_of_the_nearest_point_whatever_the_points_distance():
     assert path.speed_cap_mps(-5.0) == pytest.approx(path.speed_cap_mps(0.0))
 
 
-def test_a_way_takes_at_least_the_time_at_the_speed_of_its_bends():
-    a = np.linspace(0.0, 2.5, 200)
-    circle = np.stack((25.0 * np.sin(a), 25.0 * (1.0 - np.cos(a))), axis=-1)
-    path = TrackedPath.of(Curve.through(circle), CONFIG, stop_at_end=False)
-    assert least_time_s(path, 20.0, 12.0) == pytest.approx(12.0 / 75.0**0.5, rel=0.02)
-    assert least_time_s(path, 20.0, 0.0) == 0.0
-    parts = least_time_s(path, 20.0, 5.0) + least_time_s(path, 25.0, 7.0)
-    assert parts == pytest.approx(least_time_s(path, 20.0, 12.0))
-    assert least_time_s(path, 20.0, np.inf) == np.inf
-    ends = path.length_m
-    assert least_time_s(path, ends, 20.0) == pytest.approx(2.0 * least_time_s(path, ends, 10.0)), (
-        "beyond its end as before"
-    )
-    assert least_time_s(path, ends, 10.0) == pytest.approx(10.0 / path.speed_cap_mps(ends), rel=0.15)
-
-
 def test_the_time_counts_from_the_beginning_whatever_the_points_distance():
     """On a circle at 6 m/s; a path is entered before its beginning at its first point."""
     curve = Curve(np.stack((0.7 * np.arange(31), np.zeros(31)), axis=-1), 0.7, np.zeros(31), np.full(31, 3.0 / 36.0))
@@ -117,6 +102,7 @@ def test_the_time_counts_from_the_beginning_whatever_the_points_distance():
     for from_m, way_m in ((0.0, 0.5), (0.0, 7.0), (0.3, 2.0), (14.0, 30.0)):
         assert least_time_s(path, from_m, way_m) == pytest.approx(way_m / 6.0)
     assert least_time_s(path, -3.0, 5.0) == pytest.approx(2.0 / 6.0)
+    assert (least_time_s(path, 3.0, 0.0), least_time_s(path, 3.0, np.inf)) == (0.0, np.inf)
 
 
 def test_towards_the_end_of_a_path_that_stops_time_goes_on():
@@ -124,14 +110,6 @@ def test_towards_the_end_of_a_path_that_stops_time_goes_on():
     path = TrackedPath.of(STRAIGHT, CONFIG)
     assert least_time_s(path, 75.0, 25.0) == pytest.approx(5.0, rel=0.1)
     assert least_time_s(path, 100.0, 3.0) == pytest.approx(3.0 / 0.5, rel=0.5)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_bends_to_both_sides_limit_the_speed_by_the_lateral_acceleration(side):
-    a = np.linspace(0.0, 2.5, 200)
-    circle = np.stack((25.0 * np.sin(a), side * 25.0 * (1.0 - np.cos(a))), axis=-1)
-    path = TrackedPath.of(Curve.through(circle), CONFIG, stop_at_end=False)
-    assert path.speed_cap_mps(30.0) == pytest.approx((3.0 * 25.0) ** 0.5, rel=0.02)
 
 
 def test_a_path_that_winds_faster_than_the_steering_follows_is_driven_slowly():
@@ -169,15 +147,6 @@ def test_peak_curvature_of_a_level_blend():
     assert np.abs(second).max() == pytest.approx(PEAK_CURVATURE, rel=1e-3)
 
 
-def test_path_starts_at_the_pose_and_ends_on_the_offset_line():
-    path = path_onto(REFERENCE, (20.0, -3.3, 0.1), 25.0, Navigation(), offset_m=0.5)
-    np.testing.assert_allclose(path.curve.points[0], [20.0, -3.3], atol=1e-9)
-    assert path.curve.heading_rad[0] == pytest.approx(0.1, abs=0.03)
-    np.testing.assert_allclose(path.curve.points[-1], [120.0, 0.5], atol=1e-6)
-    assert path.lane_at(50.0) == 3
-    assert np.abs(path.curve.curvature_1pm).max() < 0.06
-
-
 @pytest.mark.parametrize(("start_m", "end_m"), [(20.0, 110.0), (119.0, 121.0)])
 def test_path_can_be_cut_short_at_its_end_and_still_has_two_metres_near_it(start_m, end_m):
     path = path_onto(REFERENCE, (start_m, 0.0, 0.0), 25.0, Navigation(), shorten_m=10.0)
@@ -204,6 +173,7 @@ def test_a_blend_beside_a_line_that_points_elsewhere(turn):
     path = path_onto(reference, (*start, turn - 0.2), 25.0, Navigation(), offset_m=-0.5)
     np.testing.assert_allclose(path.curve.points[0], start, atol=1e-6)
     np.testing.assert_allclose(path.curve.points[-1], 120.0 * along - 0.5 * across, atol=1e-6)
+    assert path.lane_at(50.0) == 3
     first = path.curve.points[1] - path.curve.points[0]
     assert first @ across / (first @ along) == pytest.approx(np.tan(-0.2), abs=0.02)
     assert path.settled_m == 25.0

@@ -7,11 +7,10 @@ import pytest
 from behaviour.lab import kinds, stepper
 
 from siren_ros.simulation.behaviour.driving.driver_states import EmvUnit, RoutePlan
-from siren_ros.simulation.behaviour.driving.lane_change import forced_lane_change
 from siren_ros.simulation.behaviour.driving.lane_path import path_on_lanes
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
-from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M, navigate
-from siren_ros.simulation.behaviour.driving.tracked_path import Curve, LaneEnd, TrackedPath, on_reference
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
+from siren_ros.simulation.behaviour.driving.tracked_path import LaneEnd, on_reference
 from siren_ros.simulation.behaviour.emv import controller
 from siren_ros.simulation.behaviour.emv.controller import OFF_PATH_M, EmvState, mode_of, step_emv, target_speed_mps
 from siren_ros.simulation.behaviour.emv.escape_search import STATION_M
@@ -57,39 +56,12 @@ def test_target_speeds_by_priority(lab):
     assert target_speed_mps(EmvUnit(1, gap_escape_active=True), view) == 0.0
 
 
-def test_intent_starts_a_forced_lane_change(lab, emv):
-    slow = lab.Car(2, 0, 80, 2, (0,))
-    world = lab.world_of(lab.straight_road(), lab.L1)
-    state, commands, events = steps(world, [emv, slow], 2, advice={"lane_change_intent": 1})
-    assert kinds(events) == ["lane_change_requested", "lane_change_started"]
-    assert commands.mode.tolist() == [Mode.FORCED_LANE_CHANGE]
-    assert commands.lights[0] & Lights.INDICATOR_LEFT
-    assert state.units[1].navigator.path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
-
-
 @pytest.mark.parametrize("level", ["L1", "L2"])
 def test_a_feasible_intent_is_executed_whatever_it_gains_and_whoever_is_ahead(lab, emv, level):
     world = lab.world_of(lab.straight_road(), getattr(lab, level))
     for cars in ([emv], [emv, lab.Car(2, 0, 80, 2, (0,))]):
         _, _, events = steps(world, cars, 2, advice={"lane_change_intent": 1}, flags=lab.RESCUE)
         assert kinds(events) == ["lane_change_requested", "lane_change_started"]
-
-
-@pytest.mark.parametrize(
-    ("level", "others", "asked"),
-    [
-        *[("L1", [(2, 1, 90.0, 0.0)], True), ("L2", [(2, 1, 90.0, 2.0)], True)],
-        *[("L1", [(2, 1, 90.0, 6.0)], False), ("L1", [(2, 1, 130.0, 0.0)], False)],
-        ("L1", [(2, 1, 90.0, 0.0), (3, 0, 95.0, 0.0)], False),
-    ],
-    ids=["queue", "slow traffic", "moving traffic", "far away", "shoulder in use"],
-)
-def test_uses_a_free_shoulder_where_slow_traffic_holds_it_up(lab, level, others, asked):
-    world = lab.world_of(lab.straight_road(2, shoulder=True), getattr(lab, level))
-    cars = [lab.Car(1, 1, 50, 8, (0,), AMBULANCE), *(lab.Car(*other, (0,)) for other in others)]
-    _, _, events = steps(world, cars, 2)
-    expected = [("lane_change_requested", "shoulder"), ("lane_change_started", "shoulder")] if asked else []
-    assert [(event.kind.value, event.detail["reason"]) for event in events] == expected
 
 
 def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
@@ -167,13 +139,6 @@ def test_cooldown_between_forced_lane_changes(lab, emv):
     assert (kinds(events), events[0].step) == (["lane_change_started"], 140)
 
 
-def test_route_need_comes_before_sumos_intent(lab):
-    world = lab.world_of(lab.junction_road(), lab.L1)
-    _, _, events = steps(world, [lab.Car(1, 1, 40, 10, (0, 4), AMBULANCE)], 3, advice={"lane_change_intent": 1})
-    assert kinds(events) == ["lane_change_requested", "lane_change_started"]
-    assert events[0].detail == {"side": -1, "reason": "route"}
-
-
 @pytest.mark.parametrize("speed", [0.0, 8.0])
 def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
     """Otherwise the EMV would stand for ever at the end of a lane that is too short for the change."""
@@ -184,37 +149,13 @@ def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
     assert state.units[1].navigator.path.curve.points[-1, 1] < -10.0
 
 
-@pytest.mark.parametrize(("radius", "kind"), [(25.0, "lane_change_deferred"), (200.0, "lane_change_started")])
-def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, straight, radius, kind):
-    view = lab.view(straight, lab.L1, [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)], advice={"lane_change_intent": 1})
-    angle = np.linspace(-20.0 / radius, 40.0 / radius, 60)
-    arc = np.stack((50.0 + radius * np.sin(angle), radius * (1.0 - np.cos(angle))), axis=-1)
-    path = TrackedPath.of(Curve.through(arc), view.ego(0).navigator_config, np.zeros(len(arc), np.int32))
-    plan = RoutePlan((0,), LaneEnd.HORIZON, 0)
-    unit = EmvUnit(1, navigator=NavigatorState().following(path, 50.0, 0.0), plan=plan)
-    assert kinds(forced_lane_change(unit, view.ego(0))[1]) == ["lane_change_requested", kind]
-
-
-def test_the_emv_leaves_the_presets_time_behind_those_who_cross(lab):
+def test_the_emv_leaves_the_presets_time_behind_those_who_cross_and_looks_out_as_far_ahead_as_it_says(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
     for name, least_s, most_s in (("paper", 1.0, 2.0), ("realistic", 1.0, 2.0), ("reckless", 0.0, 0.9)):
         conflicts = replace(world, preset=load_preset(name)).emv_navigator.conflicts
         assert least_s < conflicts.after_s < most_s
-
-
-def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab, monkeypatch):
-    world = lab.world_of(lab.junction_road(), lab.L1)
     short = replace(world, preset=replace(world.preset, attention=Attention(emv_horizon_s=1.0)))
-    used = []
-
-    def noted(unit, ego, target_mps, config):
-        used.append(config.conflicts.horizon_s)
-        return navigate(unit, ego, target_mps, config)
-
-    monkeypatch.setattr(controller, "navigate", noted)
-    for seen in (world, short):
-        steps(seen, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 1)
-    assert used == [8.0, 1.0]
+    assert (world.emv_navigator.conflicts.horizon_s, short.emv_navigator.conflicts.horizon_s) == (8.0, 1.0)
 
 
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):
@@ -259,14 +200,6 @@ def test_two_emvs_have_a_row_each(lab, emv):
     assert steps(lab.world_of(lab.straight_road(), lab.L2), [emv, second])[1].actor_id.tolist() == [1, 7]
 
 
-def test_same_inputs_give_the_same_commands(lab, emv):
-    def run():
-        loop = lab.Loop(lab.world_of(lab.straight_road(), lab.L2), [emv, lab.Car(2, 0, 90, 5, (0,))]).run(60)
-        return [tuple(row[1]) for row in loop.log], loop.events
-
-    assert run() == run()
-
-
 def test_plans_anew_when_the_route_changes(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
     state, _, _ = steps(world, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 30)
@@ -275,24 +208,6 @@ def test_plans_anew_when_the_route_changes(lab):
     after = state.units[1].navigator.path
     assert after is not before
     assert after.curve.points[-1, 1] < -10.0
-
-
-@pytest.mark.parametrize(
-    ("level", "first"),
-    [("L1", ["lane_change_stuck"]), ("L2", ["lane_change_stuck"]), ("L3", ["gap_escape_mode", "corridor_mode"])],
-)
-def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first):
-    """The gap escape has the highest priority; without a corridor it only ends lane changes that stand still."""
-    asked = []
-    always = ["forced_lane_change", "waypoints", "complete_lane_change"]
-
-    def noted(name, guard):
-        return lambda unit, ego: asked.append(name) or guard(unit, ego)
-
-    for name in ("gap_escape_mode", "corridor_mode", "lane_change_stuck", *always):
-        monkeypatch.setattr(controller, name, noted(name, getattr(controller, name)))
-    steps(lab.world_of(lab.straight_road(), getattr(lab, level)), [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
-    assert asked == 2 * [*first, *always]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -359,7 +274,7 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
     return asked, reference, along
 
 
-@pytest.mark.parametrize("turn", np.radians([0.0, 35.0, 130.0, -100.0]))
+@pytest.mark.parametrize("turn", np.radians([35.0, -100.0]))
 @pytest.mark.parametrize(("left", "turned"), [(0.4, 0.2), (-0.5, -0.15), (0.0, 1.2)])
 def test_the_search_begins_at_the_rear_axle_as_the_vehicle_points(lab, monkeypatch, turn, left, turned):
     asked, reference, along = start_of(lab, monkeypatch, turn=turn, left=left, turned=turned)
@@ -427,7 +342,7 @@ def test_entered_after_three_seconds_stopped_behind_a_blocker(lab):
 
 def test_stop_timer_starts_again_after_moving(lab):
     unit, _ = run(EmvUnit(1, blocker_id=2), view_at(lab), 50)
-    unit, _ = run(unit, view_at(lab, speed=0.6), 1)
+    unit, _ = run(unit, view_at(lab, speed=0.51), 1)
     assert unit.stopped_s == 0.0
     unit, events = run(unit, view_at(lab), 59)
     assert not unit.gap_escape_active
@@ -436,14 +351,6 @@ def test_stop_timer_starts_again_after_moving(lab):
 
 def test_not_entered_without_a_blocker(lab):
     assert not run(EmvUnit(1), view_at(lab), 200)[0].gap_escape_active
-
-
-def test_left_after_two_seconds_without_a_blocker(lab):
-    unit, events = run(EmvUnit(1, gap_escape_active=True), view_at(lab), 39)
-    assert unit.gap_escape_active
-    unit, events = run(unit, view_at(lab), 1)
-    assert not unit.gap_escape_active
-    assert kinds(events) == ["gap_escape_left"]
 
 
 def test_the_time_without_a_blocker_begins_again_with_each_blocker(lab):
@@ -500,26 +407,6 @@ def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, sp
     others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
     view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
     assert (controller.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 2) is blocks
-
-
-def test_search_goes_round_a_blocker(lab):
-    view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
-    path = controller.search_gap(reference_of(view, 0), view.ego(0))
-    clear = path.left_m[-1] - 1.05 - 0.915
-    assert clear > 0.1
-    assert path.length_m > 25.0
-
-
-def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
-    view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))], network=lab.two_way_road())
-    assert controller.search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
-    view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=lab.straight_road(2, shoulder=True), lane=1)
-    assert controller.search_gap(reference_of(view, 1), view.ego(0)).left_m.min() < -1.9
-
-
-def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
-    view = view_at(lab, others=in_both_lanes(lab))
-    assert controller.search_gap(reference_of(view, 0), view.ego(0)) is None
 
 
 def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
@@ -637,11 +524,6 @@ def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
     assert unit.corridor_planned_step < 0
 
 
-@pytest.mark.parametrize(("speed", "counts"), [(0.51, False), (0.5, True)])
-def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
-    assert (run(EmvUnit(1, blocker_id=2), view_at(lab, speed=speed), 1)[0].stopped_s > 0.0) is counts
-
-
 @pytest.mark.parametrize(("gap", "blocks"), [(14.9, True), (15.1, False)])
 def test_while_escaping_the_vehicle_ahead_in_the_lane_blocks_within_15_m(lab, gap, blocks):
     centre = 100.0 + 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
@@ -668,33 +550,6 @@ def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(la
 def test_a_leader_of_sumo_that_nobody_knows_blocks_an_emv_under_way_too(lab, speed):
     view = view_at(lab, speed, advice={"leader_id": 99, "leader_gap_m": 20.0})
     assert controller.blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 99
-
-
-def queue_beside_the_opposite_lane(lab, oncoming=(), level=None):
-    """Five vehicles that stand and do not make way, 20 m before the EMV, and some that come towards it."""
-    never = load_preset("paper").for_scenario(40.0, 0.0, 0.0)
-    world = lab.world_of(lab.two_way_road(), level or lab.L3, preset=never)
-    cars = [lab.Car(1, 0, 60, 5, (0,), AMBULANCE)]
-    cars += [lab.Car(2 + place, 0, 80 + 7.5 * place, 0, (0,), desired=0) for place in range(5)]
-    cars += [lab.Car(20 + number, 1, *car, (1,), desired=car[1]) for number, car in enumerate(oncoming)]
-    return lab.Loop(world, cars)
-
-
-def test_the_emv_passes_a_queue_on_the_free_opposite_lane_in_one_go(lab):
-    loop = queue_beside_the_opposite_lane(lab).run(600)
-    assert len(loop.of("gap_escape_entered")) == 1
-    entered = loop.of("gap_escape_entered")[0].step
-    passed = next(step for step, row in enumerate(loop.log) if row[1][0] > 120.0)
-    assert (passed - entered) * 0.05 < 20.0
-    assert min(row[1][3] for row in loop.log[entered + 60 : passed]) > 1.0
-    assert abs(loop.body.y_m[0]) < 0.5
-    assert not loop.touching()
-
-
-def test_at_levels_without_gap_escape_it_waits(lab):
-    loop = queue_beside_the_opposite_lane(lab, level=lab.L2).run(300)
-    assert loop.body.x_m[0] < 75.0
-    assert loop.body.forward_mps[0] < 0.05
 
 
 @pytest.mark.parametrize(("away_m", "free"), [(75.0, False), (120.0, True)])

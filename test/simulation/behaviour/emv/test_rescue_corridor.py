@@ -36,12 +36,6 @@ def on_route(view):
     return follow_route(EmvUnit(1), view.ego(0))[0]
 
 
-def test_entered_when_vehicles_react(lab):
-    unit, events = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 2}).ego(0))
-    assert unit.corridor
-    assert kinds(events) == ["corridor_entered"]
-
-
 YIELDING = {2: int(Owner.ROS)}
 
 
@@ -121,16 +115,6 @@ def test_people_at_the_side_do_not_draw_the_corridor_to_them(lab, kind, ahead_m,
     assert drawn == (kind is not ActorClass.PEDESTRIAN and not on_cycle_lane)
 
 
-@pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
-def test_keeps_clear_of_riders(lab, kind):
-    rider = lab.Car(2, 0, 140, 0, (0,), kind, left=0.8)
-    assert offsets(view_at(lab, [rider]), 0)[40] > 1.65 + 0.1
-
-
-def test_keeps_clear_of_a_vehicle_on_one_side(lab):
-    assert offsets(view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=0.5)]), 0)[40] - 1.05 - (0.5 + 0.915) > 0.1
-
-
 @pytest.mark.parametrize(
     ("kind", "turned", "shapes"), [("AMBULANCE", 0.0, False), ("AMBULANCE", 3.1, True), ("VAN", 0.0, True)]
 )
@@ -140,23 +124,6 @@ def test_another_emv_ahead_is_followed_and_does_not_shape_the_corridor(lab, kind
     poses = [[100.0, 0.0, 0.0, 8.0], [140.0, 1.65, turned, 0.0]]
     offset = offsets(view_at(lab, [other], poses=np.array(poses)), 0)
     assert bool(np.abs(offset - offsets(empty, 0)).max() > 0.5) is shapes
-
-
-def test_stays_on_the_road(lab):
-    view = view_at(lab, [lab.Car(2, 1, 140, 0, (0,), left=-1.0), lab.Car(3, 0, 140, 0, (0,), left=-1.6)])
-    assert offsets(view, 0).min() >= -1.65 + 1.05 - 1e-9
-
-
-def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
-    road = lab.RoadBuilder().edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
-    road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
-    road.edge([[175, 0], [300, 0]], 2, ("J", "E"))
-    for lane in (0, 1):
-        road.connect(lane, 3, direction="r")
-    road.connect(1, 4).connect(2, 5)
-    network = road.built()
-    assert corridor_lane(network, 2, np.array([0, 1], dtype=np.int32), 80.0) == 0
-    assert corridor_lane(network, 2, np.array([0, 2], dtype=np.int32), 80.0) == 2
 
 
 def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns(lab):

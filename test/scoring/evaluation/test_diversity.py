@@ -1,7 +1,6 @@
 """Profiles of episodes and their distances; what a set of profiles covers."""
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
@@ -45,10 +44,6 @@ def test_a_record_gives_the_way_each_second_and_the_order_of_events(record_of: C
     assert all(one != other for one, other in zip(found.happenings, found.happenings[1:], strict=False))
     assert ("begin", found.happenings[0]) in found.transitions
     assert (found.happenings[-1], "end") in found.transitions
-
-
-def test_an_episode_without_events_has_the_one_transition_to_its_end() -> None:
-    assert profile().transitions == {("begin", "end")}
 
 
 def test_a_record_without_emv_is_refused(straight_road: RoadNetwork) -> None:
@@ -129,28 +124,21 @@ def test_mean_and_nearest_distance_of_three_episodes() -> None:
 
 @pytest.mark.parametrize(
     ("one", "other", "edits"),
-    [("abc", "abc", 0), ("abc", "", 3), ("kitten", "sitting", 3), ("ab", "ba", 2), ("abcd", "acd", 1)],
+    [("abc", "abc", 0), ("abc", "", 3), ("kitten", "sitting", 3), ("ab", "ba", 2), ("abcd", "acd", 1), ("", "", 0)],
 )
 def test_event_distance_is_the_share_of_edits(one: str, other: str, edits: int) -> None:
-    assert event_distance(profile(0, *one), profile(1, *other)) == pytest.approx(edits / max(len(one), len(other)))
-    assert event_distance(profile(0, *other), profile(1, *one)) == pytest.approx(edits / max(len(one), len(other)))
-
-
-def test_two_episodes_without_events_are_alike() -> None:
-    assert event_distance(profile(0), profile(1)) == 0.0
+    share = pytest.approx(edits / max(len(one), len(other), 1))
+    assert event_distance(profile(0, *one), profile(1, *other)) == share
+    assert event_distance(profile(0, *other), profile(1, *one)) == share
+    assert profile().transitions == {("begin", "end")}
 
 
 def test_way_distance_is_the_mean_over_the_common_time() -> None:
     one = profile(0, way=((0.0, 0.0), (10.0, 0.0), (20.0, 0.0)))
     other = profile(1, way=((0.0, 0.0), (10.0, 6.0)))
     assert way_distance_m(one, other) == pytest.approx(3.0)
-
-
-def test_the_matrix_is_symmetric_with_zeros() -> None:
     places = [profile(seed, way=((3.0 * seed, 4.0 * seed),)) for seed in range(3)]
-    matrix = distance_matrix(places, way_distance_m)
-    assert matrix.tolist() == [[0, 5, 10], [5, 0, 5], [10, 5, 0]]
-    assert math.isclose(matrix.trace(), 0.0)
+    assert distance_matrix(places, way_distance_m).tolist() == [[0, 5, 10], [5, 0, 5], [10, 5, 0]]
 
 
 @given(st.lists(st.sets(st.integers(0, 5), min_size=1), min_size=1, max_size=5))
@@ -180,43 +168,39 @@ def test_the_expected_nearest_is_the_mean_over_all_choices_of_others(places: lis
         for size in range(1, count)
     ]
     assert expected_nearest(matrix) == pytest.approx(tried, abs=1e-9)
-
-
-def test_a_single_episode_has_no_nearest() -> None:
     assert expected_nearest(np.zeros((1, 1))).shape == (0,)
 
 
-def test_what_one_more_episode_adds_is_what_single_episodes_have_alone() -> None:
-    found = kind_coverage([{"a", "b"}, {"a", "c"}, {"a", "b", "d"}, {"a"}])
-    assert (found.seen, found.once) == (4, 2)
-    assert found.next_adds == pytest.approx(2 / 4)
-    # Chao and Jost 2012, eq. 10 for incidences: U = 8, T = 4, Q1 = 2, Q2 = 1.
-    assert found.coverage == pytest.approx(1.0 - 2 / 8 * (3 * 2 / (3 * 2 + 2 * 1)))
-
-
-def test_coverage_without_kinds_of_two_episodes_takes_the_other_form() -> None:
-    found = kind_coverage([{"a", "b", "c"}, {"a"}, {"a", "d"}])
-    assert found.coverage == pytest.approx(1.0 - 3 / 6 * (2 * 2 / (2 * 2 + 2)))
-
-
-def test_all_is_covered_where_every_kind_comes_again_and_nothing_is_known_of_one_episode() -> None:
-    assert kind_coverage([{"a", "b"}, {"a", "b"}]).coverage == 1.0
-    assert kind_coverage([{"a", "b"}]).coverage == 0.0
+@pytest.mark.parametrize(
+    ("episodes", "coverage"),
+    [
+        # Chao and Jost 2012, eq. 10 for incidences: U = 8, T = 4, Q1 = 2, Q2 = 1; then without kinds of two episodes.
+        (["ab", "ac", "abd", "a"], 1.0 - 2 / 8 * (3 * 2 / (3 * 2 + 2 * 1))),
+        (["abc", "a", "ad"], 1.0 - 3 / 6 * (2 * 2 / (2 * 2 + 2))),
+        (["ab", "ab"], 1.0),
+        (["ab"], 0.0),
+    ],
+)
+def test_coverage_of_kinds(episodes: list[str], coverage: float) -> None:
+    """What one more episode adds is what single episodes have alone; of one episode nothing is known."""
+    found = kind_coverage([set(kinds) for kinds in episodes])
+    kinds = "".join(episodes)
+    once = sum(kinds.count(kind) == 1 for kind in set(kinds))
+    assert (found.seen, found.once) == (len(set(kinds)), once)
+    assert found.next_adds == pytest.approx(once / len(episodes))
+    assert found.coverage == pytest.approx(coverage)
 
 
 def test_a_range_has_ten_parts_and_a_short_whole_one_a_part_for_each_value() -> None:
-    assert DrawnRange(0.0, 1.0, whole=False).parts == 10
+    drawn = DrawnRange(10.0, 20.0, whole=False)
+    assert drawn.parts == 10
+    assert drawn.part_of(np.array([9.0, 10.0, 10.99, 11.0, 20.0, 30.0])).tolist() == [0, 0, 0, 1, 9, 9]
     short = DrawnRange(4.0, 6.0, whole=True)
     assert short.parts == 3
     assert short.part_of(np.array([4.0, 5.0, 6.0])).tolist() == [0, 1, 2]
     long = DrawnRange(1.0, 20.0, whole=True)
     assert long.parts == 10
     assert long.part_of(np.array([1.0, 2.0, 3.0, 20.0])).tolist() == [0, 0, 1, 9]
-
-
-def test_the_ends_of_a_range_and_values_outside_count_for_the_parts_there() -> None:
-    drawn = DrawnRange(10.0, 20.0, whole=False)
-    assert drawn.part_of(np.array([9.0, 10.0, 10.99, 11.0, 20.0, 30.0])).tolist() == [0, 0, 0, 1, 9, 9]
 
 
 def test_coverage_counts_the_parts_that_episodes_reach() -> None:
@@ -228,7 +212,4 @@ def test_coverage_counts_the_parts_that_episodes_reach() -> None:
     assert found.share == pytest.approx(0.2)
     # One episode reaches one part of ten; two reach two parts in two of the three choices.
     assert found.curve == pytest.approx([0.1, 0.1 * 5 / 3, 0.2])
-
-
-def test_a_parameter_that_an_episode_lacks_is_left_out() -> None:
-    assert parameter_coverage([{"a": 0.5}, {}], {"a": DrawnRange(0.0, 1.0, whole=False)}) == ()
+    assert parameter_coverage([{"a": 0.5}, {}], ranges) == (), "an episode lacks it"

@@ -42,34 +42,30 @@ def row(paper: float, ours: Interval = AROUND, digits: int = 2, *, relative: boo
 
 
 @pytest.mark.parametrize(
-    ("paper", "inside"), [(1.5, True), (4.5, True), (1.49, False), (4.51, False), (-3.0, False), (3.0, True)]
+    ("compared", "inside", "deviation", "cells"),
+    [
+        (row(2.0), True, 0.5, ["2.00", "3.00", "[1.50, 4.50]", "+50% *"]),
+        (row(4.0, digits=1), True, -0.25, ["4.0", "3.0", "[1.5, 4.5]", "-25% *"]),
+        (row(1.5), True, 1.0, ["1.50", "3.00", "[1.50, 4.50]", "+100% *"]),
+        (row(4.5), True, -1 / 3, ["4.50", "3.00", "[1.50, 4.50]", "-33% *"]),
+        (row(1.49), False, 1.51 / 1.49, ["1.49", "3.00", "[1.50, 4.50]", "+101%"]),
+        (row(4.51), False, -1.51 / 4.51, ["4.51", "3.00", "[1.50, 4.50]", "-33%"]),
+        (row(0.0), False, None, ["0.00", "3.00", "[1.50, 4.50]", "–"]),
+        (row(2.0, relative=False), True, None, ["2.00", "3.00", "[1.50, 4.50]", "*"]),
+        (row(2.0, NOTHING), None, None, ["2.00", "–"]),
+        (row(1.0, Interval(0.5, 0.5, 0.5, 1)), None, -0.5, ["1.00", "0.50", "[–]", "-50%"]),
+    ],
 )
-def test_the_bounds_belong_to_the_interval(paper, inside) -> None:
-    assert row(paper).inside is inside
-
-
-def test_the_deviation_is_a_share_of_the_papers() -> None:
-    assert row(2.0).deviation == pytest.approx(0.5)
-    assert row(4.0).deviation == pytest.approx(-0.25)
-    assert row(0.0).deviation is None
-    assert row(2.0, relative=False).deviation is None
-    assert row(2.0, NOTHING).deviation is None
-    single = row(1.0, Interval(0.5, 0.5, 0.5, 1))
-    assert (single.inside, single.deviation) == (None, -0.5)
-
-
-def test_cells_have_the_rows_digits_and_a_star_where_the_papers_value_lies_inside() -> None:
-    def cells(compared: Compared) -> list[str]:
-        (table,) = comparison_tables([compared])
-        assert (table.key, table.caption, table.head) == ("paper_0", "ADE in m", ("", "S1"))
-        return [value for _, value in table.cells()]
-
-    assert cells(row(2.0)) == ["2.00", "3.00", "[1.50, 4.50]", "+50% *"]
-    assert cells(row(5.0, digits=1)) == ["5.0", "3.0", "[1.5, 4.5]", "-40%"]
-    assert cells(row(2.0, relative=False)) == ["2.00", "3.00", "[1.50, 4.50]", "*"]
-    alone = Interval(3.0, 3.0, 3.0, 1)
-    assert cells(row(2.0, alone)) == ["2.00", "3.00", "[–]", "+50%"]
-    assert cells(row(2.0, NOTHING)) == ["2.00", "–"]
+def test_a_row_says_whether_the_papers_value_lies_inside_and_how_far_ours_is_from_it(
+    compared, inside, deviation, cells
+) -> None:
+    """The bounds belong to the interval; a star says that the paper's value lies inside."""
+    assert compared.inside is inside
+    assert compared.deviation == (None if deviation is None else pytest.approx(deviation))
+    (table,) = comparison_tables([compared])
+    assert (table.key, table.caption, table.head) == ("paper_0", "ADE in m", ("", "S1"))
+    assert [value for _, value in table.cells()] == cells
+    assert measured([compared]) == ([] if compared.ours is NOTHING else [compared])
 
 
 def test_the_papers_rows_and_ours() -> None:
@@ -81,7 +77,6 @@ def test_the_papers_rows_and_ours() -> None:
         Compared("error ATE", "SECOND", "mean", 0.565, digits=3),
     ]
     first, second, third = comparison_tables(rows)
-    assert (third.caption, third.cells()[1]) == ("Error ATE", ("SECOND, here", "–"))
     assert (first.key, first.caption, first.head) == ("paper_0", "ADE in m", ("", "S1", "mean"))
     assert first.cells() == [
         ("CV, paper", "1.63", "1.44"),
@@ -93,9 +88,8 @@ def test_the_papers_rows_and_ours() -> None:
         ("IDM, 95 %", "[–]", "–"),
         ("IDM, deviation", "+0%", "–"),
     ]
-    assert (second.key, second.caption, second.head) == ("paper_1", "mAP", ("", "S3"))
-    ours = {"SECOND, here": "0.600", "SECOND, 95 %": "[0.500, 0.700]"}
-    assert dict(second.cells()[:3]) == {"SECOND, paper": "0.631", **ours}
+    assert (second.key, second.head, second.cells()[1]) == ("paper_1", ("", "S3"), ("SECOND, here", "0.600"))
+    assert (third.caption, third.cells()[1]) == ("Error ATE", ("SECOND, here", "–"))
 
 
 def test_without_bounds_or_value_json_says_nothing() -> None:
@@ -107,11 +101,6 @@ def test_without_bounds_or_value_json_says_nothing() -> None:
     assert (single["ours"], single["low"], single["high"], single["episodes"]) == (3.0, None, None, 14)
     nothing = row(2.0, NOTHING).to_json()
     assert [nothing[name] for name in ("ours", "low", "high", "deviation", "paper_inside")] == [None] * 5
-
-
-def test_rows_with_a_value_of_ours() -> None:
-    rows = [row(2.0), row(2.0, NOTHING), row(3.0, Interval(1.0, 1.0, 1.0, 1))]
-    assert measured(rows) == [rows[0], rows[2]]
 
 
 CV_ADE_M = PAPER["cv", "ade_m"]
@@ -152,41 +141,29 @@ def test_the_papers_own_values_give_no_deviation_and_its_ranking() -> None:
     assert (ratio.ours.value, ratio.ours.low, ratio.ours.high) == pytest.approx((2.0, 2.0, 2.0))
 
 
-def test_samples_are_those_of_an_episode() -> None:
+def test_samples_are_those_of_an_episode_and_one_without_does_not_count() -> None:
     rows = rows_of([episode("S2", 1.0, seed, 900 + 50 * seed) for seed in range(5)])
     row = rows[SAMPLES, "all vehicles", "S2"]
     assert (row.paper, row.ours.value) == (PAPER_SAMPLES["S2"], 1000.0)
-    cells = [value for _, value in comparison_tables([row])[0].cells()]
-    assert cells == ["1371", "1000", "[902, 1098]", "-27%"], "t of 4 is 2.776, the error 50·√(2.5 / 5)"
+    assert (row.ours.low, row.ours.high) == pytest.approx((902.0, 1098.0), abs=0.5), "t is 2.776, 50·√(2.5 / 5)"
     assert not rows[SAMPLES, "all vehicles", "S1"].ours.valid
+    scores = [episode(name, 1.0 + place, seed) for place, name in enumerate(TEMPLATES[:3]) for seed in (0, 1)]
+    rows = rows_of([*scores, episode("S4", 9.0, 0, samples=0)])
+    assert rows[RANKING, "IDM", "Spearman"].ours.blocks == 6
 
 
-def test_values_that_were_not_measured_have_their_rows() -> None:
+def test_the_papers_numbers_of_all_tables_are_there_measured_or_not() -> None:
+    """Nine models with seven templates and a mean; four models in the tables of minima: those with several paths."""
     rows = rows_of([episode("S2", 1.0, 0)])
-    (table,) = comparison_tables([rows["ADE in m", "BAT", "S1"]])
-    assert table.cells() == [("BAT, paper", "9.14"), ("BAT, here", "–")]
-    assert rows["minADE6 in m", "EMP-M", "mean"].paper == 0.74
-    assert ("minADE6 in m", "CV", "mean") not in rows, "the paper's table has the predictors with several paths only"
+    tables = [key[0] for key in rows]
+    assert [tables.count(name) for name in ("ADE in m", "FDE in m", "RMSE at 5 s in m")] == [72, 72, 72]
+    assert [tables.count(name) for name in ("minADE6 in m", "minFDE6 in m")] == [32, 32]
+    assert sum(PAPER_SAMPLES.values()) == 7062
+    assert (rows["ADE in m", "BAT", "S1"].paper, rows["minADE6 in m", "EMP-M", "mean"].paper) == (9.14, 0.74)
     assert not rows[RANKING, "CV", "Spearman"].ours.valid, "one template has no rank"
     shown = measured(list(rows.values()))
     assert {row.column for row in shown} == {"S2", "mean"}
     assert {table.head for table in comparison_tables(shown)} <= {("", "S2", "mean"), ("", "S2"), ("", "mean")}
-
-
-def test_the_papers_numbers_of_all_tables_are_there() -> None:
-    rows = rows_of([episode("S2", 1.0, 0)])
-    tables = [key[0] for key in rows]
-    # Nine models with seven templates and a mean; four models in the tables of minima.
-    assert [tables.count(name) for name in ("ADE in m", "FDE in m", "RMSE at 5 s in m")] == [72, 72, 72]
-    assert [tables.count(name) for name in ("minADE6 in m", "minFDE6 in m")] == [32, 32]
-    assert sum(PAPER_SAMPLES.values()) == 7062
-
-
-def test_an_episode_without_samples_does_not_count() -> None:
-    scores = [episode(name, 1.0 + place, seed) for place, name in enumerate(TEMPLATES[:3]) for seed in (0, 1)]
-    rows = rows_of([*scores, episode("S4", 9.0, 0, samples=0)])
-    assert rows[RANKING, "IDM", "Spearman"].ours.blocks == 6
-    assert rows[RATIO, "IDM", "mean"].ours.value == pytest.approx(2.0)
 
 
 def test_only_episodes_at_the_levels_of_their_templates_count() -> None:
@@ -240,13 +217,14 @@ def detector(name: str, **values: float) -> list[Score]:
 
 
 def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
-    rows = by_place(detection_rows(content_of(*detector("PointPillars"))))
+    rows = by_place(detection_rows(content_of(*detector("pointpillars", ATE=0.2, NDS=0.7))))
     row = rows["mAP", "PointPillars", "S1"]
     assert (row.paper, row.ours.value, row.inside) == (0.398, 0.4, True)
-    assert rows["NDS", "PointPillars", "mean"].ours.value == 0.45
+    assert [rows["NDS", "PointPillars", name].ours.value for name in ("S1", "S2", "mean")] == [0.7] * 3
+    assert not rows["NDS", "PointPillars", "S1"].ours.bounded
+    assert [rows[f"error {name}", "PointPillars", "mean"].ours.value for name in ("ATE", "ASE")] == [0.2, 0.5]
     assert not rows["mAP", "SECOND", "S1"].ours.valid
     assert not rows["mAP", "PointPillars", "S7"].ours.valid
-    assert {row.ours.value for row in rows.values() if row.table.startswith("error") and row.ours.valid} == {0.5}
 
 
 def test_any_detector_is_held_against_the_families() -> None:
@@ -292,14 +270,6 @@ def test_stored_scores_are_a_json_object(tmp_path) -> None:
         stored(tmp_path)
     file.write_text(json.dumps({"a": 1}), encoding="utf-8")
     assert stored(file) == stored(tmp_path) == {"a": 1}
-
-
-def test_an_error_and_nds_are_those_of_the_rows() -> None:
-    rows = by_place(detection_rows(content_of(*detector("second", ATE=0.2, NDS=0.7))))
-    assert rows["error ATE", "SECOND", "mean"].ours.value == 0.2
-    assert rows["error ASE", "SECOND", "mean"].ours.value == 0.5
-    assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == [0.7] * 3
-    assert not rows["NDS", "SECOND", "S1"].ours.bounded
 
 
 def test_scores_without_rows_are_refused() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from siren_ros.base.tables import NOTHING, Interval
@@ -124,14 +124,11 @@ def test_a_stratum_of_one_block_leaves_the_mean_without_bounds() -> None:
     assert interval_of_mean(one_each(values, [0, 0, 0, 0, 1, 1])).bounded
 
 
-def test_blocks_that_all_say_the_same_have_no_bounds() -> None:
+def test_blocks_that_all_say_the_same_and_an_estimate_that_is_none_without_one_have_no_bounds() -> None:
     """Twenty episodes without a collision do not say that there is none."""
     interval = interval_of_mean(one_each(np.zeros(20)))
     assert (interval.value, interval.low, interval.high, interval.bounded) == (0.0, 0.0, 0.0, False)
     assert interval_of_mean(one_each(np.array([0.1 + 0.2, 0.3, 0.3, 0.3, 0.3]))).bounded is False, "up to rounding"
-
-
-def test_an_estimate_that_is_none_without_a_block_has_no_bounds() -> None:
     estimate = jackknife(0.5, np.array([0.4, 0.6, 0.5, 0.5, np.nan]), np.zeros(5, dtype=np.intp))
     assert not estimate.interval().bounded
 
@@ -176,25 +173,16 @@ def test_the_interval_is_that_of_the_differences() -> None:
     assert (comparison.low, comparison.high) == pytest.approx((expected.low, expected.high))
 
 
-def test_one_block_against_the_others_is_no_evidence() -> None:
-    """Differences 3, −1, −1, −1: the mean is 0."""
-    difference, p_value = compared([3.0, 0.0, 0.0, 0.0], [0.0, 1.0, 1.0, 1.0])
-    assert difference.value == pytest.approx(0.0)
-    assert p_value == 1.0
-
-
 def test_p_value_by_hand() -> None:
     """Differences 1, 2, 4: sums ±1 ± 2 ± 4; 7 is reached by 2 of 8, and 1 + 2 − 4 = −1 by all."""
     assert compared([1.0, 2.0, 4.0], [0.0, 0.0, 0.0])[1] == pytest.approx(0.25)
     assert compared([1.0, 2.0, 0.0], [0.0, 0.0, 4.0])[1] == pytest.approx(1.0)
+    assert compared(np.ones(12), np.zeros(12))[1] == 2.0 / 4096.0
+    difference, p_value = compared([3.0, 0.0, 0.0, 0.0], [0.0, 1.0, 1.0, 1.0])
+    assert (difference.value, p_value) == pytest.approx((0.0, 1.0))
 
 
-def test_models_that_are_alike_seldom_differ_significantly() -> None:
-    """Under no difference, p is below 0.05 in 5 % of the cases; 30 blocks take random exchanges."""
-    below = sum(compared(*rng(seed).normal(size=(2, 30)), seed)[1] < 0.05 for seed in range(300))
-    assert 3 <= below <= 30
-
-
+@settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 1000), blocks=st.integers(2, 16))
 def test_exchanged_models_have_the_opposite_difference(seed, blocks) -> None:
     first, second = rng(seed).normal(size=(2, blocks))
@@ -232,10 +220,6 @@ def test_random_exchanges_count_the_one_found_too() -> None:
     assert 0.1 < p_value < 0.5
 
 
-def test_twelve_blocks_are_enumerated() -> None:
-    assert compared(np.ones(12), np.zeros(12))[1] == 2.0 / 4096.0
-
-
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=10))
 def test_rank_correlation_is_spearmans(pairs) -> None:
     first, second = (list(map(float, side)) for side in zip(*pairs, strict=True))
@@ -246,12 +230,6 @@ def test_rank_correlation_is_spearmans(pairs) -> None:
             scipy.stats.spearmanr(first, second).statistic, abs=1e-12
         )
         assert rank_correlation(first, second).pairs == len(pairs)
-
-
-def test_a_reversed_order() -> None:
-    correlation = rank_correlation([1.0, 2.0, 9.0], [3.0, 2.0, 1.0])
-    assert correlation.rho == pytest.approx(-1.0)
-    assert correlation.p_value == pytest.approx(2.0 / 6.0), "two of the six orders are as extreme"
 
 
 def test_the_p_value_counts_the_orders() -> None:
@@ -266,7 +244,6 @@ def test_many_pairs_use_students_t() -> None:
     first, second = rng.normal(size=(2, 30))
     correlation, expected = rank_correlation(list(first), list(second)), scipy.stats.spearmanr(first, second)
     assert (correlation.rho, correlation.p_value) == pytest.approx((expected.statistic, expected.pvalue))
-    assert rank_correlation(list(first), list(first)).p_value == pytest.approx(0.0, abs=1e-12)
 
 
 def test_two_pairs_are_no_ranking() -> None:
@@ -277,8 +254,8 @@ def test_two_pairs_are_no_ranking() -> None:
 
 @pytest.mark.parametrize(("count", "p_value"), [(8, 2.0 / 40320.0), (9, 0.0)])
 def test_eight_pairs_are_counted_and_nine_are_not(count, p_value) -> None:
-    correlation = rank_correlation(list(range(count)), list(range(count)))
-    assert correlation.p_value == pytest.approx(p_value, rel=1e-9)
+    correlation = rank_correlation(list(range(count)), list(range(count, 0, -1)))
+    assert (correlation.rho, correlation.p_value) == pytest.approx((-1.0, p_value), rel=1e-9)
     assert correlation.pairs == count
 
 
@@ -286,22 +263,15 @@ def interval_between(error: float, *values: float, other: Sequence[float] = (1.0
     return ranking_interval([Estimate(value, error, 4.0, 5, True) for value in values], other)
 
 
-def test_the_order_of_sure_estimates_is_sure() -> None:
-    pet = interval_between(0.01, 1.0, 2.0, 3.0, 4.0)
-    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, 1.0, 1.0))
+@pytest.mark.parametrize(("error", "low"), [(0.01, 1.0), (0.13, 1.0 - 6.0 * 4.0 / (4.0 * 15.0)), (9.0, -1.0)])
+def test_estimates_whose_intervals_overlap_may_stand_the_other_way_round(error, low) -> None:
+    """Intervals of 98.7 % for all four at once: t of 4 degrees of freedom is 4.28, so 0.13 m is 0.56 m to each side.
+
+    Then 1 may change places with 2, and 3 with 4.
+    """
+    pet = interval_between(error, 1.0, 2.0, 3.0, 4.0)
+    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, low, 1.0))
     assert (pet.blocks, pet.bounded) == (20, True)
-
-
-def test_neighbours_whose_intervals_overlap_may_stand_the_other_way_round() -> None:
-    """Intervals of 98.7 % for all four at once: t of 4 degrees of freedom is 4.28, so 0.13 m is 0.56 m to each side."""
-    pet = interval_between(0.13, 1.0, 2.0, 3.0, 4.0)
-    swapped = 1.0 - 6.0 * 4.0 / (4.0 * 15.0)
-    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, swapped, 1.0)), "1 with 2, and 3 with 4"
-
-
-def test_estimates_that_say_nothing_allow_every_order() -> None:
-    pet = interval_between(9.0, 1.0, 2.0, 3.0, 4.0)
-    assert (pet.value, pet.low, pet.high) == pytest.approx((1.0, -1.0, 1.0))
     assert interval_between(9.0, 2.0, 2.0, 2.0, 2.0).value == 0.0, "of equal values it says nothing"
 
 
@@ -337,68 +307,52 @@ def coverage(interval_of: Callable[[np.random.Generator], Interval], true: float
     return float(np.mean([interval.low <= true <= interval.high for interval in intervals]))
 
 
-def percentile_bootstrap(sums: BlockSums, rng: np.random.Generator) -> Interval:
-    """What stood here before: episodes drawn again, the middle 95 % of their means."""
-    weight = rng.multinomial(len(sums), np.full(len(sums), 1.0 / len(sums)), size=500)
-    low, high = np.quantile(weight @ sums.total / (weight @ sums.count), (0.025, 0.975))
-    return Interval(sums.value(), float(low), float(high), len(sums))
-
-
-@pytest.mark.parametrize("episodes", [5, 7, 10, 20, 40])
+@pytest.mark.parametrize("episodes", [5, 20])
 @pytest.mark.parametrize(("means", "least"), [(normal, 0.92), (skewed, 0.88)])
 def test_a_mean_over_the_samples_of_episodes(episodes, means, least) -> None:
     held = coverage(lambda rng: interval_of_mean(sums_of(rng, means, episodes)), 2.0)
     assert least < held < 0.97
 
 
-@pytest.mark.parametrize(("episodes", "most"), [(5, 0.88), (10, 0.91)])
-def test_the_percentile_bootstrap_would_fail(episodes, most) -> None:
-    held = coverage(lambda rng: percentile_bootstrap(sums_of(rng, normal, episodes), rng), 2.0, 600)
-    assert held < most
-
-
-@pytest.mark.parametrize(("episodes", "least"), [(2, 0.92), (5, 0.92), (20, 0.92)])
-def test_a_mean_over_seven_templates(episodes, least) -> None:
+@pytest.mark.parametrize("episodes", [2, 5])
+def test_a_mean_over_seven_templates(episodes) -> None:
     """With two episodes of each, Welch's degrees of freedom are few, and the interval rather too wide."""
     held = coverage(lambda rng: interval_of_mean(sums_of(rng, skewed, episodes, 7)), 2.0)
-    assert least < held < 0.99
+    assert 0.92 < held < 0.99
 
 
-@pytest.mark.parametrize("episodes", [5, 20])
-def test_a_paired_difference(episodes) -> None:
+def test_a_paired_difference() -> None:
     """The second model is 0.3 m worse; both have the episode's difficulty in common."""
 
     def interval_of(rng: np.random.Generator) -> Interval:
-        first = sums_of(rng, skewed, episodes)
-        noise = first.count * rng.normal(0.3, 0.4, episodes)
+        first = sums_of(rng, skewed, 5)
+        noise = first.count * rng.normal(0.3, 0.4, 5)
         other = BlockSums(first.total + noise, first.count, first.stratum)
         return paired_difference(other, first, rng)[0]
 
     assert 0.92 < coverage(interval_of, 0.3, 300) < 0.985
 
 
-@pytest.mark.parametrize("episodes", [5, 20])
-def test_the_ratio_of_two_models(episodes) -> None:
+def test_the_ratio_of_two_models() -> None:
     """As the error of IDM over that of CV: 1.2, with scatter of its own in each episode."""
 
     def interval_of(rng: np.random.Generator) -> Interval:
-        first = sums_of(rng, skewed, episodes)
-        total = first.total * rng.normal(1.2, 0.2, episodes)
+        first = sums_of(rng, skewed, 5)
+        total = first.total * rng.normal(1.2, 0.2, 5)
         other = BlockSums(total, first.count, first.stratum)
         return jackknife(other.value() / first.value(), other.left_out() / first.left_out(), first.stratum).interval()
 
     assert 0.89 < coverage(interval_of, 1.2) < 0.97
 
 
-@pytest.mark.parametrize("episodes", [5, 20])
-def test_a_rank_correlation_over_templates(episodes) -> None:
+def test_a_rank_correlation_over_templates() -> None:
     """Seven templates of 1.0 to 2.5 m, of which two neighbours stand the other way round in the paper."""
     true = np.linspace(1.0, 2.5, 7)
     paper = [1.0, 3.0, 2.0, 4.0, 5.0, 6.0, 7.0]
 
     def interval_of(rng: np.random.Generator) -> Interval:
         estimates = [
-            estimate_of_mean(sums_of(rng, lambda drawn, count, mean=mean: 0.5 * mean * skewed(drawn, count), episodes))
+            estimate_of_mean(sums_of(rng, lambda drawn, count, mean=mean: 0.5 * mean * skewed(drawn, count), 5))
             for mean in true
         ]
         return ranking_interval(estimates, paper)
@@ -406,8 +360,7 @@ def test_a_rank_correlation_over_templates(episodes) -> None:
     assert coverage(interval_of, 1.0 - 6.0 * 2.0 / (7.0 * 48.0), 150) > 0.92
 
 
-@pytest.mark.parametrize("episodes", [6, 20])
-def test_an_average_precision(episodes) -> None:
+def test_an_average_precision() -> None:
     """Of 40 detections in an episode more or fewer find one of 40 labels; 20,000 episodes give the true value."""
 
     def weighted(rng: np.random.Generator, count: int, weight: np.ndarray) -> np.ndarray:
@@ -422,22 +375,21 @@ def test_an_average_precision(episodes) -> None:
     true = float(weighted(np.random.default_rng(1), 20_000, np.ones((1, 20_000)))[0])
 
     def interval_of(rng: np.random.Generator) -> Interval:
-        weight = np.vstack((np.ones(episodes), 1.0 - np.eye(episodes)))
-        value, *left_out = weighted(rng, episodes, weight).tolist()
-        return jackknife(value, np.array(left_out), np.zeros(episodes, dtype=np.intp)).interval()
+        weight = np.vstack((np.ones(6), 1.0 - np.eye(6)))
+        value, *left_out = weighted(rng, 6, weight).tolist()
+        return jackknife(value, np.array(left_out), np.zeros(6, dtype=np.intp)).interval()
 
     assert 0.90 < coverage(interval_of, true, 400) < 0.985
 
 
-@pytest.mark.parametrize("videos", [20, 105])
 @pytest.mark.parametrize("score", [balanced_accuracy, macro_f1, lambda counts: f1(counts, 1)])
-def test_scores_of_risk(videos, score) -> None:
+def test_scores_of_risk(score) -> None:
     """A model that is right in 75, 50 and 50 % of normal videos, near-misses and collisions, at the paper's balance."""
     answers = np.array([[0.75, 0.15, 0.1, 0.0], [0.3, 0.5, 0.2, 0.0], [0.2, 0.3, 0.5, 0.0]])
     shares = np.array([[0.705], [0.238], [0.057]]) * answers
     true = score(np.rint(shares * 1e6).astype(np.int64)).value
 
     def interval_of(rng: np.random.Generator) -> Interval:
-        return score(rng.multinomial(videos, shares.ravel()).reshape(3, 4))
+        return score(rng.multinomial(20, shares.ravel()).reshape(3, 4))
 
     assert 0.89 < coverage(interval_of, true, 600) < 0.98

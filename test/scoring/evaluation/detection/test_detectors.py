@@ -1,7 +1,6 @@
 """The reference detector without learning, and its parts."""
 
 from contextlib import nullcontext
-from dataclasses import replace
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
@@ -49,11 +48,8 @@ def sides(centre: tuple[float, float], yaw: float, length_m: float, width_m: flo
     return np.concatenate([np.column_stack((flat, np.full(len(flat), GROUND_M + z))) for z in (0.4, top_m)])
 
 
-CENTRES = [(12.0, 5.0), (12.0, -5.0), (-12.0, 5.0), (-10.0, -8.0), (3.0, 14.0)]
-
-
-@pytest.mark.parametrize("centre", [*CENTRES, (-8.0, 14.0), (-15.0, -6.0)])
-@pytest.mark.parametrize("degrees", [0.0, 20.0, 30.0, -35.0, 60.0, 80.0, -89.0, 90.0, 120.0, 150.0])
+@pytest.mark.parametrize("centre", [(12.0, 5.0), (12.0, -5.0), (-12.0, 5.0), (-10.0, -8.0), (3.0, 14.0)])
+@pytest.mark.parametrize("degrees", [0.0, 20.0, -35.0, 60.0, -89.0, 90.0, 150.0])
 def test_a_car_is_where_it_is_and_as_long_as_it_is(centre: tuple[float, float], degrees: float) -> None:
     """5 m by 2 m, larger than a typical car, so that nothing is added."""
     yaw = np.radians(degrees)
@@ -80,29 +76,21 @@ def test_a_rear_alone_is_grown_away_from_the_sensor(turn: float) -> None:
     assert np.cos(2.0 * (box.yaw_rad - angle)) == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("turn", [0.0, 90.0])
-def test_a_side_alone_is_the_length(turn: float) -> None:
-    """3 m of a side are longer than a car is wide."""
-    angle = np.radians(turn)
-    side = np.stack((np.arange(8.0, 11.001, 0.05), np.full(61, 4.0)), axis=-1)
-    rotation = rotated(angle)
-    points = np.column_stack((side @ rotation.T, np.full(61, GROUND_M + 1.0)))
-    box = fit_box(points, GROUND_M)
-    assert box.size_m == pytest.approx([4.5, 1.9, 1.55], abs=0.06)
-    assert box.centre_m[:2] @ rotation == pytest.approx([8.0 + 2.25, 4.0 + 0.95], abs=0.06)
-
-
-@pytest.mark.parametrize(("right_m", "left_m", "middle_m"), [(-1.2, 1.8, 1.05), (-1.8, 1.2, -1.05), (-1.4, 1.6, 0.85)])
 @pytest.mark.parametrize("turn", [0.0, 90.0, 180.0])
-def test_a_side_around_the_foot_of_the_sensor_grows_at_its_longer_part(
+@pytest.mark.parametrize(
+    ("right_m", "left_m", "middle_m"),
+    [(-1.2, 1.8, 1.05), (-1.8, 1.2, -1.05), (-1.4, 1.6, 0.85), (-11.0, -8.0, -10.25)],
+)
+def test_a_side_alone_is_the_length_and_grows_at_its_longer_part(
     turn: float, right_m: float, left_m: float, middle_m: float
 ) -> None:
-    """3 m of a side 4 m ahead: of 4.5 m what is missing lies where more of it was seen."""
+    """3 m of a side: longer than a car is wide; of 4.5 m what is missing lies where more of it was seen, or farther."""
     angle = np.radians(turn)
     side = np.stack((np.full(61, 4.0), np.linspace(right_m, left_m, 61)), axis=-1)
     rotation = rotated(angle)
     box = fit_box(np.column_stack((side @ rotation.T, np.full(61, GROUND_M + 1.0))), GROUND_M)
     assert box.centre_m[:2] @ rotation == pytest.approx([4.0 + 0.95, middle_m], abs=0.03)
+    assert box.size_m == pytest.approx([4.5, 1.9, 1.55], abs=0.06)
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.2, -2.5])
@@ -165,6 +153,8 @@ GROUND = np.array([(x, y, -1.8) for x in np.arange(-30.0, 30.0, 1.5) for y in np
         (block(15.0, 5.0, 0.3, 0.3, 0.3, 1.5), False),  # a post
         (block(2.0, 1.0, 1.2, 1.2, 0.3, 1.5), False),  # the own vehicle
         (block(50.0, 40.0, 4.5, 1.8, 0.3, 1.5), False),  # out of range
+        (block(58.0, 0.0, 1.5, 1.5, 0.3, 1.5), False),
+        (block(0.0, -58.0, 1.5, 1.5, 0.3, 1.5), False),
     ],
 )
 def test_what_is_as_large_as_a_vehicle_and_stands_on_the_ground(thing: np.ndarray, *, found: bool) -> None:
@@ -224,23 +214,6 @@ def test_the_front_is_where_the_vehicle_moves() -> None:
     assert row[7] == pytest.approx(0.3 + LIDAR_YAW_RAD + np.pi)
 
 
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "found"),
-    [
-        (15.0, 0.0, True),
-        (0.0, 15.0, True),
-        (-15.0, 0.0, True),
-        (58.0, 0.0, False),
-        (0.0, -58.0, False),
-        (1.0, 0.5, False),
-    ],
-)
-def test_range_and_the_own_vehicle_are_measured_along_both_axes(x_m: float, y_m: float, found: bool) -> None:
-    open3d = pytest.importorskip("open3d")
-    boxes = boxes_of_sweep(open3d, sweep_of(GROUND, block(x_m, y_m, 1.5, 1.5, 0.3, 1.5)))
-    assert len(boxes) == int(found)
-
-
 def test_what_is_no_vehicle_keeps_no_other_from_being_found() -> None:
     """Three clusters in any order: a hedge, a car, a wall."""
     open3d = pytest.importorskip("open3d")
@@ -279,17 +252,8 @@ def test_boxes_of_labelled_sweeps_come_with_their_frames(monkeypatch: pytest.Mon
     assert found.score[1] > found.score[0], "it has more returns"
 
 
-def test_the_front_is_where_a_vehicle_moves() -> None:
-    found = directed_yaw(np.array([0.1, 0.1, 0.1]), np.array([[5.0, 0.0], [-5.0, 0.0], [-0.5, 0.0]]))
-    assert np.cos(found) == pytest.approx(np.cos([0.1, 0.1 + np.pi, 0.1]))
-
-
 def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames) -> None:
     boxes = detect_classical(frames.episodes[0])
     score = devkit_score(*counted_boxes(frames, FoundSet("c", "c", boxes, frames.scored, True), VEHICLE_NAMES))
     assert score.average_precision[2.0] > 0.1
     assert score.errors["ATE"] < 1.0
-    # The same once more, of the first few sweeps.
-    (episode,) = frames.episodes
-    again = detect_classical(replace(episode, step=episode.step[:4]))
-    assert np.array_equal(boxes.at(boxes.frame < 4).centre_m, again.centre_m)

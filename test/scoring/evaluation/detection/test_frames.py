@@ -47,40 +47,30 @@ def _velocities(steps: list[int], x_m: list[float], actors: list[int] | None = N
     return velocities_of_annotations(np.array(steps, dtype=np.intp), ids, centre)[:, 0].tolist()
 
 
-def test_the_way_between_the_neighbours_half_a_second_away() -> None:
-    assert _velocities([0, 10, 20], [0.0, 1.0, 4.0]) == pytest.approx([2.0, 4.0, 6.0])
-    assert _velocities([0, 2, 10, 12], [0.0, 0.0, 1.0, 3.0]) == pytest.approx([2.0, 6.0, 2.0, 6.0])
-
-
-def test_gaps_of_more_than_the_devkits_limit_have_no_velocity() -> None:
-    found = _velocities([0, 40, 60, 120], [0.0, 2.0, 4.0, 6.0])
-    assert np.isnan(found[0])
-    assert found[1:3] == pytest.approx([4.0 / 3.0, np.nan], nan_ok=True)
-    assert np.isnan(found[3])
-
-
-def test_vehicles_are_kept_apart() -> None:
-    assert _velocities([0, 0, 10, 10], [0.0, 5.0, 1.0, 7.0], [1, 2, 1, 2]) == pytest.approx([2.0, 4.0, 2.0, 4.0])
-    assert np.isnan(_velocities([0, 10], [0.0, 1.0], [1, 2])).all()
-
-
-def test_attributes_follow_from_speeds() -> None:
-    codes = attributes_of(np.array([[0.0, 0.2], [0.3, 0.1], [np.nan, 0.0]]))
-    assert [ATTRIBUTES[code] for code in codes.tolist()] == ["vehicle.stopped", "vehicle.moving", ""]
+@pytest.mark.parametrize(
+    ("steps", "x_m", "velocity_mps"),
+    [
+        ([0, 10, 20], [0.0, 1.0, 4.0], [2.0, 4.0, 6.0]),
+        ([0, 2, 10, 12], [0.0, 0.0, 1.0, 3.0], [2.0, 6.0, 2.0, 6.0]),
+        ([0, 40, 60, 120], [0.0, 2.0, 4.0, 6.0], [np.nan, 4.0 / 3.0, np.nan, np.nan]),
+        ([0, 30], [0.0, 3.0], [2.0, 2.0]),
+        ([0, 40], [0.0, 4.0], [np.nan, np.nan]),
+        ([0, 30, 60], [0.0, 3.0, 6.0], [2.0, 2.0, 2.0]),
+    ],
+)
+def test_velocities_are_ways_between_neighbours_within_the_devkits_limit(
+    steps: list[int], x_m: list[float], velocity_mps: list[float]
+) -> None:
+    """Half a second away; 1.5 s to each side are the limit. Vehicles are kept apart."""
+    assert _velocities(steps, x_m) == pytest.approx(velocity_mps, nan_ok=True)
+    two = _velocities([0, 0, 10, 10], [0.0, 5.0, 1.0, 7.0], [1, 2, 1, 2])
+    assert two == pytest.approx([2.0, 4.0, 2.0, 4.0])
 
 
 def test_velocities_have_both_axes_whatever_the_height() -> None:
     centre = np.array([[0.0, 0.0, 9.0], [1.5, -2.0, 0.0], [4.0, -3.0, -9.0]])
     found = velocities_of_annotations(np.array([0, 10, 20]), np.full(3, 7, dtype=np.uint32), centre)
     assert found == pytest.approx(np.array([[3.0, -4.0], [4.0, -3.0], [5.0, -2.0]]))
-
-
-@pytest.mark.parametrize(("steps", "known"), [((0, 30), True), ((0, 40), False), ((0, 30, 60), True)])
-def test_one_and_a_half_seconds_to_each_side_are_the_limit(steps: tuple[int, ...], *, known: bool) -> None:
-    found = _velocities(list(steps), [0.1 * step for step in steps])
-    assert np.isfinite(found).all() == known
-    if known:
-        assert found == pytest.approx([2.0] * len(steps))
 
 
 def test_frames_of_two_episodes_are_one_row() -> None:
@@ -102,16 +92,7 @@ def test_frames_of_two_episodes_are_one_row() -> None:
     assert frames.scored.all()
 
 
-@pytest.mark.parametrize("direction_rad", [0.0, 2.0, -1.3])
-@pytest.mark.parametrize(("away_m", "inside"), [(49.9, True), (50.1, False)])
-def test_the_range_is_a_circle_around_the_vehicle(direction_rad: float, away_m: float, *, inside: bool) -> None:
-    frames = made_frames()
-    x_m, y_m = frames.vehicle_m[6] + away_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
-    box = truth_boxes(np.array([6]), np.array([[x_m, y_m, 30.0]]), np.zeros((1, 2)), np.zeros(1))
-    assert (frames.distance_m(box) < RANGE_M).tolist() == [inside]
-
-
-STEPS_in_episode_reading = list(range(4, 42, 2))
+LABELLED = list(range(4, 42, 2))
 
 
 @pytest.fixture(scope="module")
@@ -122,17 +103,15 @@ def episode(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> E
 
 
 def test_every_labelled_sweep_is_a_frame(episode: EpisodeFrames) -> None:
-    assert episode.step.tolist() == STEPS_in_episode_reading
-    assert np.flatnonzero(episode.keyframe).tolist() == [
-        STEPS_in_episode_reading.index(step) for step in (10, 20, 30, 40)
-    ]
+    assert episode.step.tolist() == LABELLED
+    assert np.flatnonzero(episode.keyframe).tolist() == [LABELLED.index(step) for step in (10, 20, 30, 40)]
     assert episode.pictured.all()
     assert (episode.episode_id, episode.template, episode.seed, episode.suite) == ("mine", "S2", 3, "made")
     assert episode.lidar_frame == "lidar"
 
 
 def test_poses_are_those_of_the_steps(episode: EpisodeFrames) -> None:
-    for row, step in enumerate(STEPS_in_episode_reading):
+    for row, step in enumerate(LABELLED):
         x_m, y_m, z_m = place_of(step)
         assert episode.vehicle_m[row] == pytest.approx([x_m, y_m])
         origin = episode.map_from_lidar[row] @ [0.0, 0.0, 0.0, 1.0]
@@ -145,10 +124,10 @@ def test_poses_are_those_of_the_steps(episode: EpisodeFrames) -> None:
 
 def test_boxes_are_the_labels_in_the_map(episode: EpisodeFrames) -> None:
     truth = episode.truth
-    assert truth.frame.tolist() == np.repeat(np.arange(len(STEPS_in_episode_reading)), 2).tolist()
-    assert truth.actor_id.tolist() == [CAR, BUS] * len(STEPS_in_episode_reading)
+    assert truth.frame.tolist() == np.repeat(np.arange(len(LABELLED)), 2).tolist()
+    assert truth.actor_id.tolist() == [CAR, BUS] * len(LABELLED)
     for row in range(len(truth)):
-        step, which = STEPS_in_episode_reading[int(truth.frame[row])], row % 2
+        step, which = LABELLED[int(truth.frame[row])], row % 2
         labels = truth_of(step)
         local = np.array([labels.x_m[which], labels.y_m[which], labels.z_m[which], 1.0])
         assert truth.centre_m[row] == pytest.approx((episode.map_from_lidar[int(truth.frame[row])] @ local)[:3])
@@ -157,15 +136,15 @@ def test_boxes_are_the_labels_in_the_map(episode: EpisodeFrames) -> None:
         assert truth.size_m[row].tolist() == sizes
         assert truth.lidar_points[row] == labels.lidar_points[which]
     moving, stopped = ATTRIBUTES.index("vehicle.moving"), ATTRIBUTES.index("vehicle.stopped")
-    assert truth.attribute.tolist() == [moving, stopped] * len(STEPS_in_episode_reading)
+    assert truth.attribute.tolist() == [moving, stopped] * len(LABELLED)
     # Half of the car is beyond the edge of the front picture; the rear camera sees nine tenths of the bus.
-    assert truth.visible == pytest.approx([0.45, 0.9] * len(STEPS_in_episode_reading))
+    assert truth.visible == pytest.approx([0.45, 0.9] * len(LABELLED))
 
 
 def test_velocities_are_differences_of_the_boxes_places(episode: EpisodeFrames) -> None:
     """As nuScenes has them: between the keyframe before and the one after."""
     truth = episode.truth
-    rows = {step: 2 * STEPS_in_episode_reading.index(step) for step in (10, 20, 30, 40)}
+    rows = {step: 2 * LABELLED.index(step) for step in (10, 20, 30, 40)}
     for before, at, after in ((10, 20, 30), (20, 30, 40)):
         for which in (0, 1):
             moved = truth.centre_m[rows[after] + which] - truth.centre_m[rows[before] + which]
@@ -202,26 +181,21 @@ def test_sweeps_without_labels_are_no_frames_and_some_have_no_picture(sparse: Ep
 
 
 @pytest.mark.parametrize("turn_rad", [0.0, 2.0, -1.0])
-def test_a_vehicle_moves_above_three_tenths_of_a_metre_a_second(turn_rad: float) -> None:
-    speed = np.array([0.0, 0.29, 0.31, 20.0])[:, None]
-    codes = attributes_of(speed * np.array([np.cos(turn_rad), np.sin(turn_rad)]))
-    assert codes.tolist() == [2, 2, 1, 1]
+def test_attributes_follow_from_speeds_and_classes(turn_rad: float) -> None:
+    """Above 0.3 m/s somebody moves; a rider sits on two wheels at any speed, known or not."""
+    speed = np.array([0.0, 0.29, 0.31, 20.0, np.nan])[:, None] * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    kinds = None, ActorClass.PEDESTRIAN, ActorClass.BICYCLE
+    vehicles, walking, riding = (
+        [ATTRIBUTES[code] for code in (attributes_of(speed) if kind is None else attributes_of(speed, kind)).tolist()]
+        for kind in kinds
+    )
+    assert vehicles == ["vehicle.stopped"] * 2 + ["vehicle.moving"] * 2 + [""]
+    assert walking == ["pedestrian.standing"] * 2 + ["pedestrian.moving"] * 2 + [""]
+    assert riding == ["cycle.with_rider"] * 5
     assert attributes_of(np.array([[0.0, np.nan], [np.nan, 5.0]])).tolist() == [0, 0]
-
-
-def test_people_have_attributes_of_their_own() -> None:
-    """A rider sits on two wheels at any speed, known or not."""
-    speed = np.array([[0.31, 0.0], [0.29, 0.0], [np.nan, np.nan]])
-    kinds = ActorClass.PEDESTRIAN, ActorClass.BICYCLE
-    walking, riding = ([ATTRIBUTES[code] for code in attributes_of(speed, kind)] for kind in kinds)
-    assert walking == ["pedestrian.moving", "pedestrian.standing", ""]
-    assert riding == ["cycle.with_rider"] * 3
     mixed = np.array([ActorClass.SEDAN, ActorClass.PEDESTRIAN, ActorClass.MOTORCYCLE], dtype=np.uint8)
-    assert [ATTRIBUTES[code] for code in attributes_of(speed[:1].repeat(3, axis=0), mixed)] == [
-        "vehicle.moving",
-        "pedestrian.moving",
-        "cycle.with_rider",
-    ]
+    named = [ATTRIBUTES[code] for code in attributes_of(speed[2:3].repeat(3, axis=0), mixed)]
+    assert named == ["vehicle.moving", "pedestrian.moving", "cycle.with_rider"]
 
 
 def test_tables_are_joined_in_their_order_and_rows_keep_together() -> None:
@@ -287,25 +261,26 @@ def test_distances_are_from_the_vehicle_with_the_lidar() -> None:
     assert inside.argmax(axis=0)[[0, 1, 2, 3, 4, 5, 7]].tolist() == [0, 0, 1, 1, 2, 2, 1]
     assert inside.sum(axis=0).tolist() == [1, 1, 1, 1, 1, 1, 0, 1]
     assert (FRAMES.distance_m(boxes) < RANGE_M).tolist() == [True] * 6 + [False, True]
+    boxes.centre_m[:, 2] += 30.0
+    assert FRAMES.distance_m(boxes)[1] == pytest.approx(14.9), "whatever the height"
     for part in parts:
         assert part.detections is not None
         assert np.array_equal(part.detections(FRAMES, boxes), part.labels(FRAMES, boxes))
 
 
-def test_numbers_of_points() -> None:
-    points = np.array([0, 1, 4, 5, 19, 20, 99, 100, 5000], dtype=np.uint32)
-    names = ["1 to 4", "5 to 19", "20 to 99", "100 and more"]
-    inside = np.array([holds(OF["LiDAR points", name], lidar_points=points) for name in names])
-    assert inside.sum(axis=0).tolist() == [0] + [1] * 8
-    assert inside.argmax(axis=0)[1:].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
-
-
-def test_shares_that_are_visible() -> None:
-    visible = np.array([0.0, 0.39, 0.4, 0.59, 0.6, 0.79, 0.8, 1.0])
-    names = ["0-40 %", "40-60 %", "60-80 %", "80-100 %"]
-    inside = np.array([holds(OF["visible", name], visible=visible) for name in names])
-    assert inside.sum(axis=0).tolist() == [1] * 8
-    assert inside.argmax(axis=0).tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+@pytest.mark.parametrize(
+    ("group", "column", "values", "part"),
+    [
+        ("LiDAR points", "lidar_points", [0, 1, 4, 5, 19, 20, 99, 100, 5000], [-1, 0, 0, 1, 1, 2, 2, 3, 3]),
+        ("visible", "visible", [0.0, 0.39, 0.4, 0.59, 0.6, 0.79, 0.8, 1.0], [0, 0, 1, 1, 2, 2, 3, 3]),
+    ],
+)
+def test_parts_by_points_and_visible_shares(group: str, column: str, values: list[float], part: list[int]) -> None:
+    subsets = [subset for subset in SUBSETS if subset.group == group]
+    names = {"LiDAR points": ["1 to 4", "5 to 19", "20 to 99", "100 and more"]}
+    assert [subset.name for subset in subsets] == names.get(group, ["0-40 %", "40-60 %", "60-80 %", "80-100 %"])
+    inside = np.array([holds(subset, **{column: np.array(values)}) for subset in subsets])
+    assert inside.T.tolist() == [[number == of_value for number in range(4)] for of_value in part]
 
 
 def test_emergency_vehicles_by_their_class() -> None:

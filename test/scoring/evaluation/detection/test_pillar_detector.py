@@ -17,7 +17,6 @@ from siren_ros.base.params.folders import params_dir
 from siren_ros.data.interfaces.topics import DETECTIONS
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection import pillar_detector as module
-from siren_ros.scoring.evaluation.detection import pillar_detector as network_file
 from siren_ros.scoring.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes, FoundSet
 from siren_ros.scoring.evaluation.detection.detectors import run_detector
 from siren_ros.scoring.evaluation.detection.frames import Frames
@@ -53,17 +52,22 @@ def _points(*rows: tuple[float, ...]) -> np.ndarray:
     return np.array([(*row, 0.5, 0.1)[:5] for row in rows], dtype=np.float32).reshape(-1, 5)
 
 
-def test_a_point_is_in_the_pillar_that_contains_it() -> None:
-    found = sorted_points(_points((2.4, -3.2, 0.0)), GRID)
-    # One metre a cell: x from 2 to 3 is column 10, y from -4 to -3 is row 4.
-    assert found.cell.tolist() == [4 * 16 + 10]
-    assert found.count.tolist() == [1]
-
-
-def test_points_outside_are_left_out() -> None:
-    outside = _points((8.1, 0.0, 0.0), (0.0, -8.1, 0.0), (6.0, 6.0, 0.0), (1.0, 1.0, 3.1), (1.0, 1.0, -5.1))
-    assert len(pillars_of(outside, GRID)) == 0
-    assert len(pillars_of(_points((5.6, 5.6, 3.0)), GRID)) == 1
+@pytest.mark.parametrize(
+    ("point", "cell"),
+    [
+        # One metre a cell: x from 2 to 3 is column 10, y from -4 to -3 is row 4.
+        ((2.4, -3.2, 0.0), 4 * 16 + 10),
+        ((-8.0, 0.0, 0.0), 8 * 16),
+        ((0.0, -8.0, 0.0), 8),
+        ((7.999, 0.0, 0.0), 8 * 16 + 15),
+        ((5.6, 5.6, 3.0), 13 * 16 + 13),
+        *((outside, None) for outside in ((8.0, 0.0, 0.0), (0.0, 8.0, 0.0), (8.1, 0.0, 0.0), (0.0, -8.1, 0.0))),
+        *((outside, None) for outside in ((6.0, 6.0, 0.0), (1.0, 1.0, 3.1), (1.0, 1.0, -5.1))),
+    ],
+)
+def test_a_point_is_in_the_pillar_that_contains_it(point: tuple[float, float, float], cell: int | None) -> None:
+    """The grid is a circle, which holds its lower edges and not its upper ones."""
+    assert sorted_points(_points(point), GRID).cell.tolist() == ([] if cell is None else [cell])
 
 
 def test_features_are_places_and_ways_from_mean_and_middle() -> None:
@@ -72,6 +76,8 @@ def test_features_are_places_and_ways_from_mean_and_middle() -> None:
     expected = {"x": 2.2 / 8.0, "y": -3.4 / 8.0, "z": 0.5, "intensity": 0.5, "age": 0.4}
     expected |= {"x_mean": -0.2, "y_mean": 0.2, "z_mean": 0.5, "x_middle": -0.3, "y_middle": 0.1}
     assert first == pytest.approx(expected, abs=1e-6)
+    assert np.array_equal(found.points[0, 2], found.points[0, 0]), "free slots repeat the first point"
+    assert not np.array_equal(found.points[0, 1], found.points[0, 0])
 
 
 @pytest.mark.parametrize("cell_m", [0.5, 2.0])
@@ -85,42 +91,13 @@ def test_middles_of_cells_of_another_width(cell_m: float) -> None:
     assert found.points[0, 0, -2:] == pytest.approx([-0.1, 0.2], abs=1e-6)
 
 
-def test_free_slots_repeat_the_first_point() -> None:
-    found = pillars_of(_points((2.2, -3.4, 1.0), (2.6, -3.8, 0.0)), GRID)
-    assert np.array_equal(found.points[0, 2], found.points[0, 0])
-    assert not np.array_equal(found.points[0, 1], found.points[0, 0])
-
-
-def test_a_full_pillar_keeps_a_sample_of_all_its_points() -> None:
-    """Each of 40 points has a chance of 4 in 40: over many frames the kept ones are spread over all of them."""
-    kept = np.zeros(40)
-    for shift in range(100):
-        points = np.zeros((40 + shift, 5), dtype=np.float32)
-        points[:shift, :2], points[shift:, :2] = (-3.5, -3.5), (0.5, 0.5)
-        points[shift:, 3] = np.arange(40) / 40.0
-        found = sorted_points(points, GRID)
-        slots = found.slots[found.cell == 8 * 16 + 8][0, :, 3]
-        kept[np.rint(slots * 40.0).astype(int)] += 1
-    assert kept.sum() == 400
-    assert kept[:20].sum() == pytest.approx(200, abs=60)
-    assert np.array_equal(sorted_points(points, GRID).slots, found.slots)
-
-
 def test_pillars_of_the_newest_points_come_first() -> None:
     points = _points((0.5, 0.5, 0.0), (1.5, 0.5, 0.0), (2.5, 0.5, 0.0))
     found = pillars_of(points, replace(GRID, pillars=2))
     assert found.cell.tolist() == [8 * 16 + 8, 8 * 16 + 9]
 
 
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "cell"),
-    [(-8.0, 0.0, 8 * 16), (0.0, -8.0, 8), (8.0, 0.0, None), (0.0, 8.0, None), (7.999, 0.0, 8 * 16 + 15)],
-)
-def test_the_grid_holds_its_lower_edges_and_not_its_upper_ones(x_m: float, y_m: float, cell: int | None) -> None:
-    assert sorted_points(_points((x_m, y_m, 0.0)), GRID).cell.tolist() == ([] if cell is None else [cell])
-
-
-@pytest.mark.parametrize("count", [4, 5, 6, 40])
+@pytest.mark.parametrize("count", [4, 5, 40])
 def test_a_full_pillar_leaves_the_next_one_alone(count: int) -> None:
     """The pillars lie next to each other in memory: a point behind the last slot would be the first of the next."""
     points = np.array(
@@ -133,12 +110,6 @@ def test_a_full_pillar_leaves_the_next_one_alone(count: int) -> None:
     assert found.slots[0, :, 3].min() >= 0.1 - 1e-6
 
 
-@pytest.mark.parametrize(("x_m", "y_m", "there"), [(7.5, -4.0, 0), (3.0, 7.5, 0), (-2.0, 7.7, 1), (7.7, -2.0, 1)])
-def test_the_grid_holds_a_circle(x_m: float, y_m: float, there: int) -> None:
-    """Of 8 m: 8.5 m and 8.08 m are outside, 7.96 m is not."""
-    assert len(sorted_points(_points((x_m, y_m, 0.0)), GRID).cell) == there
-
-
 def test_of_five_points_every_one_has_four_chances_in_five() -> None:
     """In every pillar of the circle, whose centres lie within 7 m: the last point stays in four of five."""
     middles = np.arange(-7.5, 8.0, 1.0)
@@ -149,6 +120,7 @@ def test_of_five_points_every_one_has_four_chances_in_five() -> None:
     slots = sorted_points(points, replace(GRID, pillars=len(places))).slots[..., 3]
     stays = [float(np.isclose(slots, number / 10.0).any(axis=1).mean()) for number in range(5)]
     assert stays == pytest.approx([0.8] * 5, abs=0.12)
+    assert np.array_equal(sorted_points(points, replace(GRID, pillars=len(places))).slots[..., 3], slots)
 
 
 CARD = {"form_version": 1, "grid": GRID.to_json(), "class_names": ["car", "police"]}
@@ -158,17 +130,14 @@ def loaded(monkeypatch: pytest.MonkeyPatch, card: dict[str, Any], *inputs: tuple
     """A network of a card and of inputs with their shapes."""
     asked = inputs or (("points", ["P", 4, len(FEATURES)]), ("cell", ["P"]))
     session = SimpleNamespace(get_inputs=lambda: [SimpleNamespace(name=name, shape=shape) for name, shape in asked])
-    monkeypatch.setattr(network_file, "open_network", lambda _: SimpleNamespace(card=card, session=session))
+    monkeypatch.setattr(module, "open_network", lambda _: SimpleNamespace(card=card, session=session))
     return load_detector(Path("a.onnx"))
-
-
-def test_a_detector_has_the_grid_and_the_names_of_its_card(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = loaded(monkeypatch, CARD)
-    assert (found.grid, found.class_names) == (GRID, ("car", "police"))
 
 
 @pytest.mark.parametrize("change", [{"form_version": 2}, {"form_version": None}, {"grid": None}, {"grid": [8.0]}])
 def test_another_form_is_refused(monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]) -> None:
+    found = loaded(monkeypatch, CARD)
+    assert (found.grid, found.class_names) == (GRID, ("car", "police"))
     with pytest.raises(InputError, match="a detector of form 1"):
         loaded(monkeypatch, {**CARD, **change})
 
@@ -225,10 +194,8 @@ def test_a_detector_is_one_that_ships_or_a_file() -> None:
 
 def test_classes_without_a_name_of_their_own_are_cars() -> None:
     names = ["car", "ambulance", "fire_truck", "police"]
-    assert [names[class_of(member)] for member in (ActorClass.SEDAN, ActorClass.BUS, ActorClass.AMBULANCE)] == [
-        "car", "car", "ambulance"
-    ]  # fmt: skip
-    assert names[class_of(ActorClass.POLICE)] == "police"
+    kinds = ActorClass.SEDAN, ActorClass.BUS, ActorClass.AMBULANCE, ActorClass.POLICE
+    assert [names[class_of(member)] for member in kinds] == ["car", "car", "ambulance", "police"]
 
 
 POST_M = np.array([20.0, 7.0, 1.0])
@@ -239,12 +206,6 @@ def _pose(x_m: float, y_m: float, yaw_rad: float) -> Matrix:
     return np.array([[cos, -sin, 0, x_m], [sin, cos, 0, y_m], [0, 0, 1.0, 1.9], [0, 0, 0, 1.0]])
 
 
-def _sweep(places_m: np.ndarray) -> np.ndarray:
-    points = np.zeros(len(places_m), dtype=[(name, "<f4") for name in ("x", "y", "z", "intensity")])
-    points["x"], points["y"], points["z"] = places_m.T
-    return points
-
-
 def _seen(pose: Matrix) -> np.ndarray:
     return (np.linalg.inv(pose) @ [*POST_M, 1.0])[None, :3]
 
@@ -253,7 +214,7 @@ def test_the_motion_of_the_vehicle_is_taken_out() -> None:
     memory = SweepMemory(3)
     poses = [_pose(1.0 * step, 0.1 * step, 0.05 * step) for step in range(5)]
     for step, pose in enumerate(poses):
-        memory.add(step, _sweep(_seen(pose)), pose)
+        memory.add(step, sweep(*_seen(pose)), pose)
     points = memory.points()
     assert points[:, :3] == pytest.approx(np.repeat(_seen(poses[-1]), 3, axis=0), abs=1e-5)
     assert points[:, 4] == pytest.approx([0.0, 0.05, 0.1])
@@ -261,14 +222,14 @@ def test_the_motion_of_the_vehicle_is_taken_out() -> None:
 
 def test_returns_of_the_own_vehicle_are_left_out() -> None:
     memory = SweepMemory(2)
-    memory.add(0, _sweep(np.array([[3.0, 1.0, 0.0], [3.0, 2.0, 0.0], [-4.0, -1.2, 0.5]])), np.eye(4))
+    memory.add(0, sweep((3.0, 1.0, 0.0), (3.0, 2.0, 0.0), (-4.0, -1.2, 0.5)), np.eye(4))
     assert memory.points()[:, :2].tolist() == [[3.0, 2.0]]
 
 
 def test_a_step_back_begins_anew() -> None:
     memory = SweepMemory(3)
     for step in (7, 8, 3):
-        memory.add(step, _sweep(np.array([[10.0, float(step), 0.0]])), np.eye(4))
+        memory.add(step, sweep((10.0, float(step), 0.0)), np.eye(4))
     assert memory.points()[:, 1].tolist() == [3.0]
 
 
@@ -323,15 +284,9 @@ def test_faint_unreadable_and_overlapping_boxes_are_left_out() -> None:
     places = [(0.0, 5.0, 0.0), (1.7, 5.0, 0.0), (0.0, 6.9, 0.0), (np.nan, 0.0, 0.0), (-5.0, 0.0, 0.0), (-5.0, 5.0, 0.0)]
     session = Answers(places, [0.9, 0.8, 0.7, 0.6, 0.031, 0.029])
     found = PillarDetector(network(session))
+    assert (len(found.boxes()), session.asked) == (0, []), "without a point"
     found.add(0, sweep((5.25, 2.75, -1.0)), np.eye(4))
     assert found.boxes().score == pytest.approx([0.9, 0.7, 0.031])
-
-
-def test_nothing_is_found_without_a_point() -> None:
-    session = Answers([(5.0, 2.5, 0.25)], [0.9])
-    found = PillarDetector(network(session))
-    assert len(found.boxes()) == 0
-    assert session.asked == []
 
 
 def test_boxes_of_labelled_sweeps_come_in_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -371,9 +326,6 @@ def test_the_more_confident_of_near_boxes_stays() -> None:
     centre = np.array([[0.0, 0.0], [1.0, 0.0], [2.5, 0.0], [2.5, 3.0]])
     assert apart(centre, np.array([0.5, 0.9, 0.4, 0.1]), 1.8).tolist() == [False, True, False, True]
     assert apart(centre, np.array([0.5, 0.2, 0.4, 0.1]), 1.8).tolist() == [True, False, True, True]
-
-
-def test_nothing_stays_of_nothing() -> None:
     assert apart(np.zeros((0, 2)), np.zeros(0), 1.0).shape == (0,)
 
 

@@ -129,17 +129,18 @@ def test_a_box_that_means_nothing_is_refused(
     assert "episode1" not in message
 
 
-def test_frames_have_to_exist_and_to_be_there(labelled: Frames, tmp_path: Path) -> None:
-    unknown = changed(labelled, tmp_path, lambda results, tokens: results.update({"f" * 32: results.pop(tokens[0])}))
-    refused(labelled, unknown, "sample_token f")
-    refused(labelled, changed(labelled, tmp_path, lambda results, tokens: results.pop(tokens[1])), "episode0 step 10")
-
-
-def test_more_than_500_boxes_in_a_frame_are_refused(labelled: Frames, tmp_path: Path) -> None:
-    path = changed(
-        labelled, tmp_path, lambda results, tokens: results.update({tokens[0]: results[tokens[0]][:1] * 501})
+def test_frames_are_checked(labelled: Frames, tmp_path: Path) -> None:
+    """Frames exist, are there, and have at most 500 boxes; files are of a known kind."""
+    changes: tuple[tuple[Callable[[dict[str, Any], list[str]], object], str], ...] = (
+        (lambda results, tokens: results.update({"f" * 32: results.pop(tokens[0])}), "sample_token f"),
+        (lambda results, tokens: results.pop(tokens[1]), "episode0 step 10"),
+        (lambda results, tokens: results.update({tokens[0]: results[tokens[0]][:1] * 501}), "step 0: 501 boxes"),
     )
-    refused(labelled, path, "episode0 step 0: 501 boxes")
+    for change, told in changes:
+        refused(labelled, changed(labelled, tmp_path, change), told)
+    (tmp_path / "x.txt").write_text("")
+    refused(labelled, tmp_path / "x.txt", "json")
+    refused(labelled, Path("missing.json"), "exists")
 
 
 class Evil:
@@ -158,14 +159,6 @@ def test_a_pickle_that_would_run_code_is_refused(
     path.write_bytes(pickle.dumps(content))
     refused(labelled, path, told)
     assert capsys.readouterr().out == ""
-
-
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_every_protocol_of_pickles_is_read(labelled: Frames, tmp_path: Path, protocol: int) -> None:
-    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
-    path = tmp_path / "x.pkl"
-    path.write_bytes(pickle.dumps(entries, protocol))
-    assert len(read_detections("x", str(path), labelled).boxes) == (labelled.truth.lidar_points > 0).sum()
 
 
 @pytest.mark.parametrize(
@@ -199,31 +192,25 @@ def test_arrays_that_unpack_to_more_than_the_memory_are_not_read(
     refused(labelled, tmp_path / "x.npz", r"an \.npz file of detections")
 
 
-def test_pickles_are_checked(labelled: Frames, tmp_path: Path) -> None:
+def test_frames_of_openpcdet_are_checked(labelled: Frames, tmp_path: Path) -> None:
     entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
-    path = tmp_path / "x.pkl"
-
+    thin = entries[6]["boxes_lidar"].copy()
+    thin[1:, 4] = -1.9
     for content, told in (
-        ({}, "a list of dictionaries"),
-        (entries[:-1], "episode1 step 12"),
-        ([*entries, entries[0]], "twice"),
+        (entries[:-1], "nothing for episode1 step 12"),
+        ([*entries[:3], *entries[4:]], "nothing for episode0 step 12"),
+        ([*entries, entries[5]], "episode1 step 2 twice"),
         ([{**entries[0], "frame_id": "000030"}], "frame_id 000030"),
-        ([{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]], "boxes_lidar of shape"),
+        ([*entries, {**entries[0], "frame_id": "000008"}], "000008.*frames 000000 to 000007 of the given bags"),
+        ([*entries[:6], {**entries[6], "boxes_lidar": thin}, entries[7]], "episode1 step 10, box 1: size .*-1.9"),
     ):
-        path.write_bytes(pickle.dumps(content))
-        refused(labelled, path, told)
-    path.write_bytes(b"\x80\x04 no pickle")
-    refused(labelled, path, "a pickle of")
-
-
-def test_seven_numbers_are_boxes_without_velocity(labelled: Frames, tmp_path: Path) -> None:
-    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
+        np.savez(tmp_path / "x.npz", **arrays_of(content))
+        refused(labelled, tmp_path / "x.npz", told)
     path = tmp_path / "x.pkl"
-    path.write_bytes(pickle.dumps([{**entry, "boxes_lidar": entry["boxes_lidar"][:, :7]} for entry in entries]))
-    found = read_detections("x", str(path), labelled)
-    assert not found.has_velocity
-    assert np.isnan(found.boxes.velocity_mps).all()
-    assert (found.boxes.attribute == 0).all()
+    broken = [{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]]
+    for raw, told in ((pickle.dumps(broken), "boxes_lidar of shape"), (b"\x80\x04 no pickle", "a pickle of")):
+        path.write_bytes(raw)
+        refused(labelled, path, told)
 
 
 def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
@@ -242,12 +229,12 @@ def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
         (folder / "000099.txt").unlink(missing_ok=True)
     (folder / "000003.txt").unlink()
     refused(labelled, folder, "no 000003.txt")
-
-
-def test_what_is_no_file_of_detections_is_refused(labelled: Frames, tmp_path: Path) -> None:
-    (tmp_path / "x.txt").write_text("")
-    refused(labelled, tmp_path / "x.txt", "json")
-    refused(labelled, Path("missing.json"), "exists")
+    line = "Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 0.0 0.8"
+    for number, (first, second) in enumerate(((" -2.0 6.0", ""), ("", " -2.0 6.0"))):
+        (folder / "000003.txt").write_text(f"{line}{first}\n{line}{second}\n")
+        refused(labelled, folder, rf"box {1 - number}: velocity \[nan, nan\]")
+    (folder / "000003.txt").write_text(text)
+    refused(made_frames(camera=False), folder, "front camera")
 
 
 def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
@@ -276,12 +263,7 @@ def as_angle(yaw_rad: float) -> float:
     return float(np.arctan2(np.sin(yaw_rad), np.cos(yaw_rad)))
 
 
-def is_refused(path: Path, turned_frames: Frames, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        read_detections("x", str(path), turned_frames)
-
-
-def kitti_folder(folder: Path, fifth: str = "") -> Path:
+def kitti_folder(folder: Path, fifth: str) -> Path:
     """Files of the six pictures; the fifth one is the third frame of the second episode: its second frame has none."""
     (folder / "kitti").mkdir()
     for number in range(6):
@@ -293,7 +275,7 @@ BARE = [12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]
 """A box without velocity."""
 
 
-def write_openpcdet(path: Path, boxes: dict[int, list[list[float]]], count: int = 8) -> Path:
+def write_openpcdet(path: Path, boxes: dict[int, list[list[float]]]) -> Path:
     width = max(len(rows[0]) for rows in boxes.values())
     entries = [
         {
@@ -302,7 +284,7 @@ def write_openpcdet(path: Path, boxes: dict[int, list[list[float]]], count: int 
             "score": np.linspace(0.7, 0.6, len(boxes.get(frame, ()))),
             "boxes_lidar": np.array(boxes.get(frame, np.zeros((0, width)))),
         }
-        for frame in range(count)
+        for frame in range(8)
     ]
     path.write_bytes(pickle.dumps(entries))
     return path
@@ -399,10 +381,6 @@ def test_kitti_boxes_are_in_the_cameras_frame(turned_frames: Frames, tmp_path: P
     assert (found.boxes.score[0], found.boxes.label[0]) == (0.8, "car")
 
 
-def test_kitti_needs_a_front_camera(tmp_path: Path) -> None:
-    is_refused(kitti_folder(tmp_path), made_frames(camera=False), "front camera")
-
-
 def one_found() -> FoundBoxes:
     """A box of frame 6, which has a picture and is a keyframe."""
     return FoundBoxes(
@@ -458,62 +436,28 @@ def test_quaternions_of_headings(yaw_rad: float) -> None:
     assert yaws_of_quaternions(tilted) == pytest.approx([yaw_rad])
 
 
-def test_the_first_box_that_means_nothing_is_named(turned_frames: Frames, tmp_path: Path) -> None:
-    good, long = [*BARE, 5.0, -2.0], [12.0, 3.0, -1.0, 4.5, -1.9, 1.6, 0.4, 5.0, -2.0]
-    path = write_openpcdet(tmp_path / "x.pkl", {5: [good, good], 6: [good, long, long]})
-    is_refused(path, turned_frames, r"episode1 step 10, box 1: size \[4.5, -1.9, 1.6\]")
-
-
 def test_boxes_may_lack_the_velocity_only_where_the_format_has_none(turned_frames: Frames, tmp_path: Path) -> None:
-    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})
-    assert not read_detections("x", str(path), turned_frames).has_velocity
-    path = write_openpcdet(tmp_path / "y.pkl", {0: [[*BARE, float("nan"), 0.0]]})
-    is_refused(path, turned_frames, "velocity")
-    path = write_openpcdet(tmp_path / "z.pkl", {0: [[*BARE, 1.0]]})
-    is_refused(path, turned_frames, r"shape \(1, 8\)")
+    found = read_detections("x", str(write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})), turned_frames)
+    assert not found.has_velocity
+    assert np.isnan(found.boxes.velocity_mps).all()
+    assert found.boxes.attribute.tolist() == [0]
+    more = [*BARE, float("nan"), 0.0]
+    refused(turned_frames, write_openpcdet(tmp_path / "x.pkl", {0: [more]}), "velocity")
 
 
-def test_a_file_in_which_nothing_was_found(turned_frames: Frames, tmp_path: Path) -> None:
-    """Whatever the shape of no box is."""
-    path = tmp_path / "x.pkl"
-    for nothing in (np.zeros((0, 7)), np.zeros((0, 9)), np.zeros(0), []):
-        entry = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": nothing}
-        path.write_bytes(pickle.dumps([{**entry, "frame_id": f"{frame:06d}"} for frame in range(8)]))
-        found = read_detections("x", str(path), turned_frames)
-        assert len(found.boxes) == 0
-        assert found.scored.all()
-
-
-def test_some_frames_may_have_no_box(turned_frames: Frames, tmp_path: Path) -> None:
-    path = tmp_path / "x.pkl"
-    empty = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": np.zeros(0)}
-    full = {"name": np.array(["Car"]), "score": np.array([0.5]), "boxes_lidar": np.array([[*BARE, 5.0, -2.0]])}
-    entries = [{**(full if frame in (2, 7) else empty), "frame_id": str(frame)} for frame in range(8)]
-    path.write_bytes(pickle.dumps(entries))
-    assert read_detections("x", str(path), turned_frames).boxes.frame.tolist() == [2, 7]
-
-
-def test_a_frame_that_comes_twice_or_not_at_all_is_named(turned_frames: Frames, tmp_path: Path) -> None:
-    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]})
-    entries = pickle.loads(path.read_bytes())  # noqa: S301 - written above
-    path.write_bytes(pickle.dumps([*entries, entries[5]]))
-    is_refused(path, turned_frames, "episode1 step 2 twice")
-    path.write_bytes(pickle.dumps([*entries[:3], *entries[4:]]))
-    is_refused(path, turned_frames, "nothing for episode0 step 12")
-
-
-def test_a_frame_behind_the_last_one_is_refused(turned_frames: Frames, tmp_path: Path) -> None:
-    path = write_openpcdet(tmp_path / "x.pkl", {0: [BARE]}, 9)
-    is_refused(path, turned_frames, r"frame_id 000008.*frames 000000 to 000007 of the given bags")
-
-
-@pytest.mark.parametrize(("first", "second", "named"), [(" -2.0 6.0", "", 1), ("", " -2.0 6.0", 0)])
-def test_where_a_line_of_kitti_has_a_velocity_all_need_one(
-    turned_frames: Frames, tmp_path: Path, first: str, second: str, named: int
+@pytest.mark.parametrize(("nothing", "found_in"), [(np.zeros((0, 9)), ()), ([], ()), (np.zeros(0), (2, 7))])
+def test_frames_in_which_nothing_was_found(
+    turned_frames: Frames, tmp_path: Path, nothing: object, found_in: tuple[int, ...]
 ) -> None:
-    line = "Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 0.0 0.8"
-    folder = kitti_folder(tmp_path, f"{line}{first}\n{line}{second}\n")
-    is_refused(folder, turned_frames, rf"box {named}: velocity \[nan, nan\]")
+    """Whatever the shape of no box is."""
+    full = {"name": np.array(["Car"]), "score": np.array([0.5]), "boxes_lidar": np.array([[*BARE, 5.0, -2.0]])}
+    path = tmp_path / "x.pkl"
+    empty = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": nothing}
+    entries = [{**(full if frame in found_in else empty), "frame_id": str(frame)} for frame in range(8)]
+    path.write_bytes(pickle.dumps(entries))
+    found = read_detections("x", str(path), turned_frames)
+    assert found.boxes.frame.tolist() == list(found_in)
+    assert found.scored.all()
 
 
 SWEEPS = (8, 4)

@@ -54,35 +54,20 @@ def travelled_by(*values: float, times_s: np.ndarray) -> np.ndarray:
     return IDM.travel(*(np.array([value]) for value in values), times_s)[0]
 
 
-def test_parameters_are_the_protocols() -> None:
-    values = (IDM.time_headway_s, IDM.standstill_gap_m, IDM.acceleration_mps2, IDM.comfortable_braking_mps2)
-    assert values == (1.5, 2.0, 1.5, 2.0)
-    assert IDM.integration_s == 0.1
-
-
-def test_acceleration_on_a_free_road() -> None:
-    speed = np.array([0.0, 5.0, 10.0])
-    acceleration = IDM.acceleration(speed, np.full(3, 10.0), np.full(3, np.inf), speed)
-    assert acceleration == pytest.approx([1.5, 1.5 * (1 - 0.5**4), 0.0])
-
-
-def test_acceleration_behind_a_leader_by_hand() -> None:
-    # s* = 2 + 10 · 1.5 + 10 · 2 / (2 √3) = 22.7735 m
-    acceleration = idm_acceleration(10.0, 15.0, 30.0, 2.0)
-    assert acceleration == pytest.approx(1.5 * (1 - (2 / 3) ** 4 - (22.773502691896 / 30.0) ** 2))
-
-
-def test_a_leader_that_pulls_away_does_not_repel() -> None:
-    # v T + v Δv / (2 √(a b)) is negative here and counts as 0: s* = s0.
-    acceleration = idm_acceleration(10.0, 20.0, 10.0, -20.0)
-    assert acceleration == pytest.approx(1.5 * (1 - 0.5**4 - (2.0 / 10.0) ** 2))
-
-
-def test_free_road_speed_converges_to_the_desired_speed() -> None:
-    travelled = travelled_by(0.0, 13.89, np.inf, 0.0, times_s=LONG_S)
-    speed = np.diff(travelled) / 0.1
-    assert speed[-1] == pytest.approx(13.89, abs=1e-3)
-    assert (speed <= 13.89 + 1e-6).all()
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((0.0, 10.0, np.inf, 0.0), 1.5),
+        ((5.0, 10.0, np.inf, 5.0), 1.5 * (1 - 0.5**4)),
+        ((10.0, 10.0, np.inf, 10.0), 0.0),
+        # s* = 2 + 10 · 1.5 + 10 · 2 / (2 √3) = 22.7735 m
+        ((10.0, 15.0, 30.0, 2.0), 1.5 * (1 - (2 / 3) ** 4 - (22.773502691896 / 30.0) ** 2)),
+        # v T + v Δv / (2 √(a b)) is negative here and counts as 0: s* = s0.
+        ((10.0, 20.0, 10.0, -20.0), 1.5 * (1 - 0.5**4 - (2.0 / 10.0) ** 2)),
+    ],
+)
+def test_acceleration_by_hand(given, expected) -> None:
+    assert idm_acceleration(*given) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("leader_mps", [3.0, 8.0])
@@ -92,14 +77,6 @@ def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps) -> 
     equilibrium = (2.0 + 1.5 * leader_mps) / np.sqrt(1 - (leader_mps / 13.89) ** 4)
     assert gap[-1] == pytest.approx(equilibrium, abs=0.01)
     assert (gap > 0.0).all()
-
-
-def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
-    travelled = travelled_by(12.0, 13.89, 60.0, 0.0, times_s=LONG_S)
-    gap = 60.0 - travelled
-    assert gap[-1] == pytest.approx(2.0, abs=0.25)
-    assert gap.min() > 1.5
-    assert (np.diff(travelled) >= 0.0).all()
 
 
 @given(
@@ -140,8 +117,6 @@ def test_a_vehicle_that_stops_within_a_step_goes_as_far_as_braking_takes_it() ->
     assert 0.3 + 0.1 * acceleration < 0.0
     travelled_m = travelled_by(0.3, 13.0, 0.5, 0.0, times_s=np.array([0.1, 0.2, 1.0]))
     assert travelled_m == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
-    # As one who drives backwards never does, the distance is that of a mean speed between 0.3 m/s and none.
-    assert 0.0 < travelled_m[0] < 0.03
 
 
 def test_bumpers_that_overlap_brake_as_hard_as_the_least_gap_does() -> None:
@@ -197,24 +172,11 @@ def test_the_leader_may_be_beyond_a_junction(crossroads) -> None:
     assert np.isinf(leaders[3][0])
 
 
-def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road) -> None:
-    tracks = {
-        1: moving(0.0, 50.0, 2.0),
-        2: moving(40.0, 51.0, 3.0, yaw_rad=np.pi / 3),
-        3: moving(20.0, 53.0, 0.0),
-        4: moving(-30.0, 50.0, 2.0),
-    }
-    leaders = leaders_in(tracks, straight_road)
-    gone = tracks[2].states[60]
-    assert abs(gone[1] - 50.0) > 1.8
-    assert np.isinf(leaders[1][0])
-    assert leaders[4] == pytest.approx((30.0 - 4.6, 2.0))
-
-
-def test_on_a_free_lane_the_limit_is_kept(straight_road) -> None:
-    paths = predicted({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
-    for actor, speed in ((1, 13.89), (2, 20.0)):
-        assert np.allclose(np.diff(paths[actor][:, 0]), 0.2 * speed), "v0 = max(v, speed limit)"
+def test_on_a_free_lane_the_limit_and_the_offset_are_kept(straight_road) -> None:
+    paths = predicted({1: moving(0.0, -4.5, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
+    for actor, speed, y_m in ((1, 13.89, -4.5), (2, 20.0, -1.75)):
+        assert np.diff(paths[actor][:, 0], prepend=3.0 * speed) == pytest.approx(np.full(25, 0.2 * speed))
+        assert paths[actor][:, 1] == pytest.approx(np.full(25, y_m))
 
 
 @pytest.mark.parametrize(
@@ -226,12 +188,6 @@ def test_people_without_a_motor_keep_their_speed(straight_road, kind, speed_mps,
     batch = samples_of(record, HistoryWindow(), Population.ALL, people=True).batch
     path_m = MODEL.predict(batch).xy_m[0, 0] - batch.xy_m[0]
     assert path_m[-1] == pytest.approx((after_5_s_m, 0.0), abs=0.05)
-
-
-def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road) -> None:
-    answer = predicted({1: moving(0.0, -4.5, 10.0)}, straight_road)[1]
-    assert np.allclose(answer[:, 1], -4.5)
-    assert answer[0, 0] == pytest.approx(30.0 + 2.0, abs=0.03)
 
 
 def test_it_stops_behind_a_standing_vehicle(straight_road) -> None:
@@ -246,13 +202,6 @@ def test_it_follows_the_bend_that_it_is_on(crossroads) -> None:
     assert np.allclose(left, 0.0, atol=0.1)
     assert along[0] < 14.0
     assert along[-1] > 27.0
-
-
-def test_off_the_lanes_it_goes_straight_ahead(straight_road) -> None:
-    batch, sample = first_frame({1: moving(0.0, 50.0, 13.0, yaw_rad=0.6)}, straight_road)
-    way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
-    assert np.allclose(np.arctan2(way[:, 1], way[:, 0]), 0.6)
-    assert np.linalg.norm(way[-1]) > 65.0
 
 
 def test_no_samples_no_answer(straight_road) -> None:
@@ -357,18 +306,13 @@ def test_a_lane_of_the_same_kind_comes_before_a_straighter_one(crossroads) -> No
     assert straight_successors(replace(crossroads, lanes=(*shoulders, *others)))[0] == 4
 
 
-def test_paths_know_where_their_lanes_start(crossroads) -> None:
+def test_paths_know_where_their_lanes_start_and_end_with_their_reach(crossroads) -> None:
     paths = paths_from(crossroads, np.array([0, 4], dtype=np.int32), 200.0)
     assert paths.path_of_lane.tolist() == [0, -1, -1, -1, 1, -1, -1]
-    assert paths.start_m[0, [0, 5, 2]].tolist() == [0.0, 100.0, 140.0]
-    assert np.isinf(paths.start_m[0, [1, 3, 4, 6]]).all()
+    assert paths.start_m[0].tolist() == [0.0, np.inf, 140.0, np.inf, np.inf, 100.0, np.inf]
     assert paths.start_m[1, 1] == pytest.approx(crossroads.lanes[4].length_m)
-
-
-def test_the_reach_ends_the_path(crossroads) -> None:
-    paths = paths_from(crossroads, np.array([0], dtype=np.int32), 30.0)
-    assert np.isfinite(paths.start_m[0, 5])
-    assert np.isinf(paths.start_m[0, 2])
+    short = paths_from(crossroads, np.array([0], dtype=np.int32), 30.0)
+    assert np.isfinite(short.start_m[0]).tolist() == [True, False, False, False, False, True, False]
 
 
 def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads) -> None:
@@ -460,11 +404,6 @@ def test_a_vehicle_that_brakes_stops() -> None:
     assert (np.diff(away_m) >= 0.0).all()
 
 
-def test_a_vehicle_that_stands_stays() -> None:
-    batch = one(NOWHERE, 3.0, 4.0, 0.0)
-    assert make_ctra().predict(batch).xy_m[0, 0] == pytest.approx(np.tile([3.0, 4.0], (25, 1)))
-
-
 @pytest.mark.parametrize(
     ("make", "gained_m"),
     [
@@ -498,19 +437,15 @@ def test_a_vehicle_follows_the_bend_of_its_lane(crossroads) -> None:
     assert make_cv_lane().predict(batch).xy_m[0, 0] == pytest.approx(expected, abs=1e-6)
 
 
-def sample(*values: float) -> SampleBatch:
-    return samples_of(record_with({1: moving(*values, steps=161)}, NOWHERE), HistoryWindow(), Population.ALL).batch
-
-
 def test_constant_velocity_is_found_and_continued() -> None:
-    batch = sample(0.0, 0.0, 7.0, 0.0, 0.4)
+    batch = one(NOWHERE, 0.0, 0.0, 7.0, 0.0, 0.4)
     answer = ImmPredictor().predict(batch)
     expected = batch.xy_m[0] + 7.0 * TIMES_S[:, None] * np.array([np.cos(0.4), np.sin(0.4)])
     assert answer.xy_m[0] == pytest.approx(np.stack((expected, expected)), abs=1e-6)
 
 
 def test_a_strong_acceleration_is_found_and_is_the_more_probable_model() -> None:
-    batch = sample(0.0, 0.0, 2.0, 4.0)
+    batch = one(NOWHERE, 0.0, 0.0, 2.0, 4.0)
     answer = ImmPredictor().predict(batch)
     assert answer.probability[0, 0] > 0.7
     speed = batch.speed_mps[0]
@@ -518,7 +453,7 @@ def test_a_strong_acceleration_is_found_and_is_the_more_probable_model() -> None
 
 
 def test_braking_ends_in_a_stop() -> None:
-    batch = sample(0.0, 0.0, 13.0, -4.0)
+    batch = one(NOWHERE, 0.0, 0.0, 13.0, -4.0)
     speed = batch.speed_mps[0]
     away_m = ImmPredictor().predict(batch).xy_m[0, 0, :, 0] - batch.xy_m[0, 0]
     assert away_m[-1] == pytest.approx(speed**2 / 8.0, abs=0.3)

@@ -157,28 +157,29 @@ def test_predictors_get_the_tracks_and_are_scored_on_the_truth(record) -> None:
     still = record_with({1: moving(0.0, -5.25, 5.0, steps=4001)}, record.network)
     scores = score_episode("still", still, models, Population.ALL, noise="velocity").models["cv"]
     assert scores["ade_m"].value == pytest.approx(0.3 * np.sqrt(np.pi / 2) * 2.6, rel=0.2)
+    with pytest.raises(InputError, match="a bag, for a detector"):
+        score_episode("live", still, models, Population.ALL, noise="classical")
 
 
 def test_the_same_episode_has_the_same_errors_and_another_one_others(record) -> None:
     first, again = (reported(record, NOISES["tracker"]).batch for _ in range(2))
     assert (first.actors.xy_m == again.actors.xy_m).all()
     other = replace(record, description=replace(record.description, seed=record.description.seed + 1))
-    assert not np.allclose(
-        first.actors.xy_m,
-        reported(other, NOISES["tracker"]).batch.actors.xy_m,
-    )
+    assert not np.allclose(first.actors.xy_m, reported(other, NOISES["tracker"]).batch.actors.xy_m)
 
 
-STEPS = 401
-SHORT_WINDOW = HistoryWindow()
 FIRST, SECOND = 1, 2
 
 
 @pytest.fixture(scope="module")
 def drive(straight_road):
     return record_with(
-        {FIRST: moving(20.0, -5.25, 5.0, steps=STEPS), SECOND: moving(24.5, -5.25, 5.0, steps=STEPS)}, straight_road
+        {FIRST: moving(20.0, -5.25, 5.0, steps=401), SECOND: moving(24.5, -5.25, 5.0, steps=401)}, straight_road
     )
+
+
+def samples_by(drive, tracks):
+    return samples_of(drive, WINDOW, Population.ALL, reporter=lambda _, *given: reported_by(tracks, *given))
 
 
 def boxes_of(drive, changes=lambda actor, _: (actor, True), yaw_rad=0.0):
@@ -200,18 +201,9 @@ def boxes_of(drive, changes=lambda actor, _: (actor, True), yaw_rad=0.0):
     )
 
 
-def samples_by(drive, tracks):
-    return samples_of(
-        drive, SHORT_WINDOW, Population.ALL, reporter=lambda _, rows, table: reported_by(tracks, rows, table)
-    )
-
-
 @pytest.mark.parametrize("yaw_rad", [0.0, np.pi])
 def test_boxes_at_the_true_places_give_the_logged_tracks_whichever_end_is_their_front(drive, yaw_rad) -> None:
-    logged, seen = (
-        samples_of(drive, SHORT_WINDOW, Population.ALL),
-        samples_by(drive, boxes_of(drive, yaw_rad=yaw_rad)),
-    )
+    logged, seen = samples_of(drive, WINDOW, Population.ALL), samples_by(drive, boxes_of(drive, yaw_rad=yaw_rad))
     assert seen.batch.actor_id.tolist() == logged.batch.actor_id.tolist()
     assert seen.future_xy_m == pytest.approx(logged.future_xy_m)
     for name in ("xy_m", "velocity_mps", "yaw_rad", "accel_mps2"):
@@ -241,7 +233,7 @@ def test_a_young_track_has_moved_as_at_its_first_box(drive) -> None:
     steps = late.sample_step[late.actor_id == SECOND]
     assert steps.min() == 150
     row = late.target[(late.actor_id == SECOND) & (late.sample_step == 150)][0]
-    assert np.diff(late.actors.xy_m[row, :, 0]) == pytest.approx(np.full(SHORT_WINDOW.points - 1, 5.0 * 0.2), abs=1e-6)
+    assert np.diff(late.actors.xy_m[row, :, 0]) == pytest.approx(np.full(WINDOW.points - 1, 5.0 * 0.2), abs=1e-6)
 
 
 def test_tracks_that_exchange_their_vehicles_have_each_others_past(drive) -> None:
@@ -259,27 +251,19 @@ def test_boxes_of_nobody_are_nobodys(drive) -> None:
     assert len(samples_by(drive, far)) == 0
 
 
-def test_a_detector_needs_a_bag(drive) -> None:
-    with pytest.raises(InputError, match="a bag, for a detector"):
-        score_episode("live", drive, predictors_named(["cv"]), Population.ALL, noise="classical")
-
-
 def test_the_vehicle_with_the_lidar_knows_its_own_motion(drive) -> None:
     blind = boxes_of(drive, lambda actor, _: (actor, actor == SECOND))
-    steps = np.arange(0, STEPS, 4)
+    steps = np.arange(0, 401, 4)
     places = np.stack((20.0 + 5.0 * steps * 0.05, np.full(len(steps), -5.25)), axis=-1)
-    seen = samples_of(
-        drive,
-        SHORT_WINDOW,
-        Population.ALL,
-        reporter=lambda _, rows, table: reported_by(with_own(blind, rows, steps, places), rows, table),
-    ).batch
+    seen, elsewhere = (
+        samples_of(
+            drive,
+            WINDOW,
+            Population.ALL,
+            reporter=lambda _, rows, table, at=at: reported_by(with_own(blind, rows, steps, at), rows, table),
+        ).batch
+        for at in (places, places + 30.0)
+    )
     assert set(seen.actor_id.tolist()) == {FIRST, SECOND}
     assert seen.xy_m[seen.actor_id == FIRST][0] == pytest.approx([20.0 + 5.0 * 60 * 0.05, -5.25])
-    elsewhere = samples_of(
-        drive,
-        SHORT_WINDOW,
-        Population.ALL,
-        reporter=lambda _, rows, table: reported_by(with_own(blind, rows, steps, places + 30.0), rows, table),
-    ).batch
     assert set(elsewhere.actor_id.tolist()) == {SECOND}

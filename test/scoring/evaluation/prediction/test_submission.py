@@ -33,10 +33,8 @@ from siren_ros.scoring.evaluation.prediction.submission import (
     Submission,
     SubmittedRows,
     most_rows,
-    on_grid,
     read_prediction_file,
     read_recorded_predictions,
-    refuse,
     submission,
 )
 from siren_ros.simulation.roads.road_network import RoadNetwork
@@ -87,7 +85,7 @@ def argoverse(scenarios: list[str], tracks: list[str], probability: list[float])
 def test_paths_are_taken_at_the_times_of_the_grid(points, period_s, tmp_path) -> None:
     rows = read(tmp_path, columns(points, period_s))
     assert rows.xy_m.shape == (ROWS, 25, 2)
-    assert np.allclose(rows.xy_m[0, :, 0], path_of(25, 0.2))
+    assert np.allclose(rows.xy_m[0], np.stack((path_of(25, 0.2), np.full(25, -1.0)), axis=-1))
     assert rows.window == HistoryWindow()
     assert rows.actor_id.tolist() == [7, 7, 8, 8]
 
@@ -100,16 +98,11 @@ def test_the_file_may_say_which_samples_it_answers(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("kind", [pa.list_(pa.float32()), pa.large_list(pa.float64()), pa.list_(pa.float64(), 25)])
-def test_any_list_of_numbers_is_a_path(kind, tmp_path) -> None:
-    content = columns()
-    changed = {name: pa.array(content[name], kind) for name in ("x", "y")}
-    rows = read(tmp_path, {**content, **changed})
-    assert np.allclose(rows.xy_m[2, :, 0], path_of(25, 0.2), atol=1e-6)
-
-
-def test_names_may_be_dictionaries(tmp_path) -> None:
+def test_any_list_of_numbers_is_a_path_and_names_may_be_dictionaries(kind, tmp_path) -> None:
     content = columns(episode=pa.array(["a"] * ROWS).dictionary_encode())
-    assert read(tmp_path, content).episode.tolist() == ["a"] * ROWS
+    rows = read(tmp_path, {**content, **{name: pa.array(content[name], kind) for name in ("x", "y")}})
+    assert np.allclose(rows.xy_m[2, :, 0], path_of(25, 0.2), atol=1e-6)
+    assert rows.episode.tolist() == ["a"] * ROWS
 
 
 def test_argoverse_submissions_are_read(tmp_path) -> None:
@@ -123,9 +116,6 @@ def test_argoverse_submissions_are_read(tmp_path) -> None:
     assert rows.mode.tolist() == [0, 1, 0, 1]
     assert rows.window == ARGOVERSE_WINDOW
     assert np.allclose(rows.xy_m[0, :, 0], path_of(25, 0.2))
-
-
-def test_scenarios_of_another_origin_are_refused(tmp_path) -> None:
     with pytest.raises(InputError, match=r"1 of 1 rows with a scenario_id of another origin; the first is 0a1e6f0a"):
         read(tmp_path, argoverse(["0a1e6f0a-1817-4a98-b02e-db8c9327d151"], ["AV"], [1.0]))
 
@@ -198,12 +188,8 @@ def test_other_files_are_refused(tmp_path) -> None:
     del incomplete["mode"]
     with pytest.raises(InputError, match="columns episode, actor, step, mode, probability, x, y or scenario_id"):
         read(tmp_path, incomplete)
-    empty = {name: values[:0] for name, values in columns().items()}
-    typed = {**empty, "x": pa.array([], pa.list_(pa.float64())), "y": pa.array([], pa.list_(pa.float64()))}
-    typed |= {name: pa.array([], pa.int64()) for name in ("actor", "step", "mode")}
-    typed |= {"probability": pa.array([], pa.float64()), "episode": pa.array([], pa.string())}
     with pytest.raises(InputError, match="without rows"):
-        read(tmp_path, typed)
+        read(tmp_path, {name: pa.array(values)[:0] for name, values in columns().items()})
 
 
 @pytest.fixture(scope="module")
@@ -234,40 +220,6 @@ def test_every_scenario_is_a_sample_and_every_sample_a_scenario(population, reco
     answered, hypotheses = part.meet(samples.batch)
     assert len(answered) == len(samples) == len(rows) > 30
     assert np.array_equal(hypotheses.xy_m[:, 0], samples.future_xy_m)
-
-
-@pytest.mark.parametrize(("points", "period_s"), [(25, 0.2), (30, 0.2), (50, 0.1), (60, 0.1), (80, 0.1)])
-def test_the_grid_holds_the_places_at_its_own_times(points, period_s) -> None:
-    """Two vehicles at 10 m/s eastwards and 5 m/s southwards."""
-    time = period_s * np.arange(1, points + 1)
-    paths = np.stack((np.stack((10.0 * time, 0.0 * time), -1), np.stack((0.0 * time, -5.0 * time), -1)))
-    grid = 0.2 * np.arange(1, 26)
-    on_common_grid = on_grid(paths)
-    assert on_common_grid.shape == (2, 25, 2)
-    assert on_common_grid[0] == pytest.approx(np.stack((10.0 * grid, 0.0 * grid), -1))
-    assert on_common_grid[1] == pytest.approx(np.stack((0.0 * grid, -5.0 * grid), -1))
-
-
-def rows() -> SubmittedRows:
-    names = np.array(["a", "b", "c"], dtype=object)
-    numbers = np.array([4, 5, 6])
-    return SubmittedRows(
-        "file", names, numbers, 10 * numbers, np.arange(3), 0.1 * numbers, np.zeros((3, 25, 2)), HistoryWindow()
-    )
-
-
-def test_some_rows_keep_their_columns() -> None:
-    some = rows().select(np.array([True, False, True]))
-    assert (len(some), some.source, some.window) == (2, "file", HistoryWindow())
-    assert some.named(1) == "episode c, actor 6, step 60, mode 2"
-    assert some.probability == pytest.approx([0.4, 0.6])
-    assert some.xy_m.shape == (2, 25, 2)
-
-
-def test_the_first_wrong_row_is_named_with_their_number() -> None:
-    refuse("file", np.zeros(3, dtype=np.bool_), "rows", rows().named, "none")
-    with pytest.raises(InputError, match="file: 2 of 3 rows; the first is episode b, actor 5, step 50, mode 1"):
-        refuse("file", np.array([False, True, True]), "rows", rows().named, "none")
 
 
 def rows_for(batch: SampleBatch, modes: int = 2, episode: str = "made") -> SubmittedRows:
@@ -324,12 +276,6 @@ def test_unknown_samples_are_refused(batch, allow_missing) -> None:
         submission(moved, allow_missing).of_episode(["made"]).meet(batch)
 
 
-def test_positions_in_a_vehicles_frame_are_refused(batch) -> None:
-    rows = replace(rows_for(batch), xy_m=rows_for(batch).xy_m + 4000.0)
-    with pytest.raises(InputError, match="positions in metres in the frame map"):
-        submission(rows).of_episode(["made"]).meet(batch)
-
-
 @pytest.mark.parametrize(
     ("column", "value", "message"),
     [
@@ -347,10 +293,6 @@ def test_wrong_values_are_refused_with_their_number(batch, column, value, messag
     values[5] = value
     with pytest.raises(InputError, match=message):
         submission(replace(rows, **{column: values}))
-
-
-def test_hypotheses_given_twice_are_refused(batch) -> None:
-    rows = rows_for(batch)
     with pytest.raises(InputError, match="1 of 81 hypotheses are given twice; the first is episode made, actor"):
         submission(rows.select(np.append(np.arange(len(rows)), 3)))
 
@@ -383,13 +325,12 @@ def test_episodes_that_are_not_scored_are_refused(batch) -> None:
     ("speed_mps", "away_m", "refused"), [(30.0, 0.0, False), (5.0, 90.0, False), (5.0, 110.0, True)]
 )
 def test_paths_begin_near_their_vehicle_and_may_end_anywhere(straight_road, speed_mps, away_m, refused) -> None:
-    """At 30 m/s they end 150 m away."""
-    tracks = {1: moving(0.0, -5.25, speed_mps, steps=199)}
-    batch = samples_in(tracks, straight_road).batch
+    """At 30 m/s they end 150 m away; those in a vehicle's frame begin far from it."""
+    batch = samples_in({1: moving(0.0, -5.25, speed_mps, steps=199)}, straight_road).batch
     rows = rows_for(batch, modes=1)
     part = submission(replace(rows, xy_m=rows.xy_m + np.array([0.0, away_m]))).of_episode(["made"])
     if refused:
-        with pytest.raises(InputError, match="begin farther than 110 m"):
+        with pytest.raises(InputError, match=r"begin farther than 110 m .*positions in metres in the frame map"):
             part.meet(batch)
     else:
         assert len(part.meet(batch)[0]) == len(batch)
@@ -450,12 +391,9 @@ def test_a_frame_without_predictions_is_missing(batch) -> None:
     with pytest.raises(InputError, match=r"/predictions of bags/judged: 2 of 40 samples .* is actor 1 at step 70"):
         read_submission(said).meet(batch)
     assert len(read_submission(said, allow_missing=True).meet(batch)[0]) == 38
-
-
-def test_a_program_that_said_nothing(batch) -> None:
     with pytest.raises(InputError, match="40 of 40 samples have no prediction"):
         read_submission([]).meet(batch)
-    assert len(read_submission([], allow_missing=True).meet(batch)[0]) == 0
+    assert len(read_submission([], allow_missing=True).meet(batch)[0]) == 0, "a program that said nothing"
 
 
 @pytest.mark.parametrize(

@@ -41,12 +41,9 @@ def test_shipped_ledger_answers_25_lines_and_gives_every_line_a_source_or_a_reas
         assert line.low <= line.value <= line.high
         assert line.source
         assert line.about
-
-
-def test_share_has_wilsons_interval_and_other_values_a_fifth_to_each_side() -> None:
-    lines = {line.line_id: line for line in read_ledger()}
-    assert (lines["C06"].low, lines["C06"].high) == pytest.approx((0.541, 0.675), abs=0.001)
-    assert (lines["Y05"].low, lines["Y05"].high) == pytest.approx((2.72, 4.08))
+    by_id = {line.line_id: line for line in lines}
+    assert (by_id["C06"].low, by_id["C06"].high) == pytest.approx((0.541, 0.675), abs=0.001), "Wilson's interval"
+    assert (by_id["Y05"].low, by_id["Y05"].high) == pytest.approx((2.72, 4.08)), "a fifth to each side"
 
 
 @pytest.mark.parametrize(

@@ -36,12 +36,8 @@ def test_without_a_siren_nobody_is_asked() -> None:
     record = passing(siren=False)
     for name in ("moved", "lane_change_distance_m", "response_distance_m", "hinder_time_s", "emv_contact"):
         assert len(samples(record, name)) == 0, name
-
-
-def test_driver_who_stays_is_no_mover_and_blocks_to_the_end() -> None:
-    record = blocking()
-    assert len(samples(record, "lane_change_distance_m")) == 0
-    assert len(samples(record, "hinder_time_s")) == 0  # not known: it never ends
+    for name in ("lane_change_distance_m", "hinder_time_s"):
+        assert len(samples(blocking(), name)) == 0, "who stays does not move, and blocks to an end that is not known"
 
 
 def test_two_drivers_are_two_samples_in_both_orders() -> None:

@@ -49,13 +49,9 @@ def test_headway_is_front_to_front_once_a_second_and_only_of_followers() -> None
     tracks = lane(drives(0.0, 10.0), drives(18.0, 10.0))
     headways = road_tracks.following_headways_s(tracks)
     assert headways == pytest.approx(np.full(6, 1.8))
+    assert road_tracks.following_gaps_m(tracks) == pytest.approx(np.full(6, 18.0 - LENGTH_M))
     assert len(road_tracks.following_headways_s(lane(drives(0.0, 10.0), drives(18.0, 12.0)))) == 0
     assert len(road_tracks.following_headways_s(lane(drives(0.0, 2.0), drives(8.0, 2.0)))) == 0
-
-
-def test_gap_of_followers_is_their_headway_less_the_vehicle_ahead() -> None:
-    tracks = lane(drives(0.0, 10.0), drives(18.0, 10.0))
-    assert road_tracks.following_gaps_m(tracks) == pytest.approx(np.full(6, 18.0 - LENGTH_M))
 
 
 def test_lag_is_the_time_until_somebody_comes_across_the_same_place() -> None:
@@ -87,11 +83,8 @@ def test_start_and_stop_are_mean_accelerations_between_1_and_6_mps() -> None:
     assert road_tracks.starts_mps2(tracks) == pytest.approx([2.0], abs=0.02)
     assert len(road_tracks.stops_mps2(tracks)) == 0
     assert road_tracks.stops_mps2(lane(-start[::-1])) == pytest.approx([2.0], abs=0.02)
-
-
-def test_a_start_that_ends_below_6_mps_does_not_count() -> None:
-    speed = np.minimum(0.2 * np.arange(100), 5.0)
-    assert len(road_tracks.starts_mps2(lane(np.cumsum(0.1 * speed)))) == 0
+    slow = np.minimum(0.2 * np.arange(100), 5.0)
+    assert len(road_tracks.starts_mps2(lane(np.cumsum(0.1 * slow)))) == 0, "it ends below 6 m/s"
 
 
 def test_queue_discharges_from_the_fourth_vehicle_on() -> None:

@@ -27,10 +27,6 @@ def tracks(*lines: tuple[float, float, float], steps: int = STEPS) -> AgentTrack
 BOTH = np.array([True, True])
 
 
-def test_weights_add_up_to_one() -> None:
-    assert sum(histogram.weight for histogram in TERMS.values()) == pytest.approx(1.0)
-
-
 def test_features_of_a_car_that_comes_up_to_another() -> None:
     found = features_of(tracks((0.0, 0.0, 10.0), (30.0, 0.0, 5.0)), BOTH, ROAD)
     inner = slice(1, -1)
@@ -51,9 +47,6 @@ def test_bodies_that_overlap_and_corners_off_the_road_are_seen() -> None:
     assert found["collision_indication"].tolist() == [1.0, 1.0]
     assert found["distance_to_road_edge"][0, 0] == pytest.approx(0.5)
     assert found["offroad_indication"].tolist() == [1.0, 1.0]
-
-
-def test_who_is_not_there_is_not_met() -> None:
     met = tracks((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     gone = replace(met, present=np.stack((met.present[0], np.zeros(STEPS, dtype=bool))))
     assert features_of(gone, np.array([True, False]), ROAD)["collision_indication"].tolist() == [0.0]
@@ -67,14 +60,10 @@ def test_likelihood_of_the_record_under_itself_is_that_of_full_bins() -> None:
     assert scores["collision_indication"] == pytest.approx(2.001 / 2.002)
     assert scores["min_ade_m"] == 0.0
     assert scores["score"] == pytest.approx(sum(histogram.weight * scores[name] for name, histogram in TERMS.items()))
-    assert scores["interactive"] == pytest.approx(
-        (
-            0.1 * scores["distance_to_nearest_object"]
-            + 0.25 * scores["collision_indication"]
-            + 0.1 * scores["time_to_collision"]
-        )
-        / 0.45
-    )
+    weights = {"distance_to_nearest_object": 0.1, "collision_indication": 0.25, "time_to_collision": 0.1}
+    weighted = sum(weight * scores[name] for name, weight in weights.items())
+    assert scores["interactive"] == pytest.approx(weighted / 0.45)
+    assert sum(histogram.weight for histogram in TERMS.values()) == pytest.approx(1.0)
 
 
 def test_another_speed_and_a_red_line_that_nobody_crossed_cost_their_terms_alone() -> None:

@@ -31,21 +31,21 @@ from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass, Event, EventKind
 
 
-@pytest.mark.parametrize("risk", RiskClass)
-def test_titles_are_read_back(risk: RiskClass) -> None:
-    assert risk_class(risk.title) is risk
-    assert risk_class(f" {risk.title.upper()} ") is risk
-
-
-@pytest.mark.parametrize("written", ["near miss", "NEAR_MISS", "Near-miss", "nearmiss"])
-def test_ways_to_write_near_miss(written: str) -> None:
-    assert risk_class(written) is RiskClass.NEAR_MISS
-
-
-@pytest.mark.parametrize("written", ["", "normality", "crash", "Normal or Collision"])
-def test_another_word_is_refused(written: str) -> None:
-    with pytest.raises(InputError, match="Near-Miss"):
-        risk_class(written)
+@pytest.mark.parametrize(
+    ("written", "risk"),
+    [
+        *((risk.title, risk) for risk in RiskClass),
+        *((f" {risk.title.upper()} ", risk) for risk in RiskClass),
+        *((written, RiskClass.NEAR_MISS) for written in ("near miss", "NEAR_MISS", "Near-miss", "nearmiss")),
+        *((written, None) for written in ("", "normality", "crash", "Normal or Collision")),
+    ],
+)
+def test_words_for_a_class(written: str, risk: RiskClass | None) -> None:
+    if risk is None:
+        with pytest.raises(InputError, match="Near-Miss"):
+            risk_class(written)
+    else:
+        assert risk_class(written) is risk
 
 
 def test_the_more_severe_one_counts() -> None:
@@ -66,38 +66,32 @@ NOTHING = moments(0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("count", "ttc_s", "closing_mps", "near"),
-    [(4, 1.49, 1.1, True), (3, 1.49, 1.1, False), (4, 1.51, 1.1, False), (4, 1.49, 0.9, False), (20, 0.0, 5.0, True)],
+    ("found", "reason"),
+    [
+        (moments(4, 1.49, 1.1), Reason.TIME_TO_COLLISION),
+        (moments(20, 0.0, 5.0), Reason.TIME_TO_COLLISION),
+        (moments(3, 1.49, 1.1), Reason.NOTHING),
+        (moments(8, 1.5, 5.0), Reason.NOTHING),
+        (moments(8, 1.0, 1.0), Reason.NOTHING),
+        (replace(moments(6, 1.0, 3.0), step=np.array([100, 101, 102, 104, 105, 106])), Reason.NOTHING),
+        (replace(moments(6, 1.0, 3.0), actor_id=np.array([7, 7, 7, 8, 8, 8], np.uint32)), Reason.NOTHING),
+        (moments(1, 2.0, 8.0, 3.5, 9.9), Reason.REQUIRED_DECELERATION),
+        (moments(1, 2.0, 8.0, 3.4, 5.0), Reason.NOTHING),
+        (moments(1, 2.0, 8.0, 5.0, 10.0), Reason.NOTHING),
+        (SeenEncroachment(9, 50, 0.95), Reason.POST_ENCROACHMENT),
+        (SeenEncroachment(9, 50, 1.0), Reason.NOTHING),
+    ],
 )
-def test_a_short_time_to_collision_has_to_last(count: int, ttc_s: float, closing_mps: float, near: bool) -> None:
-    label = label_of(Evidence(moments(count, ttc_s, closing_mps), (), ()), LIMITS)
-    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
-    assert label.reason is (Reason.TIME_TO_COLLISION if near else Reason.NOTHING)
-
-
-def test_an_interruption_begins_anew() -> None:
-    whole = moments(6, 1.0, 3.0)
-    parted = replace(whole, step=np.array([100, 101, 102, 104, 105, 106]))
-    assert label_of(Evidence(whole, (), ()), LIMITS).risk is RiskClass.NEAR_MISS
-    assert label_of(Evidence(parted, (), ()), LIMITS).risk is RiskClass.NORMAL
-
-
-def test_two_civilians_do_not_add_up() -> None:
-    two = replace(moments(6, 1.0, 3.0), actor_id=np.array([7, 7, 7, 8, 8, 8], np.uint32))
-    assert label_of(Evidence(two, (), ()), LIMITS).risk is RiskClass.NORMAL
-
-
-@pytest.mark.parametrize(("time_s", "near"), [(0.95, True), (1.0, False)])
-def test_encroachment(time_s: float, near: bool) -> None:
-    label = label_of(Evidence(NOTHING, (SeenEncroachment(9, 50, time_s),), ()), LIMITS)
-    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
-    assert (label.actor_id, label.step) == ((9, 50) if near else (0, 0))
-
-
-@pytest.mark.parametrize(("drac_mps2", "gap_m", "near"), [(3.5, 9.9, True), (3.5, 10.1, False), (3.3, 5.0, False)])
-def test_hard_braking_needed_nearby(drac_mps2: float, gap_m: float, near: bool) -> None:
-    label = label_of(Evidence(moments(1, 2.0, 8.0, drac_mps2, gap_m), (), ()), LIMITS)
-    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+def test_what_is_near_and_what_is_just_not(found: Moments | SeenEncroachment, reason: Reason) -> None:
+    """A short TTC has to last, of one civilian and without an interruption; at a limit itself nothing is near."""
+    is_moments = isinstance(found, Moments)
+    label = label_of(Evidence(found if is_moments else NOTHING, () if is_moments else (found,), ()), LIMITS)
+    assert label.reason is reason
+    assert label.risk is (RiskClass.NORMAL if reason is Reason.NOTHING else RiskClass.NEAR_MISS)
+    actor, first = (7, 100) if is_moments else (9, 50)
+    assert (label.actor_id, label.step) == ((0, 0) if reason is Reason.NOTHING else (actor, first))
+    wider = replace(LIMITS, time_to_collision_s=2.5)
+    assert label_of(Evidence(moments(8, 2.0, 5.0), (), ()), wider).risk is RiskClass.NEAR_MISS
 
 
 @pytest.mark.parametrize("impact_mps", [0.0, 0.1, 1.3, 1.5])
@@ -115,17 +109,9 @@ def test_the_most_severe_decides_and_then_the_earliest() -> None:
     assert label_of(Evidence(conflict, encroachments, ()), LIMITS).step == 90
 
 
-def test_thresholds_are_parameters() -> None:
-    evidence = Evidence(moments(8, 2.0, 5.0), (), ())
-    assert label_of(evidence, LIMITS).risk is RiskClass.NORMAL
-    assert label_of(evidence, replace(LIMITS, time_to_collision_s=2.5)).risk is RiskClass.NEAR_MISS
-
-
 def test_a_label_names_the_moment_that_decided_it() -> None:
     """The least TTC among the short ones, and the hardest deceleration among the near ones, not the first ones."""
-    varied = replace(
-        moments(6, 1.0, 5.0), time_to_collision_s=np.array([1.4, 1.2, 0.8, 1.1, 1.3, 0.5]), closing_mps=np.full(6, 5.0)
-    )
+    varied = replace(moments(6, 1.0, 5.0), time_to_collision_s=np.array([1.4, 1.2, 0.8, 1.1, 1.3, 0.5]))
     varied.closing_mps[5] = 0.5
     label = label_of(Evidence(varied, (), ()), LIMITS)
     assert (label.reason, label.actor_id, label.step, label.value) == (Reason.TIME_TO_COLLISION, 7, 102, 0.8)
@@ -149,20 +135,6 @@ def test_each_civilian_has_its_own_short_time() -> None:
     )
     label = label_of(Evidence(two, (), ()), LIMITS)
     assert (label.actor_id, label.step, label.value) == (9, 152, 0.9)
-
-
-@pytest.mark.parametrize(
-    "found",
-    [
-        Evidence(moments(8, 1.5, 5.0), (), ()),
-        Evidence(moments(8, 1.0, 1.0), (), ()),
-        Evidence(moments(1, 2.0, 8.0, 3.4, 5.0), (), ()),
-        Evidence(moments(1, 2.0, 8.0, 5.0, 10.0), (), ()),
-    ],
-    ids=["TTC", "closing speed", "deceleration", "gap"],
-)
-def test_at_the_limit_itself_nothing_is_near(found: Evidence) -> None:
-    assert label_of(found, LIMITS).risk is RiskClass.NORMAL
 
 
 LENGTH_M, WIDTH_M = 4.6, 1.8
@@ -211,14 +183,13 @@ def test_a_camera_that_looks_to_the_left(straight_road: RoadNetwork, turned_rad:
     assert not sees(straight_road, 20.0, 0.0, eye, turned_rad=turned_rad)
 
 
-def test_the_range_is_from_the_camera_to_the_nearest_corner(straight_road: RoadNetwork) -> None:
+def test_the_range_is_from_the_camera_to_the_nearest_corner_and_behind_is_never_in_view(
+    straight_road: RoadNetwork,
+) -> None:
     eye = Mount(2.0, 0.0, 1.0)
     for x_m, seen in ((30.0, True), (30.2, False)):
         reach = np.hypot(30.1 - 2.0 - 0.5 * LENGTH_M, 0.5 * WIDTH_M)
         assert sees(straight_road, x_m, 0.0, eye, range_m=reach) is seen
-
-
-def test_behind_is_never_in_view(straight_road: RoadNetwork) -> None:
     assert not sees(straight_road, -10.0, 0.0, Mount(0.0, 0.0, 1.0), fov_deg=170.0)
 
 
@@ -267,21 +238,6 @@ def test_who_was_seen_counts_for_two_seconds(straight_road: RoadNetwork) -> None
     assert contacts_of(straight_road, tracks, (0, count), soon, late) == [30]
 
 
-def test_contacts_of_others_are_not_the_emvs(straight_road: RoadNetwork) -> None:
-    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0), 6: moving(26.0, 0.0, 0.0)}
-    record = replace(record_with(tracks, straight_road), events=(touch(9, 5, 6), touch(12, 6, EMV)))
-    assert evidence_of(record, EMV, FRONT, (0, 100)).contacts == (SeenContact(6, 12, 3.0),)
-
-
-def test_a_vehicle_that_crosses_just_before(straight_road: RoadNetwork) -> None:
-    crossing = moving(30.0, -6.0, 10.0, yaw_rad=np.pi / 2.0, steps=81)
-    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
-    found = evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81))
-    (encroachment,) = found.encroachments
-    assert encroachment.actor_id == 5
-    assert 0.3 < encroachment.time_s < 1.3
-
-
 @pytest.mark.parametrize("kind", [ActorClass.PEDESTRIAN, ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
 def test_people_are_civilians(straight_road: RoadNetwork, kind: ActorClass) -> None:
     """One crosses just before the EMV; then they touch."""
@@ -303,20 +259,21 @@ def test_numbers_of_a_moment(straight_road: RoadNetwork) -> None:
     assert found.required_deceleration_mps2 == pytest.approx(100.0 / (2.0 * gaps))
 
 
-def test_a_contact_at_the_windows_edges(straight_road: RoadNetwork) -> None:
-    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0)}
-    assert contacts_of(straight_road, tracks, (20, 40), *map(touch, (19, 20, 39, 40))) == [20, 39]
-
-
-def test_a_car_that_stays_behind_touches_unseen(straight_road: RoadNetwork) -> None:
-    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(-6.0, 0.0, 0.0)}
-    assert contacts_of(straight_road, tracks, (0, 60), touch(30)) == []
-
-
-def test_a_contact_may_be_told_a_step_after_the_last_state(straight_road: RoadNetwork) -> None:
-    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0, steps=30)}
-    assert contacts_of(straight_road, tracks, (0, 60), touch(30)) == [30]
-    assert contacts_of(straight_road, tracks, (0, 60), touch(31)) == []
+@pytest.mark.parametrize(
+    ("x_m", "steps", "window", "events", "counted"),
+    [
+        (20.0, 201, (20, 40), [touch(19), touch(20), touch(39), touch(40)], [20, 39]),
+        (20.0, 30, (0, 60), [touch(30)], [30]),
+        (20.0, 30, (0, 60), [touch(31)], []),
+        (-6.0, 201, (0, 60), [touch(30)], []),
+        (20.0, 201, (0, 100), [touch(9, 5, 6), touch(12, EMV, 5)], [12]),
+    ],
+    ids=["edges of the window", "a step after the last state", "two steps after it", "unseen, behind", "of others"],
+)
+def test_contacts_that_count(straight_road: RoadNetwork, x_m, steps, window, events, counted) -> None:
+    others = {5: moving(x_m, 0.0, 0.0, steps=steps), 6: moving(90.0, 0.0, 0.0)}
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), **others}
+    assert contacts_of(straight_road, tracks, window, *events) == counted
 
 
 @pytest.mark.parametrize(("window", "there"), [((0, 81), True), ((0, 36), False), ((38, 81), False)])

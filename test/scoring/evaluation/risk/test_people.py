@@ -2,12 +2,10 @@
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from browser_pages import OpenedPage, PageBrowser
 from evaluation.made_video_sets import evidence, small_video_set
@@ -62,35 +60,25 @@ def items_of(page):
 
 
 @pytest.mark.parametrize("pictures", [False, True])
-def test_the_page_tells_nothing_about_a_video(drawn, tmp_path, pictures):
-    page = write_rating_page(drawn, "anna", tmp_path / "page", pictures=pictures)
-    items = items_of(page)
-    assert len(items) == len(drawn.videos)
-    assert {item["id"] for item in items} == {blind_name("anna", key) for key in drawn.videos}
-    assert all((page.parent / name).is_file() for item in items for name in item["files"])
-    assert [len(item["files"]) for item in items] == [9 if pictures else 1] * 6
-    text = page.read_text() + " ".join(path.name for path in page.parent.iterdir())
-    assert not any(key in text for key in (*drawn.videos, "S4", "S6"))
-
-
-def test_another_person_has_another_order(drawn, tmp_path):
-    def order(rater):
+def test_the_page_tells_nothing_about_a_video_and_each_person_has_another_order(drawn, tmp_path, pictures):
+    orders = []
+    for rater in ("anna", "ben"):
+        page = write_rating_page(drawn, rater, tmp_path / rater, pictures=pictures)
+        items = items_of(page)
         names = {blind_name(rater, key): key for key in drawn.videos}
-        return [names[item["id"]] for item in items_of(write_rating_page(drawn, rater, tmp_path / rater))]
-
-    assert order("anna") != order("ben")
-    assert sorted(order("cem")) == sorted(drawn.videos)
-
-
-@pytest.mark.parametrize("rater", ["", "a b", "../a"])
-def test_names_that_are_no_files_are_refused(drawn, tmp_path, rater):
-    with pytest.raises(InputError, match="rater"):
-        write_rating_page(drawn, rater, tmp_path / "page")
+        orders.append([names[item["id"]] for item in items])
+        assert all((page.parent / name).is_file() for item in items for name in item["files"])
+        assert [len(item["files"]) for item in items] == [9 if pictures else 1] * 6
+        text = page.read_text() + " ".join(path.name for path in page.parent.iterdir())
+        assert not any(key in text for key in (*drawn.videos, "S4", "S6"))
+    assert orders[0] != orders[1]
+    assert sorted(orders[0]) == sorted(orders[1]) == sorted(drawn.videos)
 
 
-def test_a_folder_with_files_is_refused(drawn, tmp_path):
-    with pytest.raises(InputError, match="empty"):
-        write_rating_page(drawn, "anna", tmp_path / "videos")
+def test_names_that_are_no_files_and_a_folder_with_files_are_refused(drawn, tmp_path):
+    for rater, folder, told in (("", "page", "rater"), ("../a b", "page", "rater"), ("anna", "videos", "empty")):
+        with pytest.raises(InputError, match=told):
+            write_rating_page(drawn, rater, tmp_path / folder)
 
 
 def saved(path, drawn, rater, wrong=()):
@@ -114,17 +102,8 @@ def test_answers_come_back_by_the_ids_of_the_set(drawn, tmp_path):
 
 def test_people_have_a_row_and_kappas(drawn, tmp_path, capsys):
     files = [saved(tmp_path / "a.json", drawn, "anna"), saved(tmp_path / "b.json", drawn, "ben", ("S6_004",))]
-    words = [
-        "evaluate",
-        "risk",
-        str(tmp_path),
-        "--references",
-        "majority",
-        "template_prior",
-        "--people",
-        *map(str, files),
-    ]
-    assert main(words) == 0
+    references = "--references", "majority", "template_prior"
+    assert main(["evaluate", "risk", str(tmp_path), *references, "--people", *map(str, files)]) == 0
     lines = capsys.readouterr().out.splitlines()
     rows = {line.split()[0]: line for line in reversed(lines) if line.strip()}
     assert "100.00" in rows["people"]
@@ -227,107 +206,58 @@ def path(videos: VideoSet) -> Path:
     return page
 
 
-@pytest.fixture
-def opened(browser: PageBrowser, path: Path) -> Iterator[OpenedPage]:
-    with browser.opened(path) as page:
-        yield page
-
-
 def shown(opened: OpenedPage) -> list[str]:
     return opened.page.eval_on_selector_all(".card", "cards => cards.filter(c => !c.hidden).map(c => c.id)")
 
 
-def test_every_video_plays_and_nothing_else_is_asked_for(opened: OpenedPage) -> None:
-    assert opened.unplayable_videos() == []
-    assert opened.page.locator("video").count() == 5
-    assert opened.page.locator("#S6_005 .missing").inner_text() == "The video's file is missing."
-    assert all(url.startswith("file:") and url.endswith(".mp4") for url in opened.requests)
-    # A browser breaks a request off when it has read as much of a video as it needs.
-    assert [problem for problem in opened.problems if ".mp4" not in problem] == []
+def test_the_page_of_a_set_in_a_browser(browser: PageBrowser, path: Path) -> None:
+    """Every video plays, answers stand next to labels, the filter shows what is asked for, the charts follow."""
+    with browser.opened(path) as opened:
+        page = opened.page
+        assert opened.unplayable_videos() == []
+        assert page.locator("video").count() == 5
+        assert page.locator("#S6_005 .missing").inner_text() == "The video's file is missing."
+        assert "contact at 3.5 m/s at 1.4 s" in page.locator("#S6_005 h2").inner_text()
+        assert opened.table("#S4_002 .answers") == [["oracle", "Near-Miss", "right"], [ODD, "Collision", "wrong"]]
+        assert opened.table("#S4_001 .answers")[1] == [ODD, "unreadable", "wrong"]
+        assert opened.table("#S6_003 .answers")[1] == [ODD, "none", ""]
+        assert opened.table("#models")[1][:3] == ["oracle", "6 / 6", "100.0 %"]
+
+        page.evaluate("document.querySelectorAll('video').forEach(video => video.play = () => {})")
+        card = page.locator("#S6_004")
+        card.locator("svg").first.click(position={"x": 300, "y": 40})
+        page.wait_for_function("document.querySelector('#S6_004 video').currentTime > 5")
+        page.wait_for_function("document.querySelector('#S6_004 line.now').style.opacity === '1'")
+        at, x = page.evaluate(
+            "[document.querySelector('#S6_004 video').currentTime,"
+            " Number(document.querySelector('#S6_004 line.now').getAttribute('x1'))]"
+        )
+        assert x == pytest.approx(at / 19 * 380, abs=1.0)
+        card.locator("button").click()
+        page.wait_for_function("document.querySelector('#S6_004 video').currentTime < 1")
+
+        assert len(shown(opened)) == 6
+        for select, option, left in (
+            ("label", "Near-Miss", ["S4_002", "S6_004"]),
+            ("template", "S6", ["S6_004"]),
+            ("verdict", "wrong", []),
+            ("model", "1", ["S6_004"]),
+        ):
+            page.select_option(f"select[name={select}]", option)
+            assert shown(opened) == left
+        assert page.locator("#shown").inner_text() == "1 of 6"
+        assert all(url.startswith("file:") and url.endswith(".mp4") for url in opened.requests)
+        # A browser breaks a request off when it has read as much of a video as it needs.
+        assert [problem for problem in opened.problems if ".mp4" not in problem] == []
 
 
-def test_labels_and_answers_are_shown(opened: OpenedPage) -> None:
-    heading = opened.page.locator("#S6_005 h2").inner_text()
-    assert "Collision" in heading
-    assert "contact at 3.5 m/s at 1.4 s" in heading
-    assert opened.table("#S4_002 .answers") == [["oracle", "Near-Miss", "right"], [ODD, "Collision", "wrong"]]
-    assert opened.table("#S4_001 .answers")[1] == [ODD, "unreadable", "wrong"]
-    assert opened.table("#S6_003 .answers")[1] == [ODD, "none", ""]
-    assert opened.table("#models")[1][:3] == ["oracle", "6 / 6", "100.0 %"]
-
-
-def test_the_filter_shows_what_is_asked_for(opened: OpenedPage) -> None:
-    assert len(shown(opened)) == 6
-    opened.page.select_option("select[name=label]", "Near-Miss")
-    assert shown(opened) == ["S4_002", "S6_004"]
-    opened.page.select_option("select[name=template]", "S6")
-    assert shown(opened) == ["S6_004"]
-    opened.page.select_option("select[name=verdict]", "wrong")
-    assert shown(opened) == []
-    assert opened.page.locator("#nothing").is_visible()
-    opened.page.select_option("select[name=model]", "1")
-    assert shown(opened) == ["S6_004"]
-    assert opened.page.locator("#shown").inner_text() == "1 of 6"
-
-
-def test_the_button_goes_to_the_moment_and_the_charts_follow(opened: OpenedPage) -> None:
-    opened.page.evaluate("document.querySelectorAll('video').forEach(video => video.play = () => {})")
-    card = opened.page.locator("#S6_004")
-    card.locator("svg").first.click(position={"x": 300, "y": 40})
-    opened.page.wait_for_function("document.querySelector('#S6_004 video').currentTime > 5")
-    opened.page.wait_for_function("document.querySelector('#S6_004 line.now').style.opacity === '1'")
-    at, x = opened.page.evaluate(
-        "[document.querySelector('#S6_004 video').currentTime,"
-        " Number(document.querySelector('#S6_004 line.now').getAttribute('x1'))]"
-    )
-    assert x == pytest.approx(at / 19 * 380, abs=1.0)
-    card.locator("button").click()
-    opened.page.wait_for_function("document.querySelector('#S6_004 video').currentTime < 1")
-
-
-COUNTS = np.array([[7, 3, 0, 0], [1, 1, 0, 2], [0, 0, 0, 0]])
-
-
-def drawn(figures: list[Figure], templates: int, counts: npt.NDArray[np.intp] = COUNTS) -> Figure:
-    by_template = {f"S{number}": (number + 1) * counts for number in range(templates)}
-    save_confusions(ModelScores("mine", 14, 14, counts, by_template), Path("a.png"))
-    return figures.pop()
-
-
-def test_a_panel(figures: list[Figure]) -> None:
-    figure = drawn(figures, 1)
-    first, second = [axes for axes in figure.axes if axes.get_visible()]
-    assert (first.get_title(), second.get_title()) == ("all templates (n = 14)", "S0 (n = 14)")
-    (image,) = first.images
-    assert np.asarray(image.get_array()) == pytest.approx(
-        np.array([[0.7, 0.3, 0.0, 0.0], [0.25, 0.25, 0.0, 0.5], [0.0] * 4])
-    )
-    assert image.get_clim() == (0.0, 1.0)
-    told = {text.get_position(): (text.get_text(), text.get_color()) for text in first.texts}
-    assert len(told) == 12
-    # Column, row. Dark from 60 % of a label's videos on.
-    assert told[0, 0] == ("7", "white")
-    assert told[1, 0] == ("3", "black")
-    assert told[3, 1] == ("2", "black")
-    assert told[2, 2] == ("0", "black")
-    assert [text.get_text() for text in first.get_xticklabels()] == ["Normal", "Near-Miss", "Collision", "none"]
-    assert [text.get_text() for text in first.get_yticklabels()] == ["Normal", "Near-Miss", "Collision"]
-    assert (first.get_xlabel(), first.get_ylabel()) == ("answer", "label")
-    assert figure.get_suptitle() == "mine"
-
-
-def test_numbers_are_white_from_sixty_percent_on(figures: list[Figure]) -> None:
-    figure = drawn(figures, 0, np.array([[3, 2, 0, 0], [41, 59, 0, 0], [0, 0, 60, 40]]))
-    colours = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
-    assert {text for text, colour in colours.items() if colour == "white"} == {"3", "60"}
-
-
-@pytest.mark.parametrize(("templates", "rows"), [(0, 1), (3, 1), (4, 2), (7, 2)])
-def test_four_panels_stand_in_a_row(figures: list[Figure], templates: int, rows: int) -> None:
-    figure = drawn(figures, templates)
-    assert len(figure.axes) == 4 * rows
-    assert [axes.get_visible() for axes in figure.axes] == [True] * (1 + templates) + [False] * (
-        4 * rows - 1 - templates
-    )
-    width, height = figure.get_size_inches()
-    assert width / 4 == pytest.approx(height / rows, rel=0.1), "a panel is about square"
+def test_confusions_are_shares_of_each_label(figures: list[Figure]) -> None:
+    counts = np.array([[7, 3, 0, 0], [1, 1, 0, 2], [0, 0, 0, 0]])
+    save_confusions(ModelScores("mine", 14, 14, counts, {"S0": 2 * counts}), Path("a.png"))
+    first, second = [axes for axes in figures[0].axes if axes.get_visible()]
+    assert (first.get_title(), second.get_title()) == ("all templates (n = 14)", "S0 (n = 28)")
+    shares = np.array([[0.7, 0.3, 0.0, 0.0], [0.25, 0.25, 0.0, 0.5], [0.0] * 4])
+    assert np.asarray(first.images[0].get_array()) == pytest.approx(shares)
+    told = {text.get_position(): text.get_text() for text in first.texts}
+    # Column, row.
+    assert {(column, row): str(counts[row, column]) for row in range(3) for column in range(4)} == told

@@ -1,7 +1,6 @@
 """Answers, references, controls and severities, and their scores."""
 
 import csv
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -33,7 +32,6 @@ from siren_ros.scoring.evaluation.risk.report import (
     tables_of,
 )
 from siren_ros.scoring.evaluation.risk.scoring import (
-    NO_ANSWER,
     SCORES,
     ModelScores,
     Severity,
@@ -58,15 +56,18 @@ from siren_ros.scoring.evaluation.risk.scoring import (
 from siren_ros.scoring.evaluation.risk.sequence_model import CHANGES, Control, load_sequence_model, sequence_answers
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, changes_of_labels
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import questions_about
-from siren_ros.scoring.evaluation.scores import Scores, csv_of
+from siren_ros.scoring.evaluation.scores import csv_of
 from siren_ros.sensing.specification import Mount
 
 NORMAL, NEAR_MISS, COLLISION = RiskClass
 
 
-def test_counts_are_label_by_answer() -> None:
+def test_counts_are_label_by_answer_and_an_unreadable_one_is_wrong_and_of_no_class() -> None:
     counts = confusion([NORMAL, NORMAL, NEAR_MISS, COLLISION], [NORMAL, COLLISION, None, NEAR_MISS])
     assert counts.tolist() == [[1, 0, 1, 0], [0, 0, 0, 1], [0, 1, 0, 0]]
+    with_none = confusion([NORMAL, NORMAL], [NORMAL, None])
+    shares = accuracy(with_none), recall(with_none, NORMAL), precision(with_none, NORMAL)
+    assert [share.value for share in shares] == [0.5, 0.5, 1.0]
 
 
 def test_closed_forms() -> None:
@@ -108,14 +109,6 @@ def test_the_papers_table_from_counts(model: str, counts: list[list[int]]) -> No
         assert 100.0 * SCORES[name](matrix).value == pytest.approx(100.0 * value, abs=0.005), name
 
 
-def test_an_unreadable_answer_counts_as_wrong_and_as_no_class() -> None:
-    with_none, without = confusion([NORMAL, NORMAL], [NORMAL, None]), confusion([NORMAL], [NORMAL])
-    assert with_none[NORMAL, NO_ANSWER] == 1
-    assert accuracy(with_none).value == 0.5
-    assert recall(with_none, NORMAL).value == 0.5
-    assert precision(with_none, NORMAL).value == precision(without, NORMAL).value == 1.0
-
-
 def test_references(small_set: VideoSet) -> None:
     most, best = (score_answers("x", small_set, answers(small_set)) for answers in (majority, oracle))
     assert most.scores["accuracy"].value == 0.5
@@ -135,70 +128,14 @@ def test_only_answered_videos_count(small_set: VideoSet) -> None:
     assert (found.by_template["S4"] + found.by_template["S6"] == found.overall).all()
 
 
-def test_tables_say_the_same(small_set: VideoSet, tmp_path: Path) -> None:
+def test_rows_of_a_set_as_a_file_and_its_confusions_as_a_picture(small_set: VideoSet, tmp_path: Path) -> None:
     first, second = (score_answers(name, small_set, of(small_set)) for name, of in (("m_1", majority), ("o", oracle)))
-    models = [first, second]
-    content = json.loads(json.dumps(scores_as_json(models)))
-    scores, classes, confusion_table, *_ = tables_of(content, compare_paper=True)
-    assert len(scores.cells()) == len(classes.cells()) == 2 + 5
-    assert "50.00 [" in scores.cells()[0][2]
-    assert scores.cells()[1][1] == "6/6"
-    assert any("49.52" in row and "(paper)" in row[0] for row in scores.cells())
-    written = csv.DictReader(csv_of(row for model in models for row in model.rows).splitlines())
+    written = csv.DictReader(csv_of(row for model in (first, second) for row in model.rows).splitlines())
     rows = {(row["model"], row["group"], row["metric"]): row for row in written}
-    assert float(rows["m_1", "all", "accuracy"]["value"]) == 0.5
-    assert {group for _, group, _ in rows} == {"all", "S4", "S6"}
-    assert rows["o", "S4", "recall_collision"]["value"] == ""
-    assert r"m\_1 & 6/6 & 50.00 [" in scores.latex()
-    assert classes.cells()[0][1:4] == ("50.00", "100.00", classes.cells()[0][3])
-    assert classes.cells()[0][3].startswith("66.67 [")
-    assert Scores.of_json(content).value("o", "all", "all", "macro_f1") == 1.0
-    assert Scores.of_json(content).value("m_1", "all", "all", "precision_near_miss") is None
-    assert confusion_table.cells()[1] == ("m_1", "Near-Miss", "2", "0", "0", "0")
+    assert (float(rows["m_1", "all", "accuracy"]["value"]), rows["m_1", "all", "accuracy"]["samples"]) == (0.5, "6")
+    assert (rows["o", "S4", "recall_collision"]["value"], rows["o", "S4", "recall_collision"]["low"]) == ("", "")
     save_confusions(first, tmp_path / "confusion.png")
     assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000
-
-
-def test_tables_by_hand(small_set: VideoSet) -> None:
-    """Of S4 normal, normal, near-miss; of S6 normal, near-miss, collision: one of each template is wrong."""
-    answers = {
-        "S4_000": RiskClass.NORMAL,
-        "S4_001": RiskClass.NEAR_MISS,
-        "S4_002": RiskClass.NEAR_MISS,
-        "S6_003": RiskClass.NORMAL,
-        "S6_004": RiskClass.NEAR_MISS,
-        "S6_005": None,
-    }
-    found = score_answers("m&1", small_set, answers)
-    scores, classes, overall, by_template = tables_of(scores_as_json([found]))
-    assert overall.cells() == [
-        ("m&1", "Normal", "2", "1", "0", "0"),
-        ("m&1", "Near-Miss", "0", "2", "0", "0"),
-        ("m&1", "Collision", "0", "0", "0", "1"),
-    ]
-    assert by_template.cells()[0] == ("m&1", "S4", "Normal", "1", "1", "0", "0")
-    assert by_template.cells()[5] == ("m&1", "S6", "Collision", "0", "0", "0", "1")
-    # Recalls 2/3, 1, 0; precisions 1, 2/3, none; F1 4/5, 4/5, 0.
-    values = [cell.split()[0] for cell in classes.cells()[0][1:]]
-    assert values == ["100.00", "66.67", "80.00", "66.67", "100.00", "80.00", "–", "0.00", "0.00"]
-    assert scores.latex().splitlines()[-3].startswith(r"m\&1 & 6/6 & 66.67 [")
-    rows = {(row["group"], row["metric"]): row for row in csv.DictReader(csv_of(found.rows).splitlines())}
-    assert float(rows["S4", "accuracy"]["value"]) == pytest.approx(2 / 3, abs=1e-6)
-    assert (rows["S4", "accuracy"]["low"], rows["S4", "accuracy"]["samples"]) == ("", "3")
-    assert rows["all", "accuracy"]["samples"] == "6"
-    bounds = found.scores["accuracy"]
-    assert [float(rows["all", "accuracy"][side]) for side in ("low", "high")] == pytest.approx(
-        [bounds.low, bounds.high], abs=1e-6
-    )
-    assert (rows["all", "precision_collision"]["value"], rows["all", "precision_collision"]["low"]) == ("", "")
-    assert float(rows["all", "balanced_accuracy"]["value"]) == pytest.approx(5 / 9, abs=1e-6)
-    shown = scores_as_json([found])["models"]["m&1"]
-    assert shown["confusion"] == [[2, 1, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1]]
-    overall = {row["metric"]: row for row in scores_as_json([found])["rows"] if row["kind"] == "all"}
-    nothing = {"value": None, "low": None, "high": None, "episodes": 0}
-    assert overall["precision_collision"].items() >= nothing.items()
-    assert overall["accuracy"]["low"] == bounds.low
-    assert overall["accuracy"]["high"] == bounds.high > bounds.low
 
 
 FIRST = np.array([[6, 2, 0, 0], [1, 3, 0, 1], [0, 0, 0, 0]])
@@ -214,33 +151,21 @@ def tables(*models: ModelScores, compare_paper: bool = False) -> dict[str, Table
     return {table.key: table for table in tables_of(scores_as_json(models), compare_paper=compare_paper)}
 
 
-def test_scores_in_percent() -> None:
+def test_scores_in_percent_and_the_papers_below_them() -> None:
     """Of 20 videos 16 are right. Recalls 8/10, 4/6, 4/4; precisions 8/9, 4/6, 4/4; F1 16/19, 8/12, 1."""
-    found = tables(scores("m"))
-    assert found["scores"].head == ("model", "videos", "accuracy", "balanced accuracy", "macro F1")
-    ((name, videos, *cells),) = found["scores"].cells()
-    assert (name, videos) == ("m", "20/24")
-    assert [cell.split()[0] for cell in cells] == ["80.00", "82.22", "83.63"]
-    assert cells[0] == "80.00 [58.40, 91.93]"
-    assert found["classes"].head[1:4] == ("P Normal", "R Normal", "F1 Normal")
-    ((_, *cells),) = found["classes"].cells()
-    assert [cell.split()[0] for cell in cells] == [
-        "88.89", "80.00", "84.21", "66.67", "66.67", "66.67", "100.00", "100.00", "100.00",
-    ]  # fmt: skip
-    assert [place for place, cell in enumerate(cells) if "[" in cell] == [2, 5, 8], "intervals of F1"
-    none = np.zeros_like(FIRST)
-    few = tables(scores("m", none, np.diag([2, 1, 1, 0])[:3]))["scores"]
-    assert few.cells()[0][2] == "100.00 [–]", "four videos"
-    assert few.has_unbounded
-
-
-def test_the_papers_rows_stand_below_ours() -> None:
     found = tables(scores("m"), compare_paper=True)
     overall, of_classes = ({row[0]: row[1:] for row in found[key].cells()} for key in ("scores", "classes"))
+    assert overall["m"][:2] == ("20/24", "80.00 [58.40, 91.93]")
+    assert [cell.split()[0] for cell in overall["m"][2:]] == ["82.22", "83.63"]
+    in_percent = "88.89 80.00 84.21 66.67 66.67 66.67 100.00 100.00 100.00"
+    assert [cell.split()[0] for cell in of_classes["m"]] == in_percent.split()
+    assert [place for place, cell in enumerate(of_classes["m"]) if "[" in cell] == [2, 5, 8], "intervals of F1"
     assert overall["Qwen3.5-9B (paper)"] == ("105", "70.48", "–", "–")
     assert of_classes["Qwen3.5-9B (paper)"] == ("70.48", "–", "82.68", "0.00", "–", "0.00", "0.00", "–", "0.00")
     assert len(overall) == len(of_classes) == 1 + len(PAPER_SCORES)
-    assert len(found["scores"].reference) == len(PAPER_SCORES)
+    few = tables(scores("m", np.zeros_like(FIRST), np.diag([2, 1, 1, 0])[:3]))["scores"]
+    assert few.cells()[0][2] == "100.00 [–]", "four videos"
+    assert few.has_unbounded
 
 
 def test_rows_are_of_the_whole_set_and_of_its_templates() -> None:
@@ -264,10 +189,9 @@ def test_json() -> None:
     found = scores_as_json([scores("m")])
     assert (found["task"], found["classes"]) == ("risk", ["Normal", "Near-Miss", "Collision"])
     assert found["rows"] == [row.json() for row in scores("m").rows]
-    model = found["models"]["m"]
-    assert (model["videos"], model["answered"]) == (24, 20)
-    assert model["confusion"] == [[8, 2, 0, 0], [1, 4, 0, 1], [0, 0, 4, 0]]
-    assert model["confusion_by_template"] == {"S1": FIRST.tolist(), "S6": SECOND.tolist()}
+    confusions = {"confusion": (FIRST + SECOND).tolist(), "by": {"S1": FIRST.tolist(), "S6": SECOND.tolist()}}
+    expected = {"videos": 24, "answered": 20, "confusion_by_template": confusions.pop("by"), **confusions}
+    assert found["models"]["m"].items() >= expected.items()
 
 
 def test_confusion_matrices() -> None:
@@ -284,14 +208,6 @@ def test_confusion_matrices() -> None:
     assert by_template.cells()[0] == ("m", "S1", "Normal", "6", "2", "0", "0")
     assert by_template.cells()[3] == ("m", "S6", "Normal", "2", "0", "0", "0")
     assert len(by_template.rows) == 6, "not of the oracle"
-
-
-@pytest.mark.parametrize("name", PAPER_SCORES)
-def test_the_papers_accuracies_are_counts_of_its_videos(name: str) -> None:
-    videos = sum(PAPER_BALANCE)
-    right = PAPER_SCORES[name]["accuracy"] * videos
-    assert videos == 105
-    assert right == pytest.approx(round(right), abs=0.01)
 
 
 BOTH = [
@@ -326,9 +242,6 @@ def test_what_is_refused(tmp_path: Path, name: str, text: str, named: str) -> No
     path.write_text(text)
     with pytest.raises(InputError, match=named):
         read_answers(path)
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_answers(tmp_path / "none.json")
 
@@ -391,15 +304,7 @@ class _Brightest:
         return int(frames.mean() > 100)
 
 
-def test_the_sequence_model_sees_the_changed_film(drawn):
-    model = _Brightest()
-    answers = sequence_answers(drawn, model, [Control.BLANK])[Control.BLANK]
-    assert set(answers) == set(drawn.videos)
-    assert {int(film.min()) for film in model.seen} == {int(film.max()) for film in model.seen} == {128}
-    assert {film.shape for film in model.seen} == {(95, 60, 160)}
-
-
-def test_a_film_is_read_once_for_all_controls(drawn, monkeypatch):
+def test_the_sequence_model_sees_the_changed_films_and_reads_each_once(drawn, monkeypatch):
     read, opened = controls_module.read_small_frames, []
     monkeypatch.setattr(
         controls_module, "read_small_frames", lambda path, *rest: opened.append(path) or read(path, *rest)
@@ -408,25 +313,21 @@ def test_a_film_is_read_once_for_all_controls(drawn, monkeypatch):
     answers = sequence_answers(drawn, model, [Control.BLANK, Control.ONE_FRAME])
     assert {control: set(given) for control, given in answers.items()} == {key: set(drawn.videos) for key in answers}
     assert len(opened) == len(set(opened)) == len(drawn.videos)
+    assert {film.shape for film in model.seen} == {(95, 60, 160)}
     assert all((film == film[0]).all() for film in model.seen)
+    assert sum(bool((film == 128).all()) for film in model.seen) == len(drawn.videos)
+    assert len({*sequence_answers(drawn, load_sequence_model(), [Control.BLANK])[Control.BLANK].values()}) == 1
     assert sequence_answers(drawn, model, []) == {}
 
 
-def test_the_shipped_model_answers_blank_films_all_alike(drawn):
-    answers = sequence_answers(drawn, load_sequence_model(), [Control.BLANK])[Control.BLANK]
-    assert len(set(answers.values())) == 1
-
-
 def test_numbers_of_a_video(small_set):
+    """Slow closing does not count."""
     kinds = {key: severity_of(video.evidence, RiskThresholds()) for key, video in small_set.videos.items()}
     assert kinds["S4_000"] == Severity(3.0, 0.0)
     assert kinds["S4_002"] == Severity(pytest.approx(0.9), 0.0)
     assert kinds["S6_005"] == Severity(0.0, 3.5)
-
-
-def test_slow_closing_does_not_count(small_set):
-    evidence = small_set.videos["S4_002"].evidence
-    slow = replace(evidence.moments, closing_mps=np.full(len(evidence.moments), 0.5))
+    moments = small_set.videos["S4_002"].evidence.moments
+    slow = replace(moments, closing_mps=np.full(len(moments), 0.5))
     assert severity_of(Evidence(slow, (), ()), RiskThresholds()).least_ttc_s == 3.0
 
 
@@ -450,25 +351,27 @@ def test_the_template_tells_its_mean(small_set):
     assert table_of_severity(small_set, {"x": truth}).rows[0][0] == "template_prior"
 
 
-@pytest.mark.parametrize("suffix", ["json", "csv"])
-def test_guesses_are_read_from_both_formats(tmp_path, suffix):
-    path = tmp_path / f"a.{suffix}"
-    given = {"a": {"class": "Normal", "least_ttc_s": 1.5, "contact_mps": 0.0}}
-    rows = "video,class,least_ttc_s,contact_mps\na,Normal,1.5,0\n"
-    path.write_text(json.dumps(given) if suffix == "json" else rows)
-    assert read_severities(path) == {"a": Severity(1.5, 0.0)}
-    path.write_text('{"a": "Normal"}' if suffix == "json" else "video,class\na,Normal\n")
-    assert read_severities(path) == {}
-    path.write_text(
-        json.dumps({"a": {"least_ttc_s": float("nan"), "contact_mps": 0}})
-        if suffix == "json"
-        else rows + "b,Normal,nan,0\n"
-    )
-    with pytest.raises(InputError, match="finite"):
-        read_severities(path)
-    path.write_text('{"a": {"least_ttc_s": 1}}' if suffix == "json" else rows + "b,Normal,x,0\n")
-    with pytest.raises(InputError, match="numbers"):
-        read_severities(path)
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("a.json", '{"a": {"class": "Normal", "least_ttc_s": 1.5, "contact_mps": 0.0}}', {"a": Severity(1.5, 0.0)}),
+        ("a.csv", "video,class,least_ttc_s,contact_mps\na,Normal,1.5,0\n", {"a": Severity(1.5, 0.0)}),
+        ("a.json", '{"a": "Normal"}', {}),
+        ("a.csv", "video,class\na,Normal\n", {}),
+        ("a.json", '{"a": {"least_ttc_s": NaN, "contact_mps": 0}}', "finite"),
+        ("a.csv", "video,least_ttc_s,contact_mps\nb,nan,0\n", "finite"),
+        ("a.json", '{"a": {"least_ttc_s": 1}}', "numbers"),
+        ("a.csv", "video,least_ttc_s,contact_mps\nb,x,0\n", "numbers"),
+    ],
+)
+def test_guesses_are_read_from_both_formats(tmp_path, name, text, found):
+    path = tmp_path / name
+    path.write_text(text)
+    if isinstance(found, dict):
+        assert read_severities(path) == found
+    else:
+        with pytest.raises(InputError, match=found):
+            read_severities(path)
 
 
 def test_labels_change_with_their_thresholds(small_set):

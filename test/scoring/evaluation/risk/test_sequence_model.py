@@ -35,12 +35,9 @@ def test_sky_and_bonnet_are_cut_and_blocks_averaged(factor: int) -> None:
     assert small.shape == (HEIGHT, WIDTH)
     assert small[0, 0] == round(100 / factor)
     assert small.sum() == small[0, 0]
-
-
-def test_grey_is_luma() -> None:
     picture = np.zeros((120, 160, 3), np.uint8)
     picture[..., 1] = 200
-    assert (reduced(picture) == round(0.587 * 200)).all()
+    assert (reduced(picture) == round(0.587 * 200)).all(), "grey is luma"
 
 
 def test_each_second_frame_of_a_video_is_read_as_it_was_drawn(tmp_path: Path) -> None:
@@ -112,14 +109,12 @@ def test_weights_of_other_frames_are_refused(tmp_path: Path) -> None:
 
 
 def test_videos_without_their_file_have_no_answer(small_set: VideoSet) -> None:
-    first, second, *_ = small_set.videos
-    for number, key in enumerate((first, second)):
-        shade = np.full((120, 160, 3), 90 + number, np.uint8)
-        write_video(small_set.folder / small_set.videos[key].file, (shade for _ in range(VIDEO_FRAMES)))
+    first = next(iter(small_set.videos))
+    shade = np.full((120, 160, 3), 90, np.uint8)
+    write_video(small_set.folder / small_set.videos[first].file, (shade for _ in range(VIDEO_FRAMES)))
     found = REFERENCES["sequence"](small_set)
-    assert set(found) == {first, second}
-    assert score_answers("sequence", small_set, found).answered == 2
-    assert score_answers("sequence", small_set, {}).answered == 0
+    assert set(found) == {first}
+    assert score_answers("sequence", small_set, found).answered == 1
 
 
 def test_episodes_of_a_set_that_were_trained_on_are_counted(small_set: VideoSet) -> None:

@@ -1,6 +1,6 @@
 """Yield metrics of episodes and drivers, their means, and levels compared in pairs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +17,6 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.scores import Score
 from siren_ros.scoring.evaluation.yielding import metrics as marks
 from siren_ros.scoring.evaluation.yielding.encounters import (
-    Encounter,
     YieldThresholds,
     corridor_continuity,
     corridor_width_m,
@@ -40,7 +39,6 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
     situation_sha256,
     yield_tables,
 )
-from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.world.actors import ActorClass, Event, EventKind
 
 
@@ -58,24 +56,18 @@ def test_an_episode_has_every_metric_and_a_row_for_each_driver() -> None:
     assert row["began_s"] == pytest.approx(0.2, abs=0.051)
     assert (row["in_the_way"], row["with_siren"], row["under_test"]) == (True, True, False)
     assert {metric.name for metric in DRIVER_METRICS} < set(row)
+    about = replace(passing().description, parameters={"av": {"actor_id": CAR}})
+    (row,) = score_yielding(replace(passing(), description=about)).driver_rows()
+    assert row["under_test"] is True
 
 
-def test_nobody_passed_leaves_no_wake() -> None:
+def test_nobody_passed_leaves_no_wake_and_an_emv_that_stands_has_no_scores() -> None:
     scores = score_yielding(blocking())
     assert scores.metrics["wake_duration_s"].lack == scores.metrics["wake_length_m"].lack == "the EMV passed nobody"
     assert scores.metrics["held_up_s"].value > 5.0
-
-
-def test_an_emv_that_stands_has_no_scores() -> None:
-    scores = score_yielding(record_of(arc((0.0, 2.0)), {}))
-    assert all(measure.lack == "the EMV did not move" for measure in scores.metrics.values())
-    assert scores.drivers == ()
-
-
-def test_the_emv_itself_is_no_driver(record_of: Callable[..., EpisodeRecord]) -> None:
-    scores = score_yielding(record_of(duration_s=12.0))
-    assert scores.drivers
-    assert EMV not in {driver.actor_id for driver in scores.drivers}
+    stands = score_yielding(record_of(arc((0.0, 2.0)), {}))
+    assert all(measure.lack == "the EMV did not move" for measure in stands.metrics.values())
+    assert stands.drivers == ()
 
 
 def test_means_are_over_the_episodes_that_have_a_value() -> None:
@@ -144,13 +136,6 @@ def test_further_emvs_have_tables_of_their_own_and_no_effects() -> None:
     assert [episode.emv for episode in levels.values()] == [1]
 
 
-def test_the_av_under_test_is_told() -> None:
-    record = passing()
-    tested = replace(record, description=replace(record.description, parameters={"av": {"actor_id": CAR}}))
-    (row,) = score_yielding(tested).driver_rows()
-    assert row["under_test"] is True
-
-
 def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:
     whole, some = score_yielding(passing()), score_yielding(passing(), names=("emv_stops", "civilian_delay_s"))
     assert some.metrics == {name: whole.metrics[name] for name in ("emv_stops", "civilian_delay_s")}
@@ -191,12 +176,14 @@ def test_a_situation_is_everybodys_place_and_the_civilians_speed() -> None:
         assert changed(column, civilian) != told
         assert changed(column, emv) == told
     assert situation_sha256(replace(record, states=(first,))) == told, "what comes later is not the situation"
+    assert situation_sha256(passing(siren=False)) == told
     for name, value in (("map_sha256", "1"), ("preset", "other"), ("duration_s", 1.0), ("site", {"junction": "J"})):
         described = replace(record.description, **{name: value})
         assert situation_sha256(replace(record, description=described)) != told
 
 
 LIMITS = YieldThresholds()
+OF_DRIVERS = "response_time_s", "clearance_time_s", "held_up_s", "made_way_m", "passing_gap_m", "recovery_time_s"
 
 
 @pytest.fixture(scope="module")
@@ -218,63 +205,47 @@ def scene() -> YieldScene:
     return YieldScene(record, line, LIMITS)
 
 
-def of_driver(scene: YieldScene, one: Encounter) -> dict[str, Measure]:
-    conflicts = scene.conflicts_of(one.actor_id)
-    return {
-        "response_time_s": marks.response_time_s(one, LIMITS),
-        "clearance_time_s": marks.clearance_time_s(one, LIMITS),
-        "compliance": marks.complied(one, LIMITS),
-        "held_up_s": marks.held_up_s(one, LIMITS),
-        "made_way_m": marks.made_way_m(one, LIMITS),
-        "passing_gap_m": marks.passing_gap_m(one, LIMITS),
-        "recovery_time_s": marks.recovery_time_s(one, LIMITS),
-        "min_ttc_s": marks.min_ttc_s(conflicts),
-        "min_pet_s": marks.min_pet_s(conflicts),
-        "collisions": marks.collisions(scene.record, one.actor_id),
-    }
-
-
-def test_marks_of_each_driver(scene: YieldScene) -> None:
+def test_marks_of_each_driver_and_what_follows_from_them_for_the_episode(scene: YieldScene) -> None:
     assert [one.actor_id for one in scene.encounters] == [CAR, CAR + 1, CAR + 2, CAR + 3]
-    for one in scene.encounters:
-        assert {metric.name: metric.compute(scene, one) for metric in DRIVER_METRICS} == of_driver(scene, one)
-    assert [of_driver(scene, one)["collisions"].value for one in scene.encounters] == [2.0, 1.0, 0.0, 0.0]
+    of_each = [{metric.name: metric.compute(scene, one) for metric in DRIVER_METRICS} for one in scene.encounters]
+    for one, found in zip(scene.encounters, of_each, strict=True):
+        conflicts = scene.conflicts_of(one.actor_id)
+        expected = {name: getattr(marks, name)(one, LIMITS) for name in OF_DRIVERS}
+        expected |= {"min_ttc_s": marks.min_ttc_s(conflicts), "min_pet_s": marks.min_pet_s(conflicts)}
+        expected |= {"compliance": marks.complied(one, LIMITS)}
+        assert found == {**expected, "collisions": marks.collisions(scene.record, one.actor_id)}
+    assert [found["collisions"].value for found in of_each] == [2.0, 1.0, 0.0, 0.0]
 
-
-def test_metrics_of_the_episode(scene: YieldScene) -> None:
     found = {metric.name: metric.compute(scene) for metric in EPISODE_METRICS}
-    record, line = scene.record, scene.line
-    asked = [one for one in scene.encounters if one.was_in_the_way]
+    asked = [marks for one, marks in zip(scene.encounters, of_each, strict=True) if one.was_in_the_way]
     assert len(asked) == 3
-    of_drivers = [of_driver(scene, one) for one in asked]
-
-    def values(name: str) -> list[float]:
-        return [found[name].value for found in of_drivers if found[name].valid]
-
+    of_emv = ("site_time_s", "emv_delay_s", "emv_standstill_s")
     expected = {
-        "site_time_s": marks.site_time_s(record, line, LIMITS),
-        "emv_delay_s": marks.emv_delay_s(record, line, LIMITS),
+        **{name: getattr(marks, name)(scene.record, scene.line, LIMITS) for name in of_emv},
+        **{name: getattr(marks, name)(scene.encounters, LIMITS) for name in ("wake_duration_s", "wake_length_m")},
         "emv_stops": Measure(1.0),
-        "emv_standstill_s": marks.emv_standstill_s(record, line, LIMITS),
         "emv_gap_escape_s": Measure(0.0),
         "corridor_width_m": corridor_width_m(scene.corridor),
         "corridor_continuity": corridor_continuity(scene.corridor),
         "drivers_in_the_way": Measure(3.0),
-        "wake_duration_s": marks.wake_duration_s(scene.encounters, LIMITS),
-        "wake_length_m": marks.wake_length_m(scene.encounters, LIMITS),
-        "civilian_delay_s": marks.civilian_delay_s(record),
+        "civilian_delay_s": marks.civilian_delay_s(scene.record),
         "min_ttc_s": marks.min_ttc_s(scene.conflicts_of(EMV)),
         "min_pet_s": marks.min_pet_s(scene.conflicts_of(EMV)),
         "collisions": Measure(2.0),
     }
     assert {name: found[name] for name in expected} == expected
-    assert found["response_time_s"].value == pytest.approx(np.median(values("response_time_s")))
-    assert found["clearance_time_s"].value == pytest.approx(np.median(values("clearance_time_s")))
+    statistics = {
+        "response_time_s": np.median,
+        "clearance_time_s": np.median,
+        "compliance": np.mean,
+        "held_up_s": np.sum,
+    }
+    for name, statistic in statistics.items():
+        known = [of_driver[name].value for of_driver in asked if of_driver[name].valid]
+        assert found[name].value == pytest.approx(statistic(known)), name
     assert found["clearance_time_s"].at_least, "two stay in the way until the end"
-    assert found["compliance"].value == pytest.approx(np.mean(values("compliance")))
-    assert found["held_up_s"].value == pytest.approx(sum(values("held_up_s")))
     people = {metric.name for metric in PEOPLE_METRICS}
-    assert set(found) == {*expected, "response_time_s", "clearance_time_s", "compliance", "held_up_s", *people}
+    assert set(found) == {*expected, *statistics, *people}
     assert not any(found[name].valid for name in people), "nobody is there"
 
 
@@ -352,12 +323,6 @@ def test_an_effect_is_found_template_by_template_and_over_all() -> None:
     assert all(effect.p_adjusted >= effect.p_value for effect in found)
 
 
-def test_pairing_takes_out_what_seeds_differ_in() -> None:
-    """The seeds' own spread, 10 s, would hide a gain of 3 s."""
-    one = of(effects(study(), contrasts=[("L1", "L0")]), "S1").interval
-    assert one.high - one.low < 1.5
-
-
 def test_episodes_without_a_partner_do_not_count() -> None:
     made = [*study(4), episode("S1", "L1", 99, Measure(1.0)), episode("S3", "L2", 0, Measure(1.0))]
     found = effects(made, contrasts=[("L1", "L0")], outcomes=["site_time_s"])
@@ -367,14 +332,12 @@ def test_episodes_without_a_partner_do_not_count() -> None:
 
 def test_values_cut_off_by_the_end_are_counted() -> None:
     made = [
-        replace_time(one, Measure(45.0, at_least=True)) if one.level == "L0" and one.seed < 2 else one
+        episode(one.template, "L0", one.seed, Measure(45.0, at_least=True))
+        if one.level == "L0" and one.seed < 2
+        else one
         for one in study()
     ]
     assert of(effects(made, contrasts=[("L1", "L0")]), "S1").cut_off == 2
-
-
-def replace_time(one: ScoredEpisode, site_time: Measure) -> ScoredEpisode:
-    return episode(one.template, one.level, one.seed, site_time, one.situation_sha256)
 
 
 def test_levels_of_different_situations_are_refused() -> None:
@@ -383,26 +346,3 @@ def test_levels_of_different_situations_are_refused() -> None:
         pairs_of(made)
     with pytest.raises(InputError, match="one episode of each level"):
         pairs_of([made[0], made[0]])
-
-
-def test_a_situation_is_who_is_where_at_first_and_not_what_the_level_makes_of_it() -> None:
-    one, other = passing(), passing(siren=False)
-    assert situation_sha256(one) == situation_sha256(other)
-    assert situation_sha256(one) != situation_sha256(record_of(arc((10.0, 20.0)), {}))
-
-
-def test_the_civilians_delay_is_what_they_lose_against_the_limit() -> None:
-    record = passing()
-    lanes = {lane.lane_id: lane.index for lane in record.network.lanes}
-    civilian = record.states[0].actor_id[1:2]
-    traffic = tuple(
-        replace(one, actor_id=civilian, lane=np.array([lanes["s_in_1"]], dtype=np.int32)) for one in record.traffic
-    )
-    delay = score_yielding(replace(record, traffic=traffic)).metrics["civilian_delay_s"]
-    assert delay.value == pytest.approx(30.0 * (1.0 - 5.0 / 13.9), rel=0.02)
-    # A while off every lane costs nothing, and leaves what the rest costs.
-    half = len(traffic) // 2
-    away = tuple(replace(one, lane=np.full_like(one.lane, NO_LANE)) for one in traffic[:half])
-    rest = score_yielding(replace(record, traffic=(*away, *traffic[half:]))).metrics["civilian_delay_s"]
-    assert rest.value == pytest.approx(delay.value * (1.0 - half / len(traffic)), rel=0.02)
-    assert score_yielding(record).metrics["civilian_delay_s"].lack == "nobody was on a lane"

@@ -49,14 +49,10 @@ def test_emergency_vehicles_come_first_then_the_nearest(straight_road) -> None:
     assert seen["is_emv"][sample, :4].tolist() == [1.0, 0.0, 0.0, 0.0]
     assert seen["x"][sample, 0] * POSITION_SCALE_M == pytest.approx(-40.0)
     assert all((values[sample, ~there] == 0.0).all() for values in seen.values())
-
-
-def test_the_nearest_are_kept_where_there_are_many(straight_road) -> None:
-    tracks = {1 + number: moving(5.0 * number, -5.0, 0.0, steps=161) for number in range(NEIGHBOURS + 4)}
-    batch = batch_of(tracks, straight_road)
-    choice = choose_neighbours(batch)
-    assert choice.there[sample_of(batch, 1)].all()
-    assert batch.actors.actor_id[choice.actor[sample_of(batch, 1)]].tolist() == list(range(2, NEIGHBOURS + 2))
+    many = {1 + number: moving(5.0 * number, -5.0, 0.0, steps=161) for number in range(NEIGHBOURS + 4)}
+    batch = batch_of(many, straight_road)
+    kept = batch.actors.actor_id[choose_neighbours(batch).actor[sample_of(batch, 1)]]
+    assert kept.tolist() == list(range(2, NEIGHBOURS + 2)), "the nearest"
 
 
 def test_siren_and_indicators_are_seen(straight_road) -> None:
@@ -183,6 +179,11 @@ def test_vehicles_behind_and_on_other_lanes_are_no_leaders(straight_road) -> Non
     assert columns["leader_speed"][0] * 10.0 == pytest.approx(7.0)
     assert columns["leader_is_emv"][0] == 1.0
     assert columns["second_speed"][0] * 10.0 == pytest.approx(2.0)
+    faster = {1: moving(80.0, -5.25, 2.0, accel_mps2=0.5), 2: moving(60.0, -5.25, 0.0)}
+    alone = paths_of(faster, straight_road, of=2)
+    assert [alone[f"{name}_there"][0] for name in ("leader", "second")] == [1.0, 0.0]
+    assert alone["leader_speed"][0] * 10.0 == pytest.approx(2.0 + 0.5 * 3.0), "that of the present"
+    assert alone["second_gap"][0] == 1.0
 
 
 @pytest.mark.parametrize(("aside_m", "there"), [(2.05, 1.0), (-2.05, 1.0), (2.15, 0.0), (-2.15, 0.0)])
@@ -204,24 +205,16 @@ def test_the_second_leader_is_the_next_one(straight_road) -> None:
     assert [columns[f"{name}_speed"][0] for name in ("leader", "second")] == pytest.approx([0.0, 0.3])
 
 
-@pytest.mark.parametrize(("length_m", "gap_m"), [(4.6, 1.0 - 4.6), (12.0, -5.0)])
-def test_gaps_of_overlapping_bodies_end_at_five_metres(straight_road, length_m, gap_m) -> None:
-    tracks = {key: moving(x_m, -5.25, 0.0, length_m=length_m) for key, x_m in ((1, 60.0), (2, 61.0))}
-    assert paths_of(tracks, straight_road)["leader_gap"][0] * 100.0 == pytest.approx(gap_m)
-
-
-def test_one_leader_is_not_the_second_too(straight_road) -> None:
-    """The leader is the first of all vehicles; it gets faster, and its speed is that of the present."""
-    columns = paths_of({1: moving(80.0, -5.25, 2.0, accel_mps2=0.5), 2: moving(60.0, -5.25, 0.0)}, straight_road, of=2)
-    assert [columns[f"{name}_there"][0] for name in ("leader", "second")] == [1.0, 0.0]
-    assert columns["leader_speed"][0] * 10.0 == pytest.approx(2.0 + 0.5 * 3.0)
-    assert columns["second_gap"][0] == 1.0
-
-
-@pytest.mark.parametrize(("ahead_m", "there"), [(-0.3, 0.0), (0.3, 1.0)])
-def test_a_vehicle_alongside_leads_where_its_centre_is_ahead(straight_road, ahead_m, there) -> None:
-    columns = paths_of({1: moving(60.0, -5.25, 0.0), 2: moving(60.0 + ahead_m, -4.0, 0.0)}, straight_road)
-    assert columns["leader_there"][0] == there
+@pytest.mark.parametrize(
+    ("ahead_m", "length_m", "gap_m"),
+    [(1.0, 4.6, 1.0 - 4.6), (1.0, 12.0, -5.0), (0.3, 4.6, 0.3 - 4.6), (-0.3, 4.6, None)],
+)
+def test_a_vehicle_alongside_leads_where_its_centre_is_ahead(straight_road, ahead_m, length_m, gap_m) -> None:
+    """Gaps of overlapping bodies end at five metres."""
+    tracks = {key: moving(x_m, -5.25, 0.0, length_m=length_m) for key, x_m in ((1, 60.0), (2, 60.0 + ahead_m))}
+    columns = paths_of(tracks, straight_road)
+    assert columns["leader_there"][0] == float(gap_m is not None)
+    assert columns["leader_gap"][0] * 100.0 == pytest.approx(100.0 if gap_m is None else gap_m)
 
 
 def lines_of(batch):
@@ -243,14 +236,11 @@ def test_the_stop_line_and_what_its_signal_shows_on_each_path(crossroads) -> Non
     for path, names in enumerate((("green", "priority"), ("red", "left"), ("yellow",))):
         for name in names:
             assert np.flatnonzero(lines[f"line0_{name}"][0]).tolist() == [path], name
+    columns = lane_columns(batch.network, choice)
+    assert all(values[0, 3] == 0.0 for values in columns.values()), "a path that is none is in no lane"
+    assert columns["limit"][0, 0] > 0.0
     assert (lines["line1_there"] == 0.0).all()
     assert (lines["line1_distance"][0] == 1.0).all()
-
-
-def test_a_signal_that_was_not_recorded_is_none(crossroads) -> None:
-    _, lines = lines_of(batch_of({1: moving(-40.0, 0.0, 8.0)}, with_signal(crossroads, "rrr")))
-    assert lines["line0_there"][0, 0] == 1.0
-    assert lines["line0_signal"][0, 0] == 0.0
 
 
 def test_where_the_edges_of_the_carriageway_are(straight_road) -> None:
@@ -325,14 +315,6 @@ def test_a_shoulder_is_seen_and_does_not_widen_the_carriageway(crossroads) -> No
         assert columns["to_left_edge"] * 5.0 == pytest.approx(left_m)
 
 
-def test_a_path_that_is_none_is_in_no_lane(crossroads) -> None:
-    choice, _ = lines_of(at(-10.0, 0.0, crossroads, speed_mps=8.0))
-    assert choice.there[0].tolist() == [True, True, True, False]
-    columns = lane_columns(crossroads, choice)
-    assert all(values[0, 3] == 0.0 for values in columns.values())
-    assert columns["limit"][0, 0] > 0.0
-
-
 def test_a_link_that_the_signal_did_not_show_is_unknown(crossroads) -> None:
     """The signal of three links was recorded with two: the way to the right is the third."""
     batch = showing(batch_of({1: moving(-40.0, 0.0, 8.0)}, with_signal(crossroads, "rGy")), "rG")
@@ -340,3 +322,5 @@ def test_a_link_that_the_signal_did_not_show_is_unknown(crossroads) -> None:
     assert lines["line0_there"][0].tolist() == [1.0, 1.0, 1.0, 0.0]
     assert lines["line0_signal"][0].tolist() == [1.0, 1.0, 0.0, 0.0]
     assert lines["line0_yellow"][0].tolist() == [0.0] * 4
+    _, lines = lines_of(replace(batch, signals={}))
+    assert (lines["line0_there"][0, 0], lines["line0_signal"][0, 0]) == (1.0, 0.0), "not recorded"

@@ -48,15 +48,18 @@ def unavailable(fault: Behaviour, said: str, timeout_s: float = 60.0, retries: i
     return str(caught.value), len(server.requests)
 
 
-def test_a_server_that_is_too_slow() -> None:
+def test_a_server_that_is_too_slow_and_one_that_is_gone() -> None:
     assert unavailable(Behaviour(wait_s=0.6), "Timeout", 0.2, 1)[1] == 2
+    with chat_server(lambda _, __: Behaviour()) as server:
+        url = server.url
+    with pytest.raises(ModelUnavailableError, match="Connection"):
+        OpenAiServer(url, "m", KEY, 2.0, 0).answer(ASKED)
 
 
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
         (Behaviour(status=401), "401"),
-        (Behaviour(status=404), "404"),
         (Behaviour(status=429), "429"),
         (Behaviour(body=b"<html>a proxy</html>"), "m: "),
         (Behaviour(body=b'{"choices": []}'), "not of the protocol"),
@@ -103,24 +106,16 @@ BAD_BODIES = {
     "no choices": b'{"choices": null}',
     "a choice of null": b'{"choices": [null]}',
     "no message": b'{"choices": [{}]}',
-    "a message of text": b'{"choices": [{"message": "Normal"}]}',
     "content of numbers": body_of(5),
-    "content of an object": body_of({"text": "a"}),
     "a part of text": body_of(["text"]),
-    "a part without text": body_of([{"type": "text", "text": 5}]),
-    "usage of text": body_of(usage="many"),
     "tokens of text": body_of(usage={"prompt_tokens": "12"}),
     "tokens below 0": body_of(usage={"completion_tokens": -1}),
     "tokens of truth": body_of(usage={"prompt_tokens": True}),
     "NaN tokens": body_of(usage={"prompt_tokens": float("nan")}),
-    "infinite tokens": body_of(usage={"prompt_tokens": 7}).replace(b": 7", b": 1e400"),
     "tokens of 5000 digits": body_of(usage={"prompt_tokens": 7}).replace(b": 7", b": " + b"7" * 5000),
     "a list": b"[]",
-    "a number": b"3",
     "nothing": b"",
-    "no UTF-8": b'{"choices": "\xff"}',
     "deep": b'{"choices":' * 200_000,
-    "deep and closed": b"[" * 200_000 + b"]" * 200_000,
     "packed": gzip.compress(body_of()),
     "long": body_of("x" * MOST_REPLY_BYTES),
 }
@@ -155,13 +150,10 @@ def test_a_reply_without_end_is_not_read_to_its_end() -> None:
     unavailable(endless, f"more than {MOST_REPLY_BYTES} bytes")
 
 
-@pytest.mark.parametrize("url", ["localhost:8000", "", "http://", "http://[::1", "ftp://a/v1", "http://a\nb"])
-def test_what_is_no_address_is_refused(url: str) -> None:
-    with pytest.raises(InputError, match="base-url"):
-        OpenAiServer(url, "m", KEY, 2.0, 0)
-
-
 def test_what_cannot_be_sent_is_refused() -> None:
+    for url in ("localhost:8000", "", "http://", "http://[::1", "ftp://a/v1", "http://a\nb"):
+        with pytest.raises(InputError, match="base-url"):
+            OpenAiServer(url, "m", KEY, 2.0, 0)
     for timeout_s in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match="timeout-s"):
             OpenAiServer("http://localhost/v1", "m", KEY, timeout_s, 0)
@@ -171,13 +163,6 @@ def test_what_cannot_be_sent_is_refused() -> None:
         with pytest.raises(InputError, match="api-key-env") as caught:
             OpenAiServer("http://localhost/v1", "m", key, 1.0, 0)
         assert "a-secret" not in str(caught.value)
-
-
-def test_nobody_listens() -> None:
-    with chat_server(lambda _, __: Behaviour()) as server:
-        url = server.url
-    with pytest.raises(ModelUnavailableError, match="Connection"):
-        OpenAiServer(url, "m", KEY, 2.0, 0).answer(ASKED)
 
 
 def test_the_key_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

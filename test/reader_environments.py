@@ -23,7 +23,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "open3d_ml": ("--no-deps", "addict", "scikit-learn", "joblib", "threadpoolctl", "narwhals"),
     # The extra dev has nuscenes-devkit, because detections are scored by it.
     "nuscenes": (),
-    # av2 asks for torch and more, which its readers of scenarios and maps do not import. pandas reads csv files, too.
+    # av2 asks for torch and more, which its readers of scenarios and maps do not import.
     "av2": ("--no-deps", "av2==0.3.6", "pandas<3", "pytz", "tzdata", "polars", "polars-runtime-32", "rich", "pyproj",
             "certifi", "universal-pathlib", "fsspec", "pathlib-abc", "joblib", "opencv-python-headless<4.12"),
     # ASAM's checker bundles for OpenDRIVE and OpenSCENARIO; their pyclothoids is built here, with a C++ compiler.

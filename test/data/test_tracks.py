@@ -10,7 +10,7 @@ from evaluation.made_records import moving, record_with
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.data import tracks
 from siren_ros.data.recording.episode_record import EpisodeRecord
-from siren_ros.data.tracks import REGION, Track, tracks_of, whole_windows
+from siren_ros.data.tracks import REGION, tracks_of, whole_windows
 from siren_ros.errors import BagError
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection
 
@@ -44,23 +44,15 @@ def test_windows_are_whole_and_in_the_population():
     inside = car.frame != 3
     assert whole_windows(replace(car, in_region=inside), 6, REGION).tolist() == [4, 11, 12, 13, 14, 15]
     assert whole_windows(replace(car, in_region=inside), 6, "all").tolist() == [0, 1, 2, 3, 4, 11, 12, 13, 14, 15]
-
-
-def test_a_part_of_a_track():
-    _, car = tracks_of(record())
     part = car.window(8, 5)
     assert part.frame.tolist() == [8, 9, 11, 12]
     assert part.x_m == pytest.approx(car.x_m[8:12])
-    assert isinstance(part, Track)
 
 
-def test_the_region_is_around_the_emv():
+def test_the_region_is_around_the_emv_and_all_are_described():
     near, far = (tracks_of(record(ahead_m))[1] for ahead_m in (20.0, 300.0))
     assert near.in_region.all()
     assert not far.in_region.any()
-
-
-def test_an_actor_that_nobody_describes_is_refused():
     whole = record()
     with pytest.raises(BagError, match="5 is not"):
         tracks_of(replace(whole, actors={1: whole.actors[1]}))
@@ -105,10 +97,7 @@ def test_of_lanes_that_overlap_on_the_junction_sumos_decides_and_else_the_neares
     straight, right = NETWORK.connections[0].via[0], NETWORK.connections[3].via[0]
     assert place_of(x, y, NORTH, straight)[0] == NETWORK.lanes[straight].lane_id
     assert place_of(x, y, NORTH, right)[0] == NETWORK.lanes[right].lane_id
-
-
-def test_a_lane_of_the_road_comes_before_a_path_across_the_junction():
-    """Both hold the pose within the rounding of their common end."""
+    # The rounding of their common end lies in both, and there a lane of the road comes before a path.
     assert place_of(hand.RIGHT_X_M, -20.0, NORTH)[0] == "s_in_1"
 
 

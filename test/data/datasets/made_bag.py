@@ -54,7 +54,7 @@ from siren_ros.simulation.world.carrier import (
 
 Export = Callable[..., Path]
 """Exports bags: format, bag or bags, options; gives the dataset, which is made once for all tests."""
-EMV, CAR, BUS = 1, 5, 9
+EMV, CAR, BUS, THIRD = 1, 5, 9, 11
 RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
 FIRST_SENSED = 4
 """Step of the first sweep; the first keyframe of 2 Hz is step 10."""
@@ -82,11 +82,11 @@ class BagSpec:
     """Without its outcome."""
     boxes_frame: str = "lidar"
     """Frame of the labels as ``Detection3DArray``, whose numbers are the same in any."""
-    kinds: tuple[ActorClass, ActorClass] = (ActorClass.SEDAN, ActorClass.BUS)
-    """What the car and the bus are."""
+    kinds: tuple[ActorClass, ...] = (ActorClass.SEDAN, ActorClass.BUS)
+    """What the car and the bus are, and a third one that no sensor sees."""
 
 
-def made_tracks_of(steps: int, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) -> EpisodeRecord:
+def made_tracks_of(steps: int, kinds: tuple[ActorClass, ...] = BagSpec.kinds) -> EpisodeRecord:
     """The EMV at 10 m/s; a car that comes at step 10 and gains speed; a bus in the lane beside that leaves."""
     tracks = {
         EMV: moving(20.0, RIGHT_Y_M, 10.0, steps=steps, is_emv=True, actor_class=ActorClass.AMBULANCE, length_m=6.0),
@@ -95,6 +95,8 @@ def made_tracks_of(steps: int, kinds: tuple[ActorClass, ActorClass] = BagSpec.ki
         ),
         BUS: moving(40.0, LEFT_Y_M, 9.0, steps=steps - 5, actor_class=kinds[1], length_m=12.0),
     }
+    for kind in kinds[2:]:
+        tracks[THIRD] = moving(50.0, LEFT_Y_M, 8.0, steps=steps, actor_class=kind)
     return record_with(tracks, parse_road_network(NET_XML.encode()))
 
 
@@ -126,11 +128,11 @@ def sweep_of(step: int) -> npt.NDArray[np.void]:
     return points
 
 
-def truth_of(step: int, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) -> GroundTruth:
+def truth_of(step: int, kinds: tuple[ActorClass, ...] = BagSpec.kinds) -> GroundTruth:
     """The car ahead to the left, which moves, and the bus behind to the right, which stands and has no return."""
     columns: dict[str, Any] = {
         "actor_id": np.array([CAR, BUS], dtype=np.uint32),
-        "actor_class": np.array(kinds, dtype=np.uint8),
+        "actor_class": np.array(kinds[:2], dtype=np.uint8),
         "is_emv": np.zeros(2, dtype=np.bool_),
         "x_m": np.array([12.0, -15.0 + 0.1 * step]),
         "y_m": np.array([3.0, -4.0]),
@@ -147,7 +149,7 @@ def truth_of(step: int, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) ->
     return GroundTruth(step=step, carrier_id=EMV, **columns)
 
 
-def image_truth_of(step: int, camera: str, kinds: tuple[ActorClass, ActorClass] = BagSpec.kinds) -> CameraTruth:
+def image_truth_of(step: int, camera: str, kinds: tuple[ActorClass, ...] = BagSpec.kinds) -> CameraTruth:
     """The front camera shows the car, half of it beyond the edge; the other one the bus, nearly whole."""
     actor, kind, seen, cut = (CAR, kinds[0], 0.9, 0.5) if camera == FRONT else (BUS, kinds[1], 0.9, 0.0)
     edges = {name: np.array([value]) for name, value in zip(("u_min_px", "v_min_px"), (3.0, 4.0), strict=True)}

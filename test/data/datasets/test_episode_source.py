@@ -142,15 +142,6 @@ def test_a_frame_has_sweep_labels_pictures_and_pose_of_its_step(source):
     assert (plain.jpegs, plain.image_truths, plain.map_from_base) == ({}, {}, None)
 
 
-def test_the_record_is_the_one_whose_messages_were_written(bare):
-    expected, record = described(BagSpec(steps=262, sensed=False)), bare.record()
-    assert record.emv_ids == (EMV,)
-    assert record.actors == expected.actors
-    for actor in (EMV, CAR, BUS):
-        assert np.array_equal(record.track(actor).x_m, expected.track(actor).x_m)
-        assert np.array_equal(record.track(actor).step, expected.track(actor).step)
-
-
 @pytest.mark.parametrize(
     ("needs", "what", "suite"),
     [

@@ -23,20 +23,17 @@ def written(out: Path) -> LiveExport:
     return export
 
 
-def test_it_has_its_name_when_it_is_published_and_not_before(out):
+@pytest.mark.parametrize("there", [[], ["S2_kitti"]])
+def test_it_has_its_name_when_it_is_published_and_not_before(out, there):
+    """An empty folder may be there already."""
+    for name in there:
+        (out.parent / name).mkdir(parents=True)
     export = written(out)
-    assert names(out.parent) == [".S2_kitti.partial"]
+    assert names(out.parent) == [".S2_kitti.partial", *there]
     export.close(whole=True)
-    assert names(out.parent) == [".S2_kitti.partial"]
+    assert names(out.parent) == [".S2_kitti.partial", *there]
     LiveExport(out).publish()
     assert names(out.parent) == ["S2_kitti"]
-    assert names(out) == ["frames.csv"]
-
-
-def test_an_empty_folder_may_be_there_already(out):
-    out.mkdir(parents=True)
-    written(out).close(whole=True)
-    LiveExport(out).publish()
     assert names(out) == ["frames.csv"]
 
 

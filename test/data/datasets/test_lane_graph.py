@@ -5,7 +5,7 @@ import pytest
 from hand_made_record import RIGHT, SHOULDER_RIGHT, STRAIGHT, crossing
 
 from siren_ros.data.datasets.lane_graph import lane_graph, offset_line
-from siren_ros.simulation.roads.road_network import MIRROR, LaneKind, mirrored_network
+from siren_ros.simulation.roads.road_network import MIRROR, mirrored_network
 
 GRAPH = lane_graph(crossing())
 SHOULDER, RIGHT_LANE, LEFT_LANE, N_RIGHT, N_LEFT, E_SHOULDER, E_LANE = range(7)
@@ -45,13 +45,6 @@ def test_followers_lead_over_paths():
     assert GRAPH[E_SHOULDER].predecessors == (PATHS + SHOULDER_RIGHT,)
     assert GRAPH[N_LEFT].successors == GRAPH[SHOULDER].predecessors == ()
     assert [index for index, lane in GRAPH.items() if lane.in_junction] == list(range(PATHS, PATHS + 7))
-
-
-def test_only_lanes_that_vehicles_use_are_there():
-    network = crossing()
-    kinds = {lane.kind for lane in network.lanes}
-    assert kinds <= {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL}
-    assert sorted(GRAPH) == [lane.index for lane in network.lanes]
 
 
 @pytest.mark.parametrize("left_m", [2.0, -1.0])

@@ -23,20 +23,17 @@ from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 
 def test_emergency_vehicles_are_cars_unless_they_have_their_own():
+    car, emergency = nuscenes_tables.CAR, nuscenes_tables.EMERGENCY
     for member in ActorClass:
-        category = nuscenes_tables.CATEGORY_OF_CLASS[member]
-        plain, emergency, paper = (
-            nuscenes_tables.category_of(member, nuscenes_tables.CAR),
-            nuscenes_tables.category_of(member, nuscenes_tables.EMERGENCY),
-            nuscenes_tables.category_of(member, nuscenes_tables.EMERGENCY, nuscenes_tables.CAR),
-        )
+        own = nuscenes_tables.CATEGORY_OF_CLASS[member]
+        found = [nuscenes_tables.category_of(member, *asked) for asked in ((car,), (emergency,), (emergency, car))]
         if member.is_emergency:
-            assert (plain, emergency, paper) == (nuscenes_tables.CAR, category, category)
-            assert category.startswith("vehicle.emergency.")
+            assert found == [car, own, own]
+            assert own.startswith("vehicle.emergency.")
         elif member is ActorClass.PEDESTRIAN:
-            assert {plain, emergency, paper} == {"human.pedestrian.adult"}
+            assert set(found) == {"human.pedestrian.adult"}
         else:
-            assert (plain, emergency, paper) == (category, category, nuscenes_tables.CAR)
+            assert found == [own, own, car]
 
 
 @pytest.mark.parametrize(
@@ -47,30 +44,19 @@ def test_levels_of_visibility(fraction, level):
 
 
 def test_who_is_slower_than_a_foot_per_second_stands():
-    assert nuscenes_tables.attribute_of(ActorClass.BICYCLE, 0.31) == "cycle.with_rider"
-    walks = ActorClass.PEDESTRIAN
-    assert (nuscenes_tables.attribute_of(walks, 0.31), nuscenes_tables.attribute_of(walks, 0.29)) == (
-        "pedestrian.moving",
-        "pedestrian.standing",
-    )
-    car = ActorClass.SEDAN
-    assert (nuscenes_tables.attribute_of(car, 0.31), nuscenes_tables.attribute_of(car, 0.29)) == (
-        "vehicle.moving",
-        "vehicle.stopped",
-    )
-
-
-def test_tokens_are_md5_of_their_parts():
-    assert nuscenes_tables.token("a", 1, "b") == nuscenes_tables.token("a/1/b") != nuscenes_tables.token("a", 1)
-    assert nuscenes_tables.token("") == "d41d8cd98f00b204e9800998ecf8427e"
+    attribute_of = nuscenes_tables.attribute_of
+    assert attribute_of(ActorClass.BICYCLE, 0.31) == "cycle.with_rider"
+    walks = ["pedestrian.moving", "pedestrian.standing"]
+    assert [attribute_of(ActorClass.PEDESTRIAN, speed_mps) for speed_mps in (0.31, 0.29)] == walks
+    drives = ["vehicle.moving", "vehicle.stopped"]
+    assert [attribute_of(ActorClass.SEDAN, speed_mps) for speed_mps in (0.31, 0.29)] == drives
 
 
 def test_fixed_tables_number_the_categories_from_one():
     tables = nuscenes_tables.fixed_tables()
-    assert [row["index"] for row in tables["category"]] == list(
-        range(1, 1 + len(set(nuscenes_tables.CATEGORY_OF_CLASS.values())))
-    )
-    assert [row["name"] for row in tables["category"]] == sorted(set(nuscenes_tables.CATEGORY_OF_CLASS.values()))
+    names = sorted(set(nuscenes_tables.CATEGORY_OF_CLASS.values()))
+    assert {"human.pedestrian.adult", "vehicle.bicycle", "vehicle.motorcycle"} <= set(names)
+    assert [(row["index"], row["name"]) for row in tables["category"]] == list(enumerate(names, start=1))
     assert tables["visibility"][1]["description"] == "visible fraction 40-60 %"
     assert tables["attribute"][0]["token"] == nuscenes_tables.token("attribute", "vehicle.moving")
 
@@ -82,24 +68,18 @@ def camera(name: str, yaw_deg: float) -> MountedCamera:
     return MountedCamera(name=name, topic=name, base_from_sensor=optical, model=model, truth_topic="")
 
 
-@pytest.mark.parametrize(
-    ("yaw_deg", "channel"),
-    [
-        (0.0, "CAM_FRONT"),
-        (29.0, "CAM_FRONT"),
-        (55.0, "CAM_FRONT_LEFT"),
-        (-55.0, "CAM_FRONT_RIGHT"),
-        (84.0, "CAM_FRONT_LEFT"),
-        (86.0, "CAM_BACK_LEFT"),
-        (-110.0, "CAM_BACK_RIGHT"),
-        (149.0, "CAM_BACK_LEFT"),
-        (151.0, "CAM_BACK"),
-        (180.0, "CAM_BACK"),
-        (-175.0, "CAM_BACK"),
-    ],
-)
-def test_channels_are_where_cameras_look(yaw_deg, channel):
-    assert nuscenes_tables.channels((camera("one", yaw_deg),)) == {"one": channel}
+def test_channels_are_where_cameras_look():
+    directions_deg = {
+        "CAM_FRONT": (0.0, 29.0),
+        "CAM_FRONT_LEFT": (55.0, 84.0),
+        "CAM_FRONT_RIGHT": (-55.0,),
+        "CAM_BACK_LEFT": (86.0, 149.0),
+        "CAM_BACK_RIGHT": (-110.0,),
+        "CAM_BACK": (151.0, 180.0, -175.0),
+    }
+    for channel, yaws_deg in directions_deg.items():
+        for yaw_deg in yaws_deg:
+            assert nuscenes_tables.channels((camera("one", yaw_deg),)) == {"one": channel}
 
 
 def test_a_second_camera_of_a_direction_is_numbered():
@@ -127,16 +107,8 @@ def test_the_mask_is_white_where_one_drives():
         return int(image.getpixel((round((x_m - low[0]) * 10), round(3500 - (y_m - low[1]) * 10))))
 
     # The approach from the south reaches from 0 to 9.5 m; then nothing until the road of its own from 12.25 m on.
-    assert [at(x_m, -70.0) for x_m in (0.3, 5.0, 9.2, 9.8, 12.0, 12.5, 15.5, 16.0)] == [
-        255,
-        255,
-        255,
-        0,
-        0,
-        255,
-        255,
-        0,
-    ]
+    driven = [at(x_m, -70.0) / 255 for x_m in (0.3, 5.0, 9.2, 9.8, 12.0, 12.5, 15.5, 16.0)]
+    assert driven == [1, 1, 1, 0, 0, 1, 1, 0]
     assert at(-5.0, 0.0) == 255, "the junction"
     assert at(60.0, 40.0) == 0
 
@@ -180,11 +152,8 @@ def test_of_several_cameras_the_one_that_sees_most_counts():
         image_truths={"front": labels(a3=(0.9, 0.5), a5=(0.2, 0.0)), "rear": labels(a5=(0.8, 0.25), a3=(0.4, 0.0))},
     )
     assert visible_fractions(frame) == pytest.approx([0.45, 0.6, 0.0])
-
-
-def test_nothing_is_visible_without_a_sweep():
-    frame: Any = SimpleNamespace(truth=Truth(actor_id=np.array([3])), points=None, image_truths={})
-    assert len(visible_fractions(frame)) == 0
+    frame.points = None
+    assert len(visible_fractions(frame)) == 0, "without a sweep"
 
 
 @pytest.fixture(scope="module")
@@ -287,11 +256,8 @@ def test_categories_attributes_and_visibility(tables):
 
 
 def test_sensors_stand_where_they_are_mounted(tables):
-    assert {row["channel"]: row["modality"] for row in tables["sensor"]} == {
-        "LIDAR_TOP": "lidar",
-        "CAM_FRONT": "camera",
-        "CAM_BACK": "camera",
-    }
+    modalities = {"LIDAR_TOP": "lidar", "CAM_FRONT": "camera", "CAM_BACK": "camera"}
+    assert {row["channel"]: row["modality"] for row in tables["sensor"]} == modalities
     rows = {row["token"]: row for row in tables["calibrated_sensor"]}
     mounts = {channel: rows[nuscenes_tables.token("calibrated_sensor", ID, channel)] for channel in CHANNELS}
     for channel, place, ahead in (
@@ -316,11 +282,7 @@ def test_episodes_of_one_map_share_it(exported, made_bags):
     assert files == sorted([area["filename"], "maps/expansion/straight-73747261.json"])
     assert area["category"] == "semantic_prior"
     assert {row["location"] for row in tables["log"]} == {"straight-73747261"}, "name and beginning of the hash"
-    assert {name: len(episodes) for name, episodes in tables["splits"].items()} == {
-        "siren_train": 1,
-        "siren_val": 1,
-        "siren_test": 1,
-    }
+    assert [len(tables["splits"][f"siren_{split}"]) for split in ("train", "val", "test")] == [1, 1, 1]
     card = json.loads((out / "dataset.json").read_text())
     assert card["counts"] == {"keyframes": 4 + 2 + 2, "files": 3 * (16 + 7 + 7), "labels": 2 * (4 + 2 + 2)}
     assert card["classes"] == {"vehicle.bus.rigid": 8, "vehicle.car": 8}
@@ -358,45 +320,25 @@ def test_the_vector_map_has_the_lanes_in_the_global_frame(made_dataset, tables):
     ]
 
 
-@pytest.fixture(scope="module")
-def read(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return read_with("nuscenes", "read_nuscenes.py", dataset, "siren_train", tmp_path_factory.mktemp("drawn"))
-
-
-def test_the_devkit_loads_scenes_samples_and_all_cameras(read):
+def test_the_devkit_reads_and_scores_a_dataset(dataset, sensed_bag, tmp_path):
+    """nuScenes counts all points in a box: the ground under a vehicle too, but no mirror that sticks out of it."""
+    read = read_with("nuscenes", "read_nuscenes.py", dataset, "siren_train", tmp_path)
     assert read["samples"] == 4
     assert read["channels"] == ["CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_FRONT", "LIDAR_TOP"]
     assert {"vehicle.car"} <= set(read["categories"]) <= set(nuscenes_tables.CATEGORY_OF_CLASS.values())
-
-
-def test_a_sweep_has_five_floats_a_point_and_ten_sweeps_of_history(read):
     assert read["floats"] == read["points"] > 10_000
-    assert read["sweeps"] == 10
-    assert read["history_s"] == pytest.approx(0.45)
-
-
-def test_boxes_tell_how_many_points_lie_in_them(read, sensed_bag):
-    """nuScenes counts all points in a box: the ground under a vehicle too, but no mirror that sticks out of it."""
+    assert (read["sweeps"], read["history_s"]) == (10, pytest.approx(0.45))
     hits = np.array(read["hits"])
     assert (hits[:, 1] > 0).sum() >= 12
     assert hits[:, 1].tolist() == hits[:, 0].tolist()
-    with open_source(sensed_bag) as source:
-        keys = [frame.truth for frame in lidar_frames(source) if frame.step % 10 == 0 and frame.points is not None]
-    returns = np.concatenate([truth.lidar_points for truth in keys if truth is not None])
-    assert hits[:, 1].tolist() != returns.tolist(), "it is not the number of returns of the vehicle"
-
-
-def test_only_boxes_without_another_before_and_after_have_no_velocity(read):
     assert all(links == ["", ""] for links in read["without_velocity"])
-
-
-def test_its_own_annotations_score_fully(read):
-    assert read["car_ap"] == pytest.approx(1.0)
+    assert read["car_ap"] == pytest.approx(1.0), "its own annotations"
     assert max(read["car_errors"].values()) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_vehicle_stands_on_the_drivable_map(read):
     assert read["on_road"]
+    with open_source(sensed_bag) as source:
+        truth = next(frame.truth for frame in lidar_frames(source) if frame.step == 10)
+    recorded = sorted(np.hypot(truth.vx_mps, truth.vy_mps).tolist())
+    assert sorted(speed for speed, _ in read["speeds"]) == pytest.approx(recorded, abs=0.6)
 
 
 def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset):
@@ -415,27 +357,15 @@ def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset):
     assert read["picture"][3] > 10.0
 
 
-def test_velocities_are_those_of_the_record(read, sensed_bag):
-    with open_source(sensed_bag) as source:
-        truth = next(frame.truth for frame in lidar_frames(source) if frame.step == 10)
-    recorded = sorted(np.hypot(truth.vx_mps, truth.vy_mps).tolist())
-    assert sorted(speed for speed, _ in read["speeds"]) == pytest.approx(recorded, abs=0.6)
-
-
-def test_tables_name_only_what_is_there(dataset):
-    tables = {path.stem: json.loads(path.read_text()) for path in (dataset / "v1.0-siren").glob("*.json")}
+def test_tables_name_only_what_is_there(made_dataset, tables):
     tokens = {name: {row["token"] for row in rows} for name, rows in tables.items() if name != "splits"}
-    for name, rows in tables.items():
-        if name == "splits":
-            continue
-        assert len(tokens[name]) == len(rows)
-        for row in rows:
+    for name, own in tokens.items():
+        assert len(own) == len(tables[name])
+        for row in tables[name]:
             for key, value in row.items():
                 if key.endswith("_token") and not key.startswith(("first", "last")):
                     assert value in tokens[key.removesuffix("_token")], (name, key)
-                if key in {"prev", "next"} and value:
-                    assert value in tokens[name]
     names = {row["filename"] for row in tables["sample_data"]}
-    there = {str(path.relative_to(dataset)) for kind in ("samples", "sweeps") for path in (dataset / kind).rglob("*.*")}
-    assert names == there
+    files = [path for kind in ("samples", "sweeps") for path in (made_dataset / kind).rglob("*.*")]
+    assert names == {str(path.relative_to(made_dataset)) for path in files}
     assert tables["splits"]["siren_train"] == [tables["scene"][0]["name"]]

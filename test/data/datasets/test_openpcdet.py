@@ -15,14 +15,6 @@ DATASET = ("openpcdet", "sensed_bag")
 MADE_DATASET = ("openpcdet", "made_bags")
 
 
-def test_the_layout_is_the_tutorials(dataset):
-    numbers = [f"{number:06d}" for number in range(20)]
-    assert [path.stem for path in sorted((dataset / "points").iterdir())] == numbers
-    assert [path.stem for path in sorted((dataset / "labels").iterdir())] == numbers
-    assert (dataset / "ImageSets" / "train.txt").read_text().split() == numbers
-    assert (dataset / "ImageSets" / "val.txt").read_text() == ""
-
-
 def test_boxes_hold_the_points_that_hit_their_vehicle(dataset, sensed_bag):
     with open_source(sensed_bag) as source:
         frames = [

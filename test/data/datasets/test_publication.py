@@ -5,7 +5,7 @@ import pytest
 from datasets.made_bag import Export
 
 from siren_ros.cli.main import main
-from siren_ros.data.datasets.publication import CROISSANT_FILE, check_copy, croissant, datasheet, files_of
+from siren_ros.data.datasets.publication import CROISSANT_FILE, check_copy, croissant, files_of
 from siren_ros.data.episode_source import LICENCE, LICENCE_URL, UNKNOWN, licence_of_map
 from siren_ros.errors import InputError
 
@@ -17,7 +17,7 @@ def dataset(first_made_bag, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # the reader's own, of its rdflib
-@pytest.mark.parametrize("form", ["csv", "kitti", "argoverse2"])
+@pytest.mark.parametrize("form", ["kitti", "argoverse2"])
 def test_mlcommons_reader_accepts_the_metadata(form, made_bags, made_drive, exported: Export, caplog):
     mlcroissant = pytest.importorskip("mlcroissant")
     folder = exported(form, made_drive if form == "argoverse2" else tuple(made_bags))
@@ -91,10 +91,3 @@ def test_maps_keep_their_licences(name, file, licence):
 @pytest.mark.parametrize(("licence", "named"), [(LICENCE, LICENCE_URL), (UNKNOWN, UNKNOWN)])
 def test_the_metadata_have_the_licence_of_the_card(tmp_path, licence, named):
     assert croissant(tmp_path, {"name": "n", "what": "Things", "licence": licence}, "1")["license"] == named
-
-
-def test_the_datasheet_names_licence_and_maps():
-    content = {"what": "Things", "licence": "L", "episodes": [{"map": "m", "map_licence": "l"}] * 2}
-    text = datasheet(content)
-    assert "**Under which licence?** L." in text
-    assert "**Which maps does it show?** m: l" in text

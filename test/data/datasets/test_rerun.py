@@ -92,21 +92,15 @@ def logged(recording: Recording, path: str) -> list[tuple[float | None, Any]]:
     return [(time_s, what) for at, time_s, what in recording.logged if at == path]
 
 
-def test_the_file_is_named_after_the_episode_and_closed(recording):
-    assert recording.path.name == "mine.rrd"
-    assert recording.application == "siren"
+def test_the_file_is_closed_and_the_viewer_shows_scene_cameras_events_and_speed(recording):
+    assert (recording.path.name, recording.application) == ("mine.rrd", "siren")
     assert recording.ended == ["flush", "disconnect"]
-
-
-def test_the_viewer_shows_the_scene_the_cameras_events_and_speed(recording):
     above, below = recording.views.values[0].values
     scene, cameras = above.values
     assert (scene.kind, scene.origin) == ("Spatial3DView", "map")
     assert [view.origin for view in cameras.values] == [f"map/emv/{FRONT}", f"map/emv/{REAR}"]
-    assert [(view.kind, view.origin) for view in below.values] == [
-        ("TextLogView", "events"),
-        ("TimeSeriesView", "speed"),
-    ]
+    views = [(view.kind, view.origin) for view in below.values]
+    assert views == [("TextLogView", "events"), ("TimeSeriesView", "speed")]
 
 
 def test_boxes_stand_on_the_road_with_their_sizes(recording):
@@ -182,19 +176,11 @@ def test_events_are_told_when_they_happen(recording):
     assert (event.values[0], event.level) == (f"removed: vehicle {BUS}", "INFO")
 
 
-@pytest.fixture(scope="module")
-def read(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return read_with("rerun", "read_rerun.py", sensed_bag, tmp_path_factory.mktemp("rerun") / "out")
-
-
-def test_everything_is_on_the_timeline(read):
+def test_everything_is_on_the_timeline(sensed_bag: Path, tmp_path: Path):
+    read = read_with("rerun", "read_rerun.py", sensed_bag, tmp_path / "out")
     assert (read["code"], read["application"]) == (0, "siren")
     assert "episode" in read["timelines"]
-    assert (read["steps"], read["last_s"]) == (20, pytest.approx(1.9))
-    assert read["path"] == 19
-
-
-def test_map_boxes_lidar_cameras_and_events_are_there(read):
+    assert (read["steps"], read["last_s"], read["path"]) == (20, pytest.approx(1.9), 19)
     cameras = [f"/map/emv/camera_{name}" for name in ("front", "left_rear", "rear", "right_rear")]
     expected = {"/map/lanes", "/map/vehicles", "/map/emv", "/map/emv/lidar", "/events", "/speed/emv", *cameras}
     assert expected <= set(read["entities"])

@@ -10,7 +10,6 @@ from siren_ros.data.interfaces.boxes import (
     LIFETIME_NS,
     MODE_COLOURS,
     MarkerShape,
-    SpaceBoxes,
     boxes_of,
     to_boxes,
     to_markers,
@@ -20,22 +19,20 @@ from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, Ac
 from siren_ros.simulation.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
 
 
-def _truth(count):
-    rng = np.random.default_rng(1)
-    arrays = {name: rng.uniform(0, 1, count).astype(dtype) for name, dtype in GROUND_TRUTH_DTYPES.items()}
-    arrays["actor_id"] = np.arange(1, count + 1, dtype=np.uint32)
-    arrays["actor_class"] = np.full(count, ActorClass.VAN, dtype=np.uint8)
-    return GroundTruth(step=4, carrier_id=9, **arrays)
-
-
 @pytest.mark.parametrize("count", [0, 3])
-def test_boxes_come_back(round_trip, count):
-    boxes = boxes_of(_truth(count), "lidar")
+@pytest.mark.parametrize("named", [False, True])
+def test_boxes_come_back_with_or_without_ids(round_trip, count, named):
+    random = np.random.default_rng(2)
+    arrays = {name: random.uniform(0, 1, count).astype(dtype) for name, dtype in GROUND_TRUTH_DTYPES.items()}
+    arrays["actor_id"] = np.arange(1, count + 1, dtype=np.uint32)
+    arrays["actor_class"] = np.array([ActorClass.VAN, ActorClass.AMBULANCE, ActorClass.POLICE][:count], dtype=np.uint8)
+    boxes = boxes_of(GroundTruth(step=40, carrier_id=9, **arrays), "lidar")
+    boxes = replace(boxes, ids=boxes.ids if named else None, score=random.uniform(size=count))
     back = from_boxes(round_trip(to_boxes(boxes), topics.BOXES.type_name))
-    assert (back.step, back.frame_id, back.class_names) == (4, "lidar", ("van",) * count)
-    assert back.ids == (tuple("123"[:count]) or None)
+    assert (back.step, back.frame_id, back.class_names) == (40, "lidar", ("van", "ambulance", "police")[:count])
+    assert back.ids == (tuple("123"[:count]) or None if named else None)
     for name in ("centre_m", "size_m", "yaw_rad", "score"):
-        assert np.allclose(getattr(back, name), getattr(boxes, name))
+        assert getattr(back, name) == pytest.approx(getattr(boxes, name))
 
 
 def _states(modes):
@@ -61,16 +58,6 @@ def test_markers_show_the_emv_the_yielding_and_the_rest():
     assert label.text == "route follow  36 km/h"
 
 
-def test_markers_come_back(round_trip):
-    markers = vehicle_markers(_states([Mode.NOMINAL, Mode.YIELD_HOLD]), {1: _actor(1, is_emv=True), 2: _actor(2)})
-    back = from_markers(round_trip(to_markers(8, markers), topics.MARKERS.type_name))
-    assert [marker.text for marker in back] == [marker.text for marker in markers]
-    for read, marker in zip(back, markers, strict=True):
-        assert (read.namespace, read.marker_id, read.shape) == (marker.namespace, marker.marker_id, marker.shape)
-        assert read.centre_m == pytest.approx(marker.centre_m)
-        assert read.colour == pytest.approx(marker.colour, abs=1e-6)
-
-
 def test_every_yielding_mode_has_a_colour_of_its_own():
     yielding = [mode for mode in Mode if mode.is_yielding]
     assert len({MODE_COLOURS[mode] for mode in yielding}) == len(yielding)
@@ -80,8 +67,12 @@ def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it(round_tri
     states = replace(
         _states([Mode.NOMINAL]), x_m=np.array([3.0]), y_m=np.array([-4.0]), z_m=np.array([0.5]), yaw_rad=np.array([1.2])
     )
-    drawn = to_markers(8, vehicle_markers(states, {1: _actor(1, is_emv=True)}))
-    box, text = round_trip(drawn, topics.MARKERS.type_name).markers
+    markers = vehicle_markers(states, {1: _actor(1, is_emv=True)})
+    drawn = round_trip(to_markers(8, markers), topics.MARKERS.type_name)
+    box, text = drawn.markers
+    for read, marker in zip(from_markers(drawn), markers, strict=True):
+        assert (read.namespace, read.marker_id, read.shape) == (marker.namespace, marker.marker_id, marker.shape)
+        assert read.colour == pytest.approx(marker.colour, abs=1e-6)
     centre, turn = box.pose.position, box.pose.orientation
     assert (centre.x, centre.y, centre.z) == pytest.approx((3.0, -4.0, 0.5 + 0.7))
     assert (turn.x, turn.y, turn.z, turn.w) == pytest.approx((0.0, 0.0, np.sin(0.6), np.cos(0.6)))
@@ -95,17 +86,3 @@ def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it(round_tri
     for marker in (box, text):
         assert marker.lifetime.sec * 10**9 + marker.lifetime.nanosec == LIFETIME_NS
         assert marker.header.frame_id == "map"
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_detections_come_back(round_trip, count):
-    random = np.random.default_rng(2)
-    boxes = SpaceBoxes(
-        step=40, frame_id="lidar", class_names=("car", "ambulance", "police")[:count],
-        score=random.uniform(size=count), centre_m=random.normal(size=(count, 3)),
-        size_m=random.uniform(1.0, 5.0, (count, 3)), yaw_rad=random.uniform(-3.0, 3.0, count),
-    )  # fmt: skip
-    back = from_boxes(round_trip(to_boxes(boxes), topics.BOXES.type_name))
-    assert (back.step, back.frame_id, back.class_names, back.ids) == (40, "lidar", boxes.class_names, None)
-    for name in ("score", "centre_m", "size_m", "yaw_rad"):
-        assert getattr(back, name) == pytest.approx(getattr(boxes, name))

@@ -7,19 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from repository import REPOSITORY
-from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.data.interfaces import measurements, messages, topics
 from siren_ros.data.interfaces.boxes import (
     boxes_of,
     to_boxes,
     to_camera_truth,
-    to_ground_truth,
     to_image_boxes,
     to_markers,
     vehicle_markers,
 )
-from siren_ros.data.interfaces.measurements import Transform, quaternion_of_yaw, to_odometry, to_tf
+from siren_ros.data.interfaces.measurements import Transform, quaternion_of_yaw, to_tf
 from siren_ros.data.interfaces.messages import (
     decode_cdr,
     encode_cdr,
@@ -34,13 +32,10 @@ from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, Ac
 from siren_ros.simulation.world.carrier import (
     CAMERA_TRUTH_DTYPES,
     GROUND_TRUTH_DTYPES,
-    AudioChunk,
     CameraIntrinsics,
     CameraTruth,
     GnssFix,
     GroundTruth,
-    ImuSample,
-    Odometry,
 )
 
 
@@ -171,20 +166,12 @@ def read(topic, cdr):
 
 
 MESSAGES = {
-    "audio": measurements.to_audio(AudioChunk(STEP, FRAME, 16_000, np.zeros(4, np.int16))),
     "picture": measurements.to_image(STEP, FRAME, np.zeros((2, 2), np.uint8)),
     "compressed picture": measurements.to_compressed_image(STEP, FRAME, b"jpeg"),
     "camera": measurements.to_camera_info(STEP, FRAME, CameraIntrinsics(8, 6, 3.0, 3.0, 4.0, 3.0)),
-    "imu": measurements.to_imu(ImuSample(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
     "fix": measurements.to_nav_sat_fix(GnssFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
-    "odometry": read(topics.ODOMETRY, to_odometry(STEP, Odometry(*[0.0] * 6, np.eye(3), np.eye(3)), FRAME, "base")),
-    "labels in space": to_ground_truth(TRUTH),
-    "boxes in space": read(topics.BOXES, to_boxes(boxes_of(TRUTH, FRAME))),
     "labels of a picture": to_camera_truth(PICTURE, FRAME),
     "boxes in a picture": to_image_boxes(PICTURE, FRAME),
-    "transform": read(topics.TF, to_tf(STEP, [Transform(FRAME, "child", (0.0,) * 3, (0.0, 0.0, 0.0, 1.0))])).transforms[
-        0
-    ],
     "box": read(topics.BOXES, to_boxes(boxes_of(TRUTH, FRAME))).detections[0],
     "box in a picture": to_image_boxes(PICTURE, FRAME).detections[0],
 }
@@ -205,15 +192,3 @@ def test_markers_have_the_time_of_their_step():
     drawn = [marker for marker in markers if marker.action == 0]
     assert drawn
     assert {time_of(marker) for marker in drawn} == {(1, 350_000_000)}
-
-
-def test_all_messages_of_an_episode_have_the_time_of_their_step():
-    episode = SyntheticEpisode(Scene(duration_s=1.5, lidar=True))
-    seen = set()
-    for topic, step, message in episode.messages():
-        if hasattr(message, "header") or hasattr(message, "stamp"):
-            seen.add(topic.name)
-            assert time_of(message) == divmod(step * 50_000_000, 1_000_000_000), (topic.name, step)
-        if hasattr(message, "step") and not hasattr(message, "encoding"):
-            assert message.step == step
-    assert len(seen) >= 6

@@ -35,15 +35,12 @@ def indices(*values):
     return np.array(values, dtype=np.int32)
 
 
-@pytest.mark.parametrize("duration", [0.0, 30.0, LONGEST_S])
-def test_durations_that_are_allowed(duration):
-    check_description(replace(RECORD.description, duration_s=duration))
-
-
-@pytest.mark.parametrize("duration", [-0.1, math.nextafter(LONGEST_S, math.inf), math.inf, -math.inf, math.nan])
-def test_durations_that_are_refused(duration):
-    with pytest.raises(BagError, match="duration_s"):
+def test_durations_are_finite_and_at_most_three_years():
+    for duration in (0.0, 30.0, LONGEST_S):
         check_description(replace(RECORD.description, duration_s=duration))
+    for duration in (-0.1, math.nextafter(LONGEST_S, math.inf), math.inf, -math.inf, math.nan):
+        with pytest.raises(BagError, match="duration_s"):
+            check_description(replace(RECORD.description, duration_s=duration))
 
 
 @pytest.mark.parametrize(("step", "allowed"), [(0, True), (LAST_STEP - 1, True), (-1, False), (LAST_STEP, False)])
@@ -74,20 +71,14 @@ def traffic_of(actors, offsets, edges):
     return replace(plain, **columns, route_offset=indices(*offsets), route_edges=indices(*range(edges)))
 
 
-@pytest.mark.parametrize(
-    ("actors", "offsets", "edges"), [(0, (), 0), (2, (), 0), (0, (0,), 0), (2, (0, 3, 5), 5), (2, (1, 1, 4), 5)]
-)
-def test_routes_that_lie_within_their_list(actors, offsets, edges):
-    check_traffic(traffic_of(actors, offsets, edges))
-
-
-@pytest.mark.parametrize(
-    ("actors", "offsets", "edges"),
-    [(2, (0, 3, 6), 5), (2, (-1, 3, 5), 5), (2, (0, 4, 3), 5), (2, (0, 3), 5), (2, (0, 1, 2, 3), 5), (1, (0,), 5)],
-)
-def test_routes_that_do_not(actors, offsets, edges):
-    with pytest.raises(BagError, match="routes that lie within route_edges"):
-        check_traffic(traffic_of(actors, offsets, edges))
+def test_routes_lie_within_their_list():
+    for routes in ((0, (), 0), (2, (), 0), (0, (0,), 0), (2, (0, 3, 5), 5), (2, (1, 1, 4), 5)):
+        check_traffic(traffic_of(*routes))
+    reversed_or_beyond = ((2, (0, 3, 6), 5), (2, (-1, 3, 5), 5), (2, (0, 4, 3), 5))
+    too_few_or_many = ((2, (0, 3), 5), (2, (0, 1, 2, 3), 5), (1, (0,), 5))
+    for routes in (*reversed_or_beyond, *too_few_or_many):
+        with pytest.raises(BagError, match="routes that lie within route_edges"):
+            check_traffic(traffic_of(*routes))
 
 
 def complete(outcome: EpisodeOutcome | None, steps: Callable[[int], int | None] = lambda step: step) -> bool:
@@ -185,6 +176,8 @@ def test_a_track_has_the_steps_times_and_speeds_of_one_actor():
     assert track.speed_mps == pytest.approx([4.0] * 3)
     assert track.xy_m[:, 0] == pytest.approx(-110.0 + 5.0 + 0.2 * np.arange(3))
     assert set(track.actor_id.tolist()) == {2}
+    with pytest.raises(InputError, match="actor_id: 999"):
+        SHORT_RECORD.track(999)
 
 
 def test_rows_are_sorted_by_actor_and_then_by_step():

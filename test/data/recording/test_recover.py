@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -100,7 +99,7 @@ def test_a_complete_bag_is_left_alone(episode, capsys):
     assert [path.name for path in episode.parent.iterdir()] == ["bag"]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20)
 @given(share=st.floats(0.0, 1.0))
 def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(episode, whole, tmp_path_factory, share):
     folder = tmp_path_factory.mktemp("cut")
@@ -113,17 +112,6 @@ def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(episode, whole,
     messages = messages_of(recovery.path)
     assert messages == whole[: len(messages)]
     shutil.rmtree(folder)
-
-
-def test_a_damaged_chunk_costs_its_own_messages_only(whole, damaged):
-    with_flipped_bits(damaged, 1)
-    with pytest.raises(BagError, match="damaged"), open_bag(damaged) as opened:
-        list(opened.messages())
-    recovery = recover_bag(damaged)
-    assert damaged.exists()
-    assert recovery.path == damaged.with_name("damaged.partial")
-    assert "chunk" in recovery.lost
-    assert 0 < len(set(whole) - set(messages_of(recovery.path))) < len(whole) / 2
 
 
 def with_flipped_bits(bag: Path, *numbers: int) -> list[int]:
@@ -207,7 +195,7 @@ def test_a_flipped_bit_anywhere_costs_one_chunk_at_most_and_nothing_in_silence(t
     file = episode / "bag_0.mcap"
     data = file.read_bytes()
     largest = max(len(steps_of(episode, number)) for number in range(len(chunks_of(file))))
-    places = np.linspace(0, len(data) - 1, 40).astype(int).tolist()
+    places = np.linspace(0, len(data) - 1, 24).astype(int).tolist()
     for number, place in enumerate(places):
         changed = bytearray(data)
         changed[place] ^= 1 << number % 8
@@ -244,7 +232,7 @@ def test_an_episode_needs_its_description_and_its_map(tmp_path, typestore, damag
     assert {topic for topic, _, _ in messages_of(recovery.path)} == {*topics} - {damaged}
 
 
-def test_several_damaged_chunks_are_one_line(damaged, capsys):
+def test_the_messages_of_several_damaged_chunks_are_told_in_one_line(damaged, capsys):
     lost = with_flipped_bits(damaged, 1, 2)
     assert main(["recover", str(damaged)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -252,27 +240,25 @@ def test_several_damaged_chunks_are_one_line(damaged, capsys):
     assert line.count("byte") == 1
 
 
-def test_a_flipped_bit_before_the_end_of_a_cut_off_bag_is_counted_by_the_message_index(episode, tmp_path, capsys):
+@pytest.mark.parametrize("flipped", [False, True])
+def test_the_unfinished_end_of_a_killed_writer_is_no_failure_but_a_flipped_bit_before_it_is(
+    episode, tmp_path, capsys, flipped
+):
     working = cut_off(episode, tmp_path)
     second = chunks_of(episode / "bag_0.mcap")[1]
-    rewrite(working, lambda data: flip_bit(data, second.offset + 9 + 100))
-    assert main(["recover", str(working)]) == 1
-    assert f" {len(parse_content(unpack(second)).messages)} messages are lost: 1 of " in capsys.readouterr().err
-
-
-def test_the_unfinished_end_of_a_killed_writer_is_named_and_is_no_failure(episode, tmp_path, capsys):
-    working = cut_off(episode, tmp_path)
-    assert main(["recover", str(working)]) == 0
+    if flipped:
+        rewrite(working, lambda data: flip_bit(data, second.offset + 9 + 100))
+    assert main(["recover", str(working)]) == flipped
     (line,) = capsys.readouterr().err.splitlines()
-    assert "the unfinished end is lost" in line
+    lost = f" {len(parse_content(unpack(second)).messages)} messages are lost: 1 of "  # by the message index
+    assert (lost if flipped else "the unfinished end is lost") in line
 
 
-def test_a_complete_bag_that_was_cut_off_later_says_how_many_messages_its_metadata_counted(whole, damaged, capsys):
+def test_a_complete_bag_that_was_cut_off_later_says_how_many_messages_its_metadata_counted(whole, damaged):
     end = chunks_of(damaged / "bag_0.mcap")[-1].offset + 50
     rewrite(damaged, lambda data: data.__delitem__(slice(end, None)))
-    assert main(["recover", str(damaged)]) == 1
-    lost = len(whole) - len(messages_of(damaged.with_name("damaged.partial")))
-    assert f" {lost} messages are lost" in capsys.readouterr().err
+    recovery = recover_bag(damaged)
+    assert recovery.lost_messages == len(whole) - len(messages_of(recovery.path)) > 0
 
 
 def test_the_bag_of_a_running_writer_is_refused(tmp_path, typestore):
@@ -309,9 +295,8 @@ def test_what_is_no_bag_gets_one_line(tmp_path, capsys, name):
         (1, 2**60, "no whole record of a bag with chunks"),
         (9 + 16, 2**60, f"claims {2**60} bytes; 256000000 are allowed"),
         (9 + 36, 2**60, "whose lengths contradict each other"),
-        (9 + 16, 10**9, "claims 1000000000 bytes; 256000000 are allowed"),
     ],
-    ids=["record", "plain", "packed", "plain, a little"],
+    ids=["record", "plain", "packed"],
 )
 def test_a_chunk_that_claims_too_much_is_refused(whole, damaged, place, claim, reason):
     first = chunks_of(damaged / "bag_0.mcap")[0].offset
@@ -321,40 +306,3 @@ def test_a_chunk_that_claims_too_much_is_refused(whole, damaged, place, claim, r
     recovery = recover_bag(damaged, damaged.with_name("saved"))
     assert recovery.messages + recovery.lost_messages == len(whole)
     assert recovery.lost_messages < len(whole) / 2
-
-
-def insert_chunk(bag: Path, packed: bytes, plain_bytes: int) -> None:
-    """Puts a chunk before the first one."""
-    head = struct.pack("<QQQII", 0, 0, plain_bytes, 0, 4) + b"zstd" + struct.pack("<Q", len(packed))
-    record = struct.pack("<BQ", 6, len(head) + len(packed)) + head + packed
-    first = chunks_of(bag / "bag_0.mcap")[0].offset
-    rewrite(bag, lambda data: data.__setitem__(slice(first, first), record))
-
-
-def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(damaged):
-    insert_chunk(damaged, zstandard.ZstdCompressor(level=1).compress(bytes(600_000_000)), 600_000_000)
-    with pytest.raises(BagError, match="600000000"), open_bag(damaged):
-        pass
-
-
-def test_a_second_frame_behind_the_first_is_refused(damaged):
-    compress = zstandard.ZstdCompressor().compress
-    insert_chunk(damaged, compress(b"") + compress(bytes(1000)), 0)
-    with pytest.raises(BagError, match="more than one frame"), open_bag(damaged):
-        pass
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a: &a [1]\nb: *a\n",
-        "[" * 5000,
-        "rosbag2_bagfile_information: [1]\n",
-        "rosbag2_bagfile_information: !!python/object/apply:os.system ['true']\n",
-        "x" * 1_000_001,
-    ],
-)
-def test_hostile_metadata_is_refused(damaged, text):
-    (damaged / "metadata.yaml").write_text(text)
-    with pytest.raises(BagError), open_bag(damaged):
-        pass

@@ -30,6 +30,7 @@ from siren_ros.scoring.judging.verify import (
     PhysicsSummary,
     Verification,
     VerifyLimits,
+    check_complete,
     check_message_counts,
     check_motion,
     check_owners,
@@ -41,12 +42,11 @@ from siren_ros.scoring.judging.verify import (
     verify_episode,
 )
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, Event, EventKind, Mode, Owner, hash_state
-from siren_ros.simulation.world.commands import VehicleCommands
 
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> EpisodeRecord:
-    return read_episode(write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", lidar=True))
+    return read_episode(write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", duration_s=9.0, lidar=True))
 
 
 def _failing(verification: Verification) -> list[str]:
@@ -89,7 +89,6 @@ def test_a_jump_is_found_with_its_actor_and_step(record):
         ("vx_mps", lambda v, _: v + 3.0, "speed_error_mps"),
         ("owner", lambda owner, _: np.full_like(owner, 7), "ownership_faults"),
     ],
-    ids=["a turn on the spot", "a wrong speed", "an unknown owner"],
 )
 def test_a_wrong_state_is_found(record, column, change, fault):
     assert _failing(verify_episode(_moved(record, **{column: change}))) == [fault]
@@ -136,21 +135,10 @@ def test_an_actor_that_is_away_for_a_while_has_not_jumped():
     part, _, _ = check_motion(replace(record, states=closed_up), VerifyLimits())
     assert (part.holds, part.detail) == (False, "actor 2 at step 10")
     assert part.value == pytest.approx(45.0)
-
-
-def test_two_actors_far_apart_have_not_jumped():
-    """The last state of one and the first of the next follow each other in the rows."""
-    record = hand_made(
-        crossing(),
-        {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)), 3: Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5)},
-    )
+    # The last state of one and the first of the next follow each other in the rows.
+    next_one = Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5)
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)), 3: next_one})
     assert check_motion(record, VerifyLimits())[0].holds
-
-
-def test_two_controllers_of_one_actor_are_found(record):
-    claims = {**record.commands, "intruder": record.commands["emv_controller"][:1]}
-    assert isinstance(claims["intruder"][0], VehicleCommands)
-    assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
 
 
 def test_an_actor_that_stands_twice_in_a_step_is_found(record):
@@ -170,6 +158,7 @@ def test_only_rows_that_ros_owns_are_claims(record):
         assert check_owners(replace(record, commands=claims)).value == 0.0
     claims = {**record.commands, "intruder": (first,)}
     assert check_owners(replace(record, commands=claims)).value == (first.owner == Owner.ROS).sum() > 0
+    assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
 
 
 def test_a_teleport_is_found(record):
@@ -192,36 +181,23 @@ def with_topic(record: EpisodeRecord, name: str, **changes: Any) -> EpisodeRecor
     return replace(record, topics={**record.topics, name: replace(record.topics[name], **changes)})
 
 
-@pytest.mark.parametrize("topic", ["/clock", "/emv/lidar/points"])
-def test_a_lost_message_is_found(record, topic):
-    whole = record.topics[topic]
-    short = with_topic(record, topic, count=whole.count - 1, times_ns=np.delete(whole.times_ns, 5))
-    verification = verify_episode(short)
-    assert _failing(verification) == ["topics_with_lost_messages"]
-    assert topic in verification.failing[0].detail
-
-
 @pytest.mark.parametrize("topic", ["/clock", "/siren/events", "/emv/lidar/points"])
-def test_as_many_messages_at_other_steps_are_found(record, topic):
-    times_ns = record.topics[topic].times_ns.copy()
-    times_ns[5] += STEP_NS
-    assert _failing(verify_episode(with_topic(record, topic, times_ns=times_ns))) == ["topics_with_lost_messages"]
+def test_a_lost_message_and_as_many_at_other_steps_are_found(record, topic):
+    whole = record.topics[topic]
+    later = whole.times_ns.copy()
+    later[5] += STEP_NS
+    for times_ns in (np.delete(whole.times_ns, 5), later):
+        part = check_message_counts(with_topic(record, topic, count=len(times_ns), times_ns=times_ns))
+        assert (part.name, part.holds) == ("topics_with_lost_messages", False)
+        assert topic in part.detail
 
 
-def test_a_latched_topic_has_one_message(record):
+def test_a_latched_topic_has_one_message_and_none_is_missing(record):
     times_ns = np.repeat(record.topics["/siren/map"].times_ns, 2)
-    (fault,) = verify_episode(with_topic(record, "/siren/map", count=2, times_ns=times_ns)).failing
+    fault = check_message_counts(with_topic(record, "/siren/map", count=2, times_ns=times_ns))
     assert fault.detail == "/siren/map has 2 messages instead of 1"
-
-
-def test_a_missing_topic_is_found(record):
     topics = {name: topic for name, topic in record.topics.items() if name != "/siren/yield_commands"}
-    assert "/siren/yield_commands is missing" in verify_episode(replace(record, topics=topics)).failing[0].detail
-
-
-def test_a_stamp_beside_the_grid_is_found(record):
-    wrong = with_topic(record, "/siren/events", stamp_mismatches=2)
-    assert _failing(verify_episode(wrong)) == ["topics_with_wrong_stamps"]
+    assert "/siren/yield_commands is missing" in check_message_counts(replace(record, topics=topics)).detail
 
 
 def test_an_episode_that_was_interrupted_is_not_complete(record):
@@ -267,12 +243,6 @@ def test_bodies_that_begin_in_each_other_are_found_though_they_were_pushed_apart
     assert _failing(verify_episode(replace(record, events=(*record.events, later)))) == []
     (fault,) = verify_episode(replace(record, events=(*record.events, contact, later))).failing
     assert (fault.name, fault.value, fault.decisive) == ("contacts_at_start", 1.0, Moment(0, 2))
-
-
-def test_a_contact_explains_half_of_the_velocity_that_it_takes(record):
-    stopped = _moved(record, vx_mps=lambda v, _: v - 3.0)
-    assert _failing(verify_episode(stopped)) == ["speed_error_mps"]
-    assert "speed_error_mps" in _failing(verify_episode(_colliding(stopped, 1.0)))  # the step after it has no contact
 
 
 def test_bodies_in_each_other_are_found(record):
@@ -328,18 +298,17 @@ def test_a_contact_takes_velocity_within_a_step_in_any_direction(heading, struck
     assert error.value == pytest.approx(error_mps + more_mps, abs=1e-9)
 
 
-@pytest.mark.parametrize(("step", "beyond"), [(-1, False), (3, True)])
-def test_the_worst_case_is_named_with_a_change_of_its_owner(step, beyond):
+def test_the_worst_case_is_named_with_a_change_of_its_owner():
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6)), 5: Driven(NORTHBOUND, np.full(6, 40.0))})
-    changed = with_states(
+    handed = with_states(
         record,
-        y_m=lambda state: state.y_m + np.where(state.actor_id == 5, 2.0 * (state.step >= step > 0), 0.0),
         owner=lambda state: np.where((state.actor_id == 5) & (state.step >= 3), np.uint8(Owner.ROS), state.owner),
     )
-    part, _, _ = check_motion(changed, VerifyLimits())
-    assert part.holds is not beyond
-    if beyond:
-        assert (part.value, part.detail) == (pytest.approx(2.0), "actor 5 at step 3 as its owner changes")
+    assert check_motion(handed, VerifyLimits())[0].holds
+    moved = with_states(handed, lambda step: step >= 3, y_m=lambda state: state.y_m + 2.0 * (state.actor_id == 5))
+    part, _, _ = check_motion(moved, VerifyLimits())
+    assert (part.holds, part.value) == (False, pytest.approx(2.0))
+    assert part.detail == "actor 5 at step 3 as its owner changes"
 
 
 def test_a_record_without_moves_has_no_jumps_and_names_nobody():
@@ -349,15 +318,12 @@ def test_a_record_without_moves_has_no_jumps_and_names_nobody():
     assert check_motion(two_steps, VerifyLimits())[0].detail == "actor 2 at step 1"
 
 
-@pytest.mark.parametrize(("planned_s", "holds"), [(0.0, True), (0.04, True), (0.06, False)])
+@pytest.mark.parametrize(("planned_s", "holds"), [(0.0, True), (-0.06, True), (0.06, False)])
 def test_a_complete_episode_has_the_steps_of_its_description(record, planned_s, holds):
     """More by a step than were planned are no fault, a step less is one."""
     duration_s = record.steps * STEP_S + planned_s
-    longer = replace(record, description=replace(record.description, duration_s=duration_s))
-    (part,) = [part for part in verify_episode(longer).checks if part.name == "steps"]
-    assert (part.value, part.threshold) == (record.steps, round(duration_s / STEP_S))
-    assert part.holds is (part.value >= part.threshold)
-    assert part.holds is holds or planned_s == 0.04
+    part = check_complete(replace(record, description=replace(record.description, duration_s=duration_s)))
+    assert (part.value, part.threshold, part.holds) == (record.steps, round(duration_s / STEP_S), holds)
 
 
 def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_together(record):
@@ -426,11 +392,13 @@ def test_headings_are_compared_across_pi():
 
 
 def test_signals_are_part_of_the_hash_of_a_state():
-    red = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _: "rrr")
-    green = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _: "GGG")
+    red, green = (
+        hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(3))}, lambda _, letters=letters: letters)
+        for letters in ("rrr", "GGG")
+    )
     hashes = {state.step: hash_state(state, red.traffic[state.step].signals) for state in red.states}
-    assert check_state_hashes(replace(red, state_hashes=hashes)).value == 0.0
-    assert check_state_hashes(replace(green, state_hashes=hashes)).value == 3.0
+    wrong = [check_state_hashes(replace(record, state_hashes=hashes)).value for record in (red, green)]
+    assert wrong == [0.0, 3.0]
 
 
 def record_of(count=2, cars=(2,)):
@@ -525,16 +493,15 @@ def failing(record):
 
 
 def test_civilians_brake_and_accelerate_as_people_do_but_for_half_a_percent_of_the_time():
-    for share, low, high in ((0.004, [], []), (0.006, ["civilian_accel_p0_5_mps2"], ["civilian_accel_p99_5_mps2"])):
-        hard = round(share * 5000)
+    for hard, low, high in ((4, [], []), (6, ["civilian_accel_p0_5_mps2"], ["civilian_accel_p99_5_mps2"])):
         for accel, names in ((-9.0, low), (3.4, high)):
-            assert failing(civilians([accel] * hard + [0.0] * (5000 - hard))) == names
+            assert failing(civilians([accel] * hard + [0.0] * (1000 - hard))) == names
     assert failing(civilians([-3.9] * 30 + [2.9] * 30)) == []
 
 
 def test_no_civilian_steers_as_on_a_race_track():
     for side in (1.0, -1.0):
-        assert failing(civilians([0.0] * 4000, [side * 6.0] + [0.0] * 3999)) == ["civilian_lateral_mps2"]
+        assert failing(civilians([0.0] * 400, [side * 6.0] + [0.0] * 399)) == ["civilian_lateral_mps2"]
         assert failing(civilians([0.0] * 40, side * 4.9)) == []
 
 

@@ -50,12 +50,9 @@ def _share_of(path, colour):
     return float((distance <= 3).mean())
 
 
-def test_the_picture_shows_the_emv_and_the_road(picture):
+def test_the_picture_shows_the_emv_and_the_road_in_the_same_bytes_again(record, picture, tmp_path):
     assert _share_of(picture, EMV_COLOUR) > 0.001
     assert _share_of(picture, (0xC9 / 255, 0xCD / 255, 0xD2 / 255)) > 0.05
-
-
-def test_the_same_record_gives_the_same_bytes(record, picture, tmp_path):
     assert save_episode_picture(record, tmp_path / "again.png").read_bytes() == picture.read_bytes()
 
 
@@ -65,15 +62,12 @@ def _texts(figure):
     ]
 
 
-def test_title_verdict_and_labels_are_there(record):
+def test_title_verdict_and_labels_are_there(record, record_of):
+    assert "interaction not found" in _texts(draw_episode(record_of(changing=0)))
     texts = _texts(draw_episode(record))
     assert "S2 · L2 · seed 0 · straight" in texts
     assert "interaction verified" in texts
     assert sum(text.startswith("#") and text.endswith(" s") for text in texts) == 8
-
-
-def test_an_episode_without_the_interaction_says_so(record_of):
-    assert "interaction not found" in _texts(draw_episode(record_of(changing=0)))
 
 
 def test_the_box_holds_the_interaction_and_not_the_whole_map(record):
@@ -172,12 +166,9 @@ def test_labels_never_cover_each_other():
     assert not any(a.overlaps(b) for row, a in enumerate(boxes) for b in boxes[:row])
 
 
-def test_nothing_to_draw_is_said(record):
+def test_nothing_to_draw_is_said_and_only_png_is_written(record, tmp_path):
     with pytest.raises(InputError, match="actor state"):
         draw_episode(replace(record, states=()))
-
-
-def test_only_png_is_written(record, tmp_path):
     with pytest.raises(InputError, match=r"\.png"):
         save_episode_picture(record, tmp_path / "episode.txt")
     assert list(tmp_path.iterdir()) == []
@@ -197,10 +188,10 @@ def surveys(network: RoadNetwork, count: int = len(TEMPLATES)) -> list[Survey]:
 
 
 def test_each_panel_counts_what_it_draws(network: RoadNetwork) -> None:
-    panels = draw_site_map([network] * len(TEMPLATES), surveys(network)).axes
-    assert len(panels) == len(TEMPLATES)
-    for axes, template in zip(panels, TEMPLATES, strict=True):
-        sites, others = shortcomings(network, template), places_without_site(network, template.site_kind)
+    found = surveys(network)
+    panels = draw_site_map([network] * len(TEMPLATES), found).axes
+    for axes, (template, sites) in zip(panels, found, strict=True):
+        others = places_without_site(network, template.site_kind)
         good = len(good_sites(network, template))
         roads, *drawn = axes.collections
         assert len(roads.get_segments()) > 0
@@ -210,23 +201,15 @@ def test_each_panel_counts_what_it_draws(network: RoadNetwork) -> None:
         assert axes.texts[-2].get_text() == f"{template.template_id}: {title}"
         legend = [text.get_text() for text in axes.get_legend().get_texts()]
         assert sum(int(text.rsplit(": ", 1)[1]) for text in legend) == len(sites) + len(others)
-
-
-def test_colours_tell_what_is_lacking(network: RoadNetwork) -> None:
-    for axes, template in zip(draw_site_map([network] * len(TEMPLATES), surveys(network)).axes, TEMPLATES, strict=True):
-        handles = axes.get_legend().legend_handles
-        colours = [handle.get_color() for handle in handles]
+        colours = [handle.get_color() for handle in axes.get_legend().legend_handles]
         assert len(set(colours)) == len(colours)
-        drawn = {to_hex(ways.get_color()[0]) for ways in axes.collections[1:] if len(ways.get_segments())}
-        drawn |= {markers.get_color() for markers in axes.lines if len(markers.get_xdata())}
-        assert drawn == set(colours), template.template_id
+        used = {to_hex(ways.get_color()[0]) for ways in drawn if len(ways.get_segments())}
+        used |= {markers.get_color() for markers in axes.lines if len(markers.get_xdata())}
+        assert used == set(colours), "they tell what is lacking"
 
 
-def test_the_same_map_gives_the_same_bytes(network: RoadNetwork, tmp_path: Path) -> None:
+def test_the_same_map_gives_the_same_bytes_in_a_png_file(network: RoadNetwork, tmp_path: Path) -> None:
     first, second = (save_site_map([network], surveys(network, 1), tmp_path / "sub" / f"{n}.png") for n in (1, 2))
     assert first.read_bytes() == second.read_bytes()
-
-
-def test_a_picture_is_a_png_file(network: RoadNetwork, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ends in \.png"):
         save_site_map([network], surveys(network, 1), tmp_path / "sites.pdf")

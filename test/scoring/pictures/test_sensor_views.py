@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from recorded_episode import quick_template
 
 from siren_ros.errors import InputError
 from siren_ros.running.generation.closed_loop import closed_loop, record_of
@@ -17,7 +18,7 @@ LIDAR = load_suite("lidar")
 
 @pytest.fixture(name="record", scope="module")
 def _record():
-    setup = set_up_episode(EpisodeRequest("S2", seed=0, sensors="none"))
+    setup = set_up_episode(EpisodeRequest(quick_template("S2"), seed=0, sensors="none"))
     return record_of(setup, list(closed_loop(setup, 12)))
 
 

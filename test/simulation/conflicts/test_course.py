@@ -96,11 +96,6 @@ def test_on_the_junction_the_course_begins_with_the_movement(network):
     assert course.entry_at(5.0) is course.entries[0]
 
 
-def test_where_the_lane_leads_astray_the_nearest_one_that_does_not_is_taken(network):
-    course = CourseBook(network).along(0, edges(0, 2))
-    assert course.points[-1] == pytest.approx([115.0, 75.0], abs=6.0)
-
-
 def test_without_a_next_edge_the_course_ends_with_the_lane(network):
     assert CourseBook(network).along(3, edges(2)).length_m == pytest.approx(131.7)
 

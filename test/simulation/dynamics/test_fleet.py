@@ -108,16 +108,6 @@ def test_spawned_actors_stand_at_sumos_pose() -> None:
     assert [item.actor_class for item in state.descriptions] == [ActorClass.SEDAN, ActorClass.BUS]
 
 
-def test_sumo_actors_follow_sumo() -> None:
-    state, states = started()
-    for step in range(1, 100):
-        x = 10.0 * STEP_S * step
-        state, states, events = step_fleet(state, traffic_of(step, {1: (x, 50.0, 0.0, 10.0)}), ())
-        assert events == ()
-    assert states.residual_m[0] < 0.05
-    assert (states.owner[0], states.mode[0]) == (Owner.SUMO, Mode.NOMINAL)
-
-
 def test_commands_drive_and_are_shown() -> None:
     state, states = started(2, 5.0)
     for step in range(1, 41):

@@ -1,7 +1,6 @@
 """One step of the model against its equations, term by term, and their parameters."""
 
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.base.params.folders import params_dir
-from siren_ros.base.params.parameters import FILES_ON_DISK, InputFile, NotedFiles, RecordedFiles
+from siren_ros.base.params.parameters import InputFile, RecordedFiles
 from siren_ros.errors import InputError
 from siren_ros.simulation.dynamics.vehicle_model import (
     SUBSTEP_S,
@@ -272,14 +271,6 @@ def test_steady_cornering_radius(speed_mps: float, steer_rad: float) -> None:
     np.testing.assert_allclose(rear_axle_radius_m, expected, rtol=0.05)
 
 
-def test_walking_pace_is_kinematic() -> None:
-    state = _cruise(0.5, 0.4, 6.0)
-    np.testing.assert_allclose(
-        state.yaw_rate_radps, state.forward_mps * np.tan(state.steer_rad) / TABLE.wheelbase_m, rtol=5e-3
-    )
-    np.testing.assert_allclose(state.lateral_mps, TABLE.cg_to_rear_axle_m * state.yaw_rate_radps, rtol=0.02)
-
-
 @pytest.mark.parametrize("speed_mps", [5.0, 14.0, 30.0])
 def test_braking_distance(speed_mps: float) -> None:
     state = _driven(_rolling(speed_mps), 400, brake=1.0)
@@ -310,14 +301,6 @@ def test_friction_caps_acceleration(speed_mps: float, steer_rad: float) -> None:
         assert np.all(np.abs(state.accel_mps2) <= 1.05 * limit)
 
 
-def test_motion_does_not_depend_on_place_or_direction() -> None:
-    turned = 2.0
-    here, there = (_driven(_rolling(10.0, yaw), 60, throttle=0.3, steer_rad=0.05) for yaw in (0.0, turned))
-    np.testing.assert_allclose(there.x_m, here.x_m * np.cos(turned) - here.y_m * np.sin(turned), atol=1e-9)
-    np.testing.assert_allclose(there.y_m, here.x_m * np.sin(turned) + here.y_m * np.cos(turned), atol=1e-9)
-    assert np.all(np.abs(there.yaw_rad) <= np.pi)
-
-
 def test_left_and_right_mirror_each_other() -> None:
     left, right = (_driven(_rolling(12.0), 40, throttle=0.2, steer_rad=steer) for steer in (0.1, -0.1))
     np.testing.assert_allclose(left.x_m, right.x_m, atol=1e-12)
@@ -341,8 +324,8 @@ def test_two_wheels_turn_steadily_at_their_speeds(kind: ActorClass, speed_mps: f
     assert speed / rate == pytest.approx(float(table.wheelbase_m[0]) / np.tan(slip_rad), rel=0.06)
 
 
-def test_rows_do_not_influence_each_other(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
-    alone = ParameterTable.of([ActorClass.BUS], parameters)
+def test_rows_do_not_influence_each_other() -> None:
+    alone = ParameterTable.of([ActorClass.BUS], PARAMETERS)
     row = FOUR_WHEELED.index(ActorClass.BUS)
     many = _rolling(8.0)
     bus = many.select(np.array([row]))
@@ -461,20 +444,22 @@ def _edit(folder: Path, name: str, old: str, new: str) -> Path:
 
 
 def test_a_record_needs_no_class_that_is_newer_than_it(folder: Path) -> None:
-    def recorded(without: str) -> RecordedFiles:
-        files = (file for file in sorted(folder.glob("*.yaml")) if file.stem != without)
+    def recorded(*without: str) -> RecordedFiles:
+        files = (file for file in sorted(folder.glob("*.yaml")) if file.stem not in without)
         return RecordedFiles([InputFile("vehicles", file.stem, file.read_text(encoding="utf-8"), "") for file in files])
 
     earlier = load_vehicle_parameters(recorded("suv"))
     assert {*earlier} == {*ActorClass}
     assert earlier[ActorClass.SUV] == earlier[ActorClass.SEDAN]
+    on_four_wheels = load_vehicle_parameters(recorded("bicycle", "motorcycle", "pedestrian"))
+    assert set(on_four_wheels) == set(ActorClass) - TWO_WHEELED - {ActorClass.PEDESTRIAN}
     with pytest.raises(InputError, match="bus"):
         load_vehicle_parameters(recorded("bus"))
 
 
 @pytest.mark.parametrize("kind", VEHICLE_CLASSES)
-def test_classes_are_plausible(parameters: Mapping[ActorClass, VehicleParameters], kind: ActorClass) -> None:
-    vehicle = parameters[kind]
+def test_classes_are_plausible(kind: ActorClass) -> None:
+    vehicle = PARAMETERS[kind]
     radius_of_gyration_m = np.sqrt(vehicle.yaw_inertia_kgm2 / vehicle.mass_kg)
     assert 0.2 * vehicle.length_m < radius_of_gyration_m < 0.33 * vehicle.length_m
     understeer_deg_per_g = np.degrees(vehicle.understeer_gradient_s2pm * GRAVITY_MPS2)
@@ -516,28 +501,9 @@ def test_missing_file_is_named(folder: Path) -> None:
         read_vehicle_parameters(folder)
 
 
-def test_table_rows_follow_the_list(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
-    kinds = [ActorClass.BUS, ActorClass.SEDAN, ActorClass.BUS]
-    table = ParameterTable.of(kinds, parameters)
-    assert len(table) == 3
-    assert table.mass_kg.tolist() == [parameters[kind].mass_kg for kind in kinds]
-    np.testing.assert_allclose(table.cg_to_front_axle_m + table.cg_to_rear_axle_m, table.wheelbase_m)
-    assert len(ParameterTable.of((), parameters)) == 0
-
-
-def test_records_of_earlier_episodes_have_no_two_wheels_and_nobody_on_foot() -> None:
-    """Their vehicles are read from the record nevertheless."""
-    noted = NotedFiles(FILES_ON_DISK)
-    load_vehicle_parameters(noted)
-    earlier = RecordedFiles(file for file in noted.seen if file.name not in {"bicycle", "motorcycle", "pedestrian"})
-    assert set(load_vehicle_parameters(earlier)) == set(ActorClass) - TWO_WHEELED - {ActorClass.PEDESTRIAN}
-
-
 @pytest.mark.parametrize("kind", [ActorClass.SEDAN, ActorClass.BUS])
-def test_a_longer_vehicle_has_its_axles_in_the_same_shares(
-    parameters: Mapping[ActorClass, VehicleParameters], kind: ActorClass
-) -> None:
-    own = parameters[kind]
+def test_a_longer_vehicle_has_its_axles_in_the_same_shares(kind: ActorClass) -> None:
+    own = PARAMETERS[kind]
     assert own.sized(own.length_m, own.width_m, own.height_m) is own
     longer = own.sized(1.1 * own.length_m, own.width_m, 0.9 * own.height_m)
     assert (longer.length_m, longer.width_m, longer.height_m) == (1.1 * own.length_m, own.width_m, 0.9 * own.height_m)

@@ -1,28 +1,9 @@
 import re
 
-import pytest
 from repository import shared_file
 
 from siren_ros.base.numerics.units import mps_from_kmh
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
-
-
-def test_control_constants_are_the_papers():
-    constants, escape = PAPER_CONSTANTS, PAPER_CONSTANTS.gap_escape
-    assert (constants.region_enter_m, constants.region_leave_m) == (40.0, 50.0)
-    assert (constants.leader_query_m, constants.lane_change_cooldown_s) == (80.0, 2.0)
-    assert constants.emv_passed_clearance_m == 1.0
-    assert constants.heading_aligned_rad == pytest.approx(0.13962634)
-    assert (escape.blocked_speed_mps, escape.stop_before_entry_s, escape.blocker_grace_s) == (0.5, 3.0, 2.0)
-
-
-def test_target_speeds_are_the_papers():
-    speeds = PAPER_SPEEDS
-    assert (speeds.emv_route_follow_mps * 3.6, speeds.emv_lane_change_mps * 3.6) == pytest.approx((50.0, 50.0))
-    assert (speeds.emv_copy_sumo_mps * 3.6, speeds.emv_gap_escape_mps * 3.6) == pytest.approx((30.0, 20.0))
-    assert speeds.civilian_yield_lane_change_mps * 3.6 == pytest.approx(10.0)
-    assert speeds.civilian_pull_over_mps * 3.6 == pytest.approx(15.0)
-    assert speeds.civilian_yield_speed_difference == 0.5
 
 
 def test_tables_in_the_papers_source_agree():

@@ -26,7 +26,9 @@ def test_scenario_values_move_the_distributions():
     assert changed.reaction_delay_s.mean == preset.reaction_delay_s.mean + 1.0
     shares = changed.compliance
     assert shares.complies == pytest.approx(preset.compliance.complies / 2.0)
+    assert shares.late == pytest.approx(0.5 * preset.compliance.late)
     assert shares.complies + shares.late + shares.never == pytest.approx(1.0)
+    assert preset.for_scenario(40.0, 0.0, 0.5).reaction_delay_s == preset.reaction_delay_s
 
 
 @given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))
@@ -95,14 +97,6 @@ def test_a_distribution_is_scaled_and_shifted_as_its_values_are():
 @pytest.mark.parametrize(("mean", "drawn"), [(9.0, 7.0), (-9.0, 2.0), (5.0, 5.0)])
 def test_a_constant_beyond_the_limits_is_the_limit(mean, drawn):
     assert TruncatedNormal(mean, 0.0, 2.0, 7.0).draw(np.random.default_rng(0)) == drawn
-
-
-def test_the_share_that_complies_late_shrinks_with_the_compliance():
-    preset = load_preset("realistic").for_scenario(40.0, 0.0, 0.5)
-    before = load_preset("realistic").compliance
-    assert preset.compliance.late == pytest.approx(0.5 * before.late)
-    assert preset.compliance.never == pytest.approx(1.0 - 0.5 * (before.complies + before.late))
-    assert preset.reaction_delay_s == load_preset("realistic").reaction_delay_s
 
 
 @pytest.mark.parametrize(

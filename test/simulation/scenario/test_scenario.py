@@ -59,12 +59,6 @@ def test_without_an_emv_there_is_no_region():
     assert region_members(nobody(), ActorStates.empty(), [EMV]).tolist() == []
 
 
-def test_one_that_left_comes_back_at_40_m_only():
-    places = [39.0, 45.0, 51.0, 45.0, 40.0, 39.9]
-    states = [at((0.0, 0.0), (x_m, 0.0), step=step) for step, x_m in enumerate(places)]
-    assert [2 in members for members in regions_of(states, [EMV])] == [True, True, False, False, False, True]
-
-
 @given(
     st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=8), st.sets(st.integers(1, 8))
 )

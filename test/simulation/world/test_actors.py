@@ -16,7 +16,6 @@ from siren_ros.simulation.world.actors import (
     Mode,
     Owner,
     SignalState,
-    TrafficFlags,
     TrafficState,
     by_class,
     hash_state,
@@ -100,17 +99,6 @@ def test_each_row_has_its_own_part_of_the_routes():
     state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
     assert [state.route_of_row(row).tolist() for row in range(3)] == [[10, 11], [], [12, 13, 14]]
     assert len(state) == 3
-
-
-def test_columns_have_the_types_of_the_message():
-    by_type = {}
-    for name, dtype in TRAFFIC_STATE_DTYPES.items():
-        by_type.setdefault(dtype, set()).add(name)
-    assert by_type[np.uint32] == {"removed", "actor_id"}
-    assert by_type[np.uint8] == {"owner", "lights", "flags"}
-    assert by_type[np.int32] == {"lane", "route_offset", "route_edges"}
-    assert {"sumo_x_m", "speed_mps", "lane_position_m", "lateral_offset_m"} <= by_type[np.float64]
-    assert [int(flag) for flag in TrafficFlags] == [1, 2, 4, 8]
 
 
 EMPTY = 0x282047AD06AEB62B

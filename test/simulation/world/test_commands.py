@@ -1,6 +1,5 @@
 """What the AV's controller may ask for, and the command that becomes of it."""
 
-import numpy as np
 import pytest
 
 from siren_ros.errors import EpisodeError
@@ -52,15 +51,6 @@ def test_the_answer_to_a_step_drives_the_av_to_the_next():
         "actor_id": [5], "owner": [Owner.ROS], "throttle": [0.25], "brake": [0.5], "steer_rad": [-0.125],
         "hand_brake": [0], "mode": [Mode.EXTERNAL], "lights": [4],
     }  # fmt: skip
-
-
-def test_columns_have_the_types_of_the_message():
-    empty = VehicleCommands.empty(4, "x")
-    assert (empty.step, empty.source, len(empty)) == (4, "x", 0)
-    types = {name: getattr(empty, name).dtype for name in COMMAND_DTYPES}
-    assert types.pop("actor_id") == np.uint32
-    assert {types.pop(name) for name in ("owner", "hand_brake", "mode", "lights")} == {np.dtype(np.uint8)}
-    assert set(types.values()) == {np.dtype(np.float64)}
 
 
 EMV_LIGHTS = int(Lights.BEACON | Lights.SIREN | Lights.INDICATOR_LEFT)

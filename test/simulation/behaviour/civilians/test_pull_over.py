@@ -279,15 +279,13 @@ def test_a_deferred_driver_who_stands_looks_again_each_half_second(lab, world, s
 
 
 def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
-    wide = lab.straight_road()
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,), ActorClass.TRUCK)]
-    view = lab.view(wide, lab.L3, cars)
+    view = lab.view(lab.straight_road(), lab.L3, cars)
     truck = lab.vehicles[ActorClass.TRUCK].width_m
     assert edge_offset_m(view.ego(1), 0, -1) == pytest.approx(-(1.65 - 0.915))
     assert edge_offset_m(view.ego(2), 1, 1) == pytest.approx(min(1.4 - 1.65 + truck / 2, 1.65 - truck / 2 + 0.5))
     assert edge_offset_m(view.ego(1), 0, 1) == pytest.approx(1.65 - 0.915)
-    narrow = lab.straight_road()
-    beside_others = lab.view(narrow, lab.L3, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)])
+    beside_others = lab.view(lab.straight_road(), lab.L3, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)])
     assert edge_offset_m(beside_others.ego(1), 0, 1) == pytest.approx(1.65 - truck / 2), "not into the lane on the left"
     assert edge_offset_m(beside_others.ego(1), 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
 

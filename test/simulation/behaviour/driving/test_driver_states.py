@@ -7,14 +7,12 @@ import pytest
 
 from siren_ros.simulation.behaviour.driving.driver_states import (
     Compliance,
-    EmvView,
     RoutePlan,
     best_lane,
     draw_driver,
     emv_fully_passed,
     plan_route,
     present_lane,
-    release_reason,
     strategic_side,
 )
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
@@ -66,7 +64,7 @@ AMBULANCE = ActorClass.AMBULANCE
     [
         *[(6.62, 3.3, 0.0, False), (6.63, 3.3, 0.0, True), (6.63, -3.3, 0.0, True)],
         *[(0.0, 8.0, 0.0, False), (-6.7, 0.0, 0.0, False), (1.0 + 2.375 + 1.04, 5.0, np.pi / 2.0, False)],
-        (1.0 + 2.375 + 1.06, 5.0, -np.pi / 2.0, True),
+        *[(1.0 + 2.375 + 1.04, 5.0, -np.pi / 2.0, False), (1.0 + 2.375 + 1.06, 5.0, -np.pi / 2.0, True)],
     ],
 )
 def test_passing_on_a_road_that_points_elsewhere(lab, turn, ahead, left, yaw, passed):
@@ -76,14 +74,6 @@ def test_passing_on_a_road_that_points_elsewhere(lab, turn, ahead, left, yaw, pa
     poses = np.array([[*emv, turn + yaw, 8.0], [*place, turn + 0.2, 2.0]])
     cars = [lab.Car(1, 0, 100, 8, (0,), AMBULANCE), lab.Car(2, 0, 100, 2, (0,))]
     assert emv_fully_passed(lab.view(network, lab.L2, cars, poses=poses).ego(1), 0) is passed
-
-
-@pytest.mark.parametrize(
-    ("passed", "in_region", "reason"),
-    [(False, True, ""), (True, True, "emv_passed"), (True, False, "emv_passed"), (False, False, "emv_gone")],
-)
-def test_released_when_the_emv_has_passed_or_is_gone(passed, in_region, reason):
-    assert release_reason(EmvView(0, passed, in_region, on_path=True, on_road=True)) == reason
 
 
 def route(*edges):

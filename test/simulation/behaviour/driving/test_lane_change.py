@@ -47,17 +47,14 @@ def test_empty_lane_has_infinite_gaps(lab):
     view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, 8, (0,))])
     assert gaps_in_lane(view.ego(0), 1).front_m == math.inf
     assert isinstance(assess(query(view)), LanePath)
+    beside = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 102, 8, (0,))])
+    assert assess(query(beside)) is Refusal.BESIDE
 
 
 def test_refusals_by_gap():
     assert refusal_of_gaps(LaneGaps(math.inf, 0.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
     assert refusal_of_gaps(LaneGaps(-1.0, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.BESIDE
     assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 2.1, 5.0), 5.0, 5.0, CONFIG) is None
-
-
-def test_vehicle_beside_refuses(lab):
-    view = lab.view(lab.straight_road(), lab.L2, [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 102, 8, (0,))])
-    assert assess(query(view)) is Refusal.BESIDE
 
 
 def test_no_lane_and_no_shoulder_for_civilians(lab):

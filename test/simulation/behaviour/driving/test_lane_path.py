@@ -19,12 +19,6 @@ def route(*edges):
     return np.array(edges, dtype=np.int32)
 
 
-def test_changes_needed_counts_towards_the_turning_lane(lab):
-    network = lab.junction_road(2)
-    assert lane_path.changes_needed(network, route(0, 4), civilian=True)[0] == {0: 0, 1: 1}
-    assert lane_path.changes_needed(network, route(0, 2), civilian=True)[0] == {0: 0, 1: 0}
-
-
 def test_changes_needed_looks_beyond_the_next_edge(lab):
     road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 3, ("A", "B"))
     road.edge([[100, 0], [200, 0]], 3, ("B", "C"))
@@ -40,14 +34,6 @@ def test_civilians_need_lanes_of_their_own(lab):
     network = lab.straight_road(3, shoulder=True)
     assert set(lane_path.changes_needed(network, route(0), civilian=True)[0]) == {1, 2}
     assert set(lane_path.changes_needed(network, route(0), civilian=False)[0]) == {0, 1, 2}
-
-
-def test_lanes_lead_through_the_junction(lab):
-    network = lab.junction_road(2)
-    lanes, end = lane_path.lanes_along(network, 1, 100.0, route(0, 2), 120.0)
-    assert lanes == (1, 3, 5)
-    assert end is lane_path.LaneEnd.HORIZON
-    assert lane_path.lanes_along(network, 0, 100.0, route(0, 4), 120.0)[0] == (0, 6, 7)
 
 
 def test_the_lanes_of_who_has_the_front_on_the_next_edge_lead_there(lab):

@@ -226,10 +226,7 @@ def test_stops_gently_behind_a_standing_vehicle():
     speed = 8.0
     gap = standstill + speed * headway + speed**2 / (2.0 * brake)
     assert (approach(gap, 0.0), approach(standstill, 0.0)) == (pytest.approx(speed), 0.0)
-
-
-def test_follows_at_the_same_speed_after_the_headway():
-    assert approach(CONFIG.standstill_gap_m + 7.0 * CONFIG.headway_s, 7.0) == pytest.approx(7.0)
+    assert approach(standstill + 7.0 * headway, 7.0) == pytest.approx(7.0), "at the same speed after the headway"
 
 
 def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_has_left():
@@ -347,13 +344,10 @@ def test_each_driver_has_an_own_speed_around_the_presets_mean(lab, mean_mps):
     assert np.mean(drawn) == pytest.approx(mean_mps, abs=0.1)
     assert np.std(drawn) == pytest.approx(0.44, abs=0.1)
     assert replace(world, seed=3).lines.driver_mps(1) == drawn[3] != replace(world, seed=3).lines.driver_mps(2)
+    calibrated = LineBook(lab.junction_road(), JunctionEntryConfig(speed_mps=3.0), Attention(), 5)
+    assert {calibrated.driver_mps(emv) for emv in range(5)} == {3.0}
     at_line = limit(lab, lab.junction_road(), 149.999, "r", speed=1.0, attention=Attention(emv_line_mps=speeds))
     assert at_line == pytest.approx(world.lines.driver_mps(1), abs=0.01)
-
-
-def test_a_calibrated_driver_has_one_speed(lab):
-    lines = LineBook(lab.junction_road(), JunctionEntryConfig(speed_mps=3.0), Attention(), 5)
-    assert {lines.driver_mps(emv) for emv in range(5)} == {3.0}
 
 
 def test_where_the_view_is_closed_the_emv_comes_more_slowly(lab):

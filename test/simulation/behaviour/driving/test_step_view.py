@@ -61,12 +61,6 @@ def test_near_is_within_the_radius_and_without_one_row_if_wanted(lab):
     assert (seen.near(x, y, apart - 0.01).tolist(), seen.near(x, y, apart + 0.01).tolist()) == ([2], [1, 2])
 
 
-def test_the_cooldown_is_the_papers_time_in_steps(lab):
-    world = lab.world_of(lab.straight_road(), lab.L2)
-    assert replace(world, constants=replace(world.constants, lane_change_cooldown_s=3.0)).cooldown_steps == 60
-    assert world.cooldown_steps == round(world.constants.lane_change_cooldown_s / 0.05)
-
-
 def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_steering(lab):
     cars = [lab.Car(1, 0, 50, 5, (0,), ActorClass.FIRE_TRUCK), lab.Car(2, 0, 90, 5, (0,), ActorClass.BUS)]
     view = lab.view(lab.straight_road(), lab.L2, cars)

@@ -81,12 +81,6 @@ def test_a_bend_to_either_side_limits_the_speed_and_is_braked_for_before_it(side
     assert path.speed_cap_mps(40.0) == pytest.approx((36.0 + 2.0 * 2.0 * 20.0) ** 0.5, rel=0.1)
 
 
-def test_lane_below_the_path():
-    path = TrackedPath.of(STRAIGHT, CONFIG, np.repeat(np.array([4, 7], dtype=np.int32), [50, 51]))
-    assert (path.lane_at(10.0), path.lane_at(90.0), path.lane_at(500.0)) == (4, 7, 7)
-    assert TrackedPath.of(STRAIGHT, CONFIG).lane_at(10.0) == NO_LANE
-
-
 def test_the_lane_is_that_of_the_nearest_point_whatever_the_points_distance():
     curve = Curve(np.stack((0.7 * np.arange(31), np.zeros(31)), axis=-1), 0.7, np.zeros(31), np.zeros(31))
     path = TrackedPath.of(curve, CONFIG, np.arange(31, dtype=np.int32))
@@ -123,8 +117,9 @@ def test_a_path_that_winds_faster_than_the_steering_follows_is_driven_slowly():
     assert path.speed_cap_mps(6.0) == pytest.approx(0.03 / change, rel=0.05)
 
 
-def test_a_path_without_a_lateral_move_is_settled_from_its_beginning():
-    assert TrackedPath.of(STRAIGHT, CONFIG).settled_m == 0.0
+def test_a_path_without_a_lateral_move_is_settled_from_its_beginning_and_one_without_lanes_has_none():
+    path = TrackedPath.of(STRAIGHT, CONFIG)
+    assert (path.settled_m, path.lane_at(10.0)) == (0.0, NO_LANE)
 
 
 REFERENCE = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], [120.0, 0.0]])), LaneEnd.ROUTE)

@@ -155,7 +155,9 @@ def test_the_emv_leaves_the_presets_time_behind_those_who_cross_and_looks_out_as
         conflicts = replace(world, preset=load_preset(name)).emv_navigator.conflicts
         assert least_s < conflicts.after_s < most_s
     short = replace(world, preset=replace(world.preset, attention=Attention(emv_horizon_s=1.0)))
-    assert (world.emv_navigator.conflicts.horizon_s, short.emv_navigator.conflicts.horizon_s) == (8.0, 1.0)
+    crossing = lab.Car(5, len(world.network.lanes) - 1, 80, 8, (5,))
+    cars = [lab.Car(1, 0, 125, 12, (0, 2), AMBULANCE), crossing]
+    assert [steps(seen, cars)[1].brake[0] > 0.0 for seen in (world, short)] == [True, False]
 
 
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):
@@ -347,6 +349,17 @@ def test_stop_timer_starts_again_after_moving(lab):
     unit, events = run(unit, view_at(lab), 59)
     assert not unit.gap_escape_active
     assert not events
+
+
+def test_the_gap_escape_comes_before_the_corridor_and_begins_at_l3_alone(lab):
+    """The EMV has stood behind a vehicle for three seconds as others begin to form a rescue lane."""
+    cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 108, 0, (0,))]
+    stands = {"leader_id": 2, "leader_gap_m": 2.4}
+    for level, expected in (("L2", []), ("L3", ["gap_escape_entered", "corridor_entered"])):
+        world = lab.world_of(lab.straight_road(1), getattr(lab, level))
+        state, _, _ = steps(world, cars, 59, advice=stands)
+        _, _, events = steps(world, cars, 1, state, 59, advice={**stands, "rescue_count": 1})
+        assert kinds(events)[:2] == expected
 
 
 def test_not_entered_without_a_blocker(lab):

@@ -12,7 +12,6 @@ from siren_ros.simulation.behaviour.driving.navigator import Obstacles, separati
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
 from siren_ros.simulation.behaviour.driving.step_view import Body
 from siren_ros.simulation.behaviour.driving.tracked_path import Curve
-from siren_ros.simulation.behaviour.emv import escape_search
 from siren_ros.simulation.behaviour.emv.escape_search import (
     OFFSET_COST,
     SLOPE_STEP,
@@ -305,13 +304,3 @@ def test_costs_move_by_the_mean_of_both_slopes_where_it_is_free_half_way(turn):
     np.testing.assert_array_equal(
         moved_costs(cost, turn, np.zeros_like(blocked)), moved_one_by_one(cost, turn, np.zeros_like(blocked))
     )
-
-
-@pytest.mark.parametrize(("worth", "clearance"), [(0.01, 0.3), (6.0, 0.08)])
-def test_a_tight_margin_is_taken_for_as_much_way_as_it_costs(monkeypatch, worth, clearance):
-    """With 0.3 m the path ends before two cars; between them 0.08 m are left, two steps of 6 m dearer."""
-    tight = boxes(car(18.0, -0.75), car(18.0, 3.45))
-    monkeypatch.setattr(escape_search, "WAY_WORTH", worth)
-    nodes = search_lattice(LINE, road(), replace(START, left_m=0.0, slope=0.0), tight, CONFIG)
-    assert nodes.clearance_m == clearance
-    assert nodes.complete is (clearance < 0.1)

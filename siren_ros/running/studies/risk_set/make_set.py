@@ -42,7 +42,7 @@ from siren_ros.running.studies.risk_set.search import (
     shifted,
 )
 from siren_ros.running.studies.run_study import attempt_processes
-from siren_ros.scoring.evaluation.risk.labels import NEW_SETS, TITLES, RiskClass, RiskThresholds
+from siren_ros.scoring.evaluation.risk.labels import DEFINITIONS, NEW_SETS, TITLES, RiskClass, RiskThresholds
 from siren_ros.scoring.evaluation.risk.video_set import (
     EVIDENCE_FILE,
     SET_FILE,
@@ -77,6 +77,10 @@ def _card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, ma
             name: {"counts": counts[name], "candidates": len(search.trials), "found": list(search.found)}
             for name, search in searches.items()
         },
+        "near_misses_by_definition": {
+            name: sum(video.label.risk is RiskClass.NEAR_MISS for video in videos.relabelled(limits).videos.values())
+            for name, limits in DEFINITIONS.items()
+        },
         "thresholds": asdict(videos.thresholds),
         "versions": dict(present_versions()),
         "licence": LICENCE,
@@ -92,7 +96,8 @@ def _readme(content: Mapping[str, Any]) -> str:
     counts, asked = (" / ".join(map(str, content[key])) for key in ("counts", "asked_for"))
     about = (
         f"{content['videos']} videos of the EMV's front camera, {content['frames']} frames each at 10 Hz, on the map "
-        f"{content['map']}. Classes {', '.join(content['classes'])}: {counts}; asked for: {asked}."
+        f"{content['map']}. Classes {', '.join(content['classes'])}: {counts}; asked for: {asked}. Near-misses "
+        f"by definition: {', '.join(f'{name} {n}' for name, n in content['near_misses_by_definition'].items())}."
     )
     made = (
         "Nothing is scripted. Candidates were simulated without sensors, with drawn parameters (speed of the EMV, "

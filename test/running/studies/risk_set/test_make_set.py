@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_video_sets import evidence
 from processes.stand_in import processes_of
 
 from siren_ros.errors import EpisodeError, InputError
@@ -62,7 +63,10 @@ class Processes:
         template, number = place.video_id.split("_")
         risk = RISKS[int(number) % (2 if template == self.harmless else 3)]
         label = RiskLabel(risk) if risk is RiskClass.NORMAL else RiskLabel(risk, Reason.TIME_TO_COLLISION, 2, 27, 1.2)
-        return Candidate(request, 20, label, EVIDENCE)
+        found = evidence("Near-Miss") if risk is RiskClass.NEAR_MISS else EVIDENCE
+        if template == "S6":
+            found = replace(found, moments=replace(found.moments, braked_mps2=found.moments.braked_mps2 + 4.0))
+        return Candidate(request, 20, label, found)
 
 
 @pytest.fixture
@@ -102,7 +106,9 @@ def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(
 @pytest.mark.parametrize(("map_file", "name"), [("", "town"), ("maps/Town10HD_Opt.xodr", "Town10HD_Opt")])
 def test_the_card_of_a_set_names_its_map(tmp_path: Path, map_file: str, name: str) -> None:
     make_set(replace(REQUEST, map_file=map_file), tmp_path, 1)
-    assert json.loads((tmp_path / "dataset.json").read_text(encoding="utf-8"))["map"] == name
+    told = json.loads((tmp_path / "dataset.json").read_text(encoding="utf-8"))
+    assert told["map"] == name
+    assert told["near_misses_by_definition"] == {"paper": 2, "near_crash": 1}, "in one of the two somebody braked"
     card = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert f"190 frames each at 10 Hz, on the map {name}. Classes" in card
 

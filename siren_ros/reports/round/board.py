@@ -195,6 +195,9 @@ def score_round(
                     shutil.rmtree(left) if left.is_dir() else left.unlink()
             places = (f"{submissions}/", f"{out / ANSWERS}/")
             refused[name] = shown_text(str(error).replace(places[0], "").replace(places[1], ""))
+    if not found:
+        why = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
+        raise InputError("submissions", why, "one that can be scored")
     content = {**_board(plan, common, found, out / ANSWERS), "refused": refused, "submissions": about}
     content |= {"limits": {"answer_s": answer_s, "memory_mb": memory_mb}}
     write_json(out / BOARD_FILE, content)
@@ -218,8 +221,6 @@ def _board(
     plan: Content, common: Content, found: Mapping[Path, tuple[BlockSums, str, Content]], answers: Path
 ) -> Content:
     """What follows from the answers: rows, differences, who is flagged and not ranked, and what else is told."""
-    if not found:
-        raise InputError("submissions", str(answers), "one that can be scored")
     kind = kind_of(plan)
     fair = {file.stem: sums for file, (sums, flag, _) in found.items() if not flag}
     rows = standings(fair, kind.names[1], less_is_better=kind.less_is_better) if fair else ()

@@ -104,7 +104,8 @@ def _limited(given: Path, home: Path, folder: Path, limits: Limits) -> list[str]
     if inside:
         raise InputError("round", str(folder), f"a folder outside {inside[0]}, which drivers may read")
     shutil.copytree(given, home, dirs_exist_ok=True)
-    return limited(["/usr/bin/env", "-C", str(home), *words], str(home), places, limits[1], LIMIT_S)
+    own = [f"{name}={home}" for name in ("HOME", "TMPDIR", "ROS_LOG_DIR")]
+    return limited(["/usr/bin/env", "-C", str(home), *own, *words], str(home), places, limits[1], LIMIT_S)
 
 
 def _drive(one: Content, folder: Path, bag: Path, seat: Seat) -> None:

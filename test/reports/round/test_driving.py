@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from recorded_episode import quick_template
+from repository import REPOSITORY
 from signing_keys import made_keys
 
 from siren_ros.base.params.folders import params_dir
@@ -45,13 +46,17 @@ def test_a_round_of_drivers_from_make_to_verify(tmp_path: Path, capsys: pytest.C
         shutil.copy((params_dir() / SHIPPED).with_suffix(suffix), submissions / f"network{suffix}")
     (submissions / "broken.onnx").write_bytes((params_dir() / SHIPPED).read_bytes())  # without its card
     (submissions / "nobody.txt").write_text("/etc/passwd")
-    thief = submissions / "thief"
-    thief.mkdir()
-    (thief / "run.py").write_text(THIEF.replace("PRIVATE", str(held / "private")))
-    (thief / "command").write_text("python3 run.py\n")
+    programs = {
+        "thief": THIEF.replace("PRIVATE", str(held / "private")),
+        "policy": (REPOSITORY / "examples" / "av_policy.py").read_text(encoding="utf-8"),
+    }
+    for name, source in programs.items():
+        (submissions / name).mkdir()
+        (submissions / name / "run.py").write_text(source)
+        (submissions / name / "command").write_text("python3 run.py\n")
     assert main(["round", "score", str(held), str(submissions), "--workers", "1"]) == 1
     board = json.loads((held / "scores" / "board.json").read_text())
-    assert {row["model"] for row in board["rows"]} == {"lawful", "network"} == board["told"].keys()
+    assert {row["model"] for row in board["rows"]} == {"lawful", "network", "policy"} == board["told"].keys()
     assert board["told"]["lawful"]["grade"] == "pass"
     assert board["told"]["lawful"]["passed"] == "no"  # one episode covers too little
     assert board["told"]["lawful"]["covered: traffic"] == 1

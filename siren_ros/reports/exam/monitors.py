@@ -250,13 +250,16 @@ def time_to_collision(examinee: Examinee, _numbers: Numbers) -> Finding:
     """Least time to collision with anybody, within the horizon of 3 s.
 
     A driver that drives answers for whoever is ahead of it; for others next to and behind it only while it moves to the
-    side.
+    side, and not for those from whom it moves away.
     """
     pairs, contacts = examinee.conflict_series
-    ahead_m, _ = ahead_and_left_m(pairs.subject, pairs.other)
+    ahead_m, left_m = ahead_and_left_m(pairs.subject, pairs.other)
     rows = np.searchsorted(examinee.track.step, pairs.step)
-    drives, moves = examinee.track.speed_mps >= STANDS_MPS, np.abs(examinee.aside_mps) > _MOVES_MPS
-    times = np.where((drives[rows] & (ahead_m > 0.0)) | moves[rows], contacts.time_s, np.inf)
+    drives, aside_mps = examinee.track.speed_mps >= STANDS_MPS, examinee.aside_mps[rows]
+    apart_m = 0.5 * (pairs.subject_size_m[1] + pairs.other_size_m[:, 1])
+    away = (left_m * aside_mps < 0.0) & (np.abs(left_m) > apart_m)
+    moves = (np.abs(aside_mps) > _MOVES_MPS) & ~away
+    times = np.where((drives[rows] & (ahead_m > 0.0)) | moves, contacts.time_s, np.inf)
     if not np.isfinite(times).any():
         return Finding(Measure.lacking("nobody was near"))
     worst = int(np.argmin(times))

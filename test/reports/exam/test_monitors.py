@@ -375,6 +375,11 @@ def test_safety_measures_are_those_of_the_driver():
     emv = Driven(IN_LANE - np.array([40.0, 0.0]), arc((1.0, 6.0)))
     record = hand_made(crossing(), {EMV: emv, CAR: cuts_in, 3: faster})
     assert found("time_to_collision", Examinee(record, CAR, 40.0, 3.0)).measure.value < 1.0
+    # One that makes way to the right does not answer for an EMV on its left that points at it.
+    makes_way = Driven(line((5.25, -120.0), (5.25, -66.0), (5.75, -56.0), (5.75, 110.0)), arc((4.0, 6.0), start_m=54.0))
+    points = Driven(line((1.75, -120.0), (1.75, -69.0), (2.9, -65.7), (2.9, 110.0)), arc((4.0, 6.0), start_m=50.0))
+    record = hand_made(crossing(), {EMV: points, CAR: makes_way})
+    assert not found("time_to_collision", Examinee(record, CAR, 40.0, 3.0)).measure.valid
     # One that stands answers for nobody who comes towards it.
     comes = Driven(line((5.25, 110.0), (5.25, -120.0)), arc((5.0, 6.0), start_m=150.0))
     record = hand_made(crossing(), {EMV: emv, CAR: Driven(IN_LANE, arc((0.0, 6.0), start_m=50.0)), 3: comes})

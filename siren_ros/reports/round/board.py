@@ -198,7 +198,7 @@ def score_round(
     if not found:
         why = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
         raise InputError("submissions", why, "one that can be scored")
-    content = {**_board(plan, common, found, out / ANSWERS), "refused": refused, "submissions": about}
+    content = {**_board(plan, common, found), "refused": refused, "submissions": about}
     content |= {"limits": {"answer_s": answer_s, "memory_mb": memory_mb}}
     write_json(out / BOARD_FILE, content)
     return content
@@ -217,9 +217,7 @@ def _is_submission(path: Path, kind: Kind) -> bool:
     return any(path.glob(kind.holds)) if path.is_dir() else path.suffix in kind.suffixes
 
 
-def _board(
-    plan: Content, common: Content, found: Mapping[Path, tuple[BlockSums, str, Content]], answers: Path
-) -> Content:
+def _board(plan: Content, common: Content, found: Mapping[Path, tuple[BlockSums, str, Content]]) -> Content:
     """What follows from the answers: rows, differences, who is flagged and not ranked, and what else is told."""
     kind = kind_of(plan)
     fair = {file.stem: sums for file, (sums, flag, _) in found.items() if not flag}
@@ -374,7 +372,7 @@ def _wrong_with(published: Path, kept: Path | None, processes: int, on_episode: 
                 found[file] = judged(file)
             except SirenError as error:
                 wrong.append(f"{file.stem}: {shown_text(str(error))}")
-        again = _board(plan, common, found, published / ANSWERS)
+        again = _board(plan, common, found)
     wrong += kind.forged(plan, published, answers)
     wrong += [f"{key} of {BOARD_FILE} do not follow from the answers" for key in again if again[key] != board.get(key)]
     return wrong

@@ -179,6 +179,46 @@ def speed_to_siren(sight: Sight) -> float:
     return math.inf
 
 
+_STARTS_MPS2: Final = 2.0
+"""Acceleration with which a driver leaves a line."""
+_TURNS_ON_M: Final = {Lights.INDICATOR_LEFT: 10.0, Lights.INDICATOR_RIGHT: -6.0}
+"""Radius of the turn that an indicator announces, left positive."""
+_EITHER: Final = int(Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT)
+_PREDICTS_S: Final = 0.25
+
+
+def speed_to_crossing(sight: Sight) -> float:
+    """Speed before the next line at which a driver gives way or stops, in m/s; infinite where nobody comes across.
+
+    Others are predicted for the time until the driver has left the junction, with their speed and the turn that their
+    indicators announce; those who stand do not come.
+    """
+    entry_mps, way, front_m = speed_to_entry(sight), sight.way, sight.s_m + 0.5 * sight.length_m
+    line = next((one.connection for one in way.lines if one.at_m > front_m - _LINE_M), None)
+    if entry_mps == math.inf or line is None or line.signal_id is not None or not (line.must_stop or line.gives_way):
+        return math.inf
+    inside = np.flatnonzero(way.in_junction[way.row(sight.s_m) :][:_SEEN_ROWS])
+    inside = inside[: int(np.argmax(np.diff(inside, append=math.inf) > 1)) + 1]
+    own = np.asarray(way.curve.at(sight.s_m + inside.astype(np.float64)))
+    after_s = np.arange(0.0, math.sqrt(2.0 * (float(inside[-1]) + sight.length_m) / _STARTS_MPS2), _PREDICTS_S)
+    states = sight.states
+    own_yaw = float(states.yaw_rad[sight.row])
+    near = np.hypot(states.x_m - own[0, 0], states.y_m - own[0, 1]) < _SEEN_ROWS
+    for k in np.flatnonzero(near & (states.speed_mps > _STUCK_MPS)).tolist():
+        yaw, speed_mps, body = float(states.yaw_rad[k]), float(states.speed_mps[k]), sight.bodies[states.actor_id[k]]
+        if abs(math.remainder(yaw - own_yaw, 2.0 * math.pi)) < _ACROSS_RAD:
+            continue
+        radius_m = _TURNS_ON_M.get(Lights(int(states.lights[k]) & _EITHER), math.inf)
+        turned = yaw + np.clip(speed_mps / radius_m * after_s, -0.5 * math.pi, 0.5 * math.pi)
+        way_m = np.cumsum(speed_mps * _PREDICTS_S * np.stack((np.cos(turned), np.sin(turned))), axis=1)
+        x = states.x_m[k] + way_m[0] + 0.5 * body.length_m * np.cos(turned)
+        y = states.y_m[k] + way_m[1] + 0.5 * body.length_m * np.sin(turned)
+        apart_m = np.hypot(own[:, :1] - x, own[:, 1:] - y)
+        if apart_m.min() < 0.5 * (sight.width_m + body.width_m) + _FREE_BESIDE_M:
+            return entry_mps
+    return math.inf
+
+
 COMES_S: Final = 2.5
 """Time for which approaching vehicles are predicted."""
 _FREE_BESIDE_M: Final = 0.5

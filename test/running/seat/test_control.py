@@ -1,18 +1,23 @@
 """Closed forms of target speeds; free gaps; pedals and steering."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_record import NORTHBOUND, Driven, at_speed, line
 from hypothesis import given
 from hypothesis import strategies as st
 from made_sights import LENGTH_M, LIMIT_MPS, ROWS, car, sight, siren, straight_way
+from seen_on_crossing import sight_at
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.running.seat.control import (
     emv_waits,
     indicators,
     is_free,
+    speed_to_crossing,
+    speed_to_entry,
     speed_to_junction,
     speed_to_leader,
     speed_to_limit,
@@ -164,3 +169,36 @@ def test_the_wheel_turns_to_the_wanted_place_by_pure_pursuit(offset_m):
     assert steered(sight(), LIMIT_MPS, offset_m).steer_rad == pytest.approx(expected)
     assert steered(sight(), LIMIT_MPS, -offset_m).steer_rad == pytest.approx(-expected)
     assert steered(sight(left_m=offset_m), LIMIT_MPS, offset_m).steer_rad == pytest.approx(0.0, abs=1e-9)
+
+
+AT_THE_LINE_M = 97.0
+"""The own front is 1.7 m before the line, at y = -19 m on the crossing."""
+COMES_DOWN = line((-1.75, 110.0), (-1.75, -120.0))
+CROSSES = line((60.0, 5.25), (-60.0, 5.25))
+
+
+@pytest.mark.parametrize(
+    ("way", "start_m", "speed_mps", "lights", "control", "waits"),
+    [
+        (COMES_DOWN, 95.0, 4.0, Lights.INDICATOR_LEFT, {"must_stop": True}, True),
+        (COMES_DOWN, 95.0, 4.0, Lights.INDICATOR_LEFT, {"gives_way": True}, True),
+        (COMES_DOWN, 95.0, 4.0, Lights.INDICATOR_LEFT, {}, False),
+        (COMES_DOWN, 95.0, 4.0, Lights.INDICATOR_LEFT, {"must_stop": True, "signal_id": "J"}, False),
+        (COMES_DOWN, 95.0, 4.0, Lights.NONE, {"must_stop": True}, False),
+        (COMES_DOWN, 95.0, 4.0, Lights.INDICATOR_RIGHT, {"must_stop": True}, False),
+        (COMES_DOWN, 95.0, 0.0, Lights.INDICATOR_LEFT, {"must_stop": True}, False),
+        (CROSSES, 45.0, 5.0, Lights.NONE, {"must_stop": True}, True),
+        (CROSSES, 65.0, 5.0, Lights.NONE, {"must_stop": True}, False),
+        (NORTHBOUND, 110.0, 3.0, Lights.NONE, {"must_stop": True}, False),
+    ],
+)
+def test_at_its_line_a_driver_waits_for_those_whose_way_leads_over_its_own(
+    way, start_m, speed_mps, lights, control, waits
+):
+    other = {3: Driven(way, at_speed(start_m, speed_mps, 2))}
+    seen = sight_at(AT_THE_LINE_M, 0.5, emv_m=10.0, others=other, lights=int(lights))
+    (before,) = seen.way.lines
+    connection = replace(before.connection, **{"signal_id": None, **control})
+    seen = replace(seen, way=replace(seen.way, lines=(replace(before, connection=connection),)))
+    assert (speed_to_crossing(seen) == speed_to_entry(seen)) is waits
+    assert (speed_to_crossing(seen) == math.inf) is not waits

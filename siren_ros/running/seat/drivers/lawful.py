@@ -15,6 +15,7 @@ from siren_ros.running.seat.control import (
     emv_waits,
     indicators,
     is_free,
+    speed_to_crossing,
     speed_to_entry,
     speed_to_junction,
     speed_to_leader,
@@ -245,7 +246,7 @@ class LawfulDriver:
         if habits.stops_at_red:
             wanted += [speed_to_red(sight), speed_to_stop_sign(sight, state.stood_m)]
         if habits.lets_across:
-            wanted.append(speed_to_siren(sight))
+            wanted += [speed_to_siren(sight), speed_to_crossing(sight)]
         if habits.darts and not any(math.hypot(one.gap_m, one.left_m) < _DARTS_M for one in sight.sirens):
             wanted.append(speed_to_entry(sight))
         return min(wanted)

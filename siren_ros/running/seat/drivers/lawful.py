@@ -261,6 +261,8 @@ class LawfulDriver:
         if state.phase is Phase.MAKES_WAY:
             if habits.splits_queues and self._splits(state, sight):
                 state = replace(state, side=1.0)
+            elif not sight.in_junction and not sight.way.leftmost[sight.way.row(sight.s_m)]:
+                state = replace(state, side=self._side(sight))  # the road behind a junction may have one lane
             back = habits.returns and not self._has_to_wait(sight)
             return replace(state, phase=Phase.RETURNS, since=sight.step) if back else state
         if calling and (sight.step - state.heard) * STEP_S >= (0.0 if again else habits.reaction_s):

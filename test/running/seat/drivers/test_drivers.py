@@ -99,6 +99,8 @@ def test_in_germany_it_keeps_to_its_side_of_the_rescue_lane_and_off_the_shoulder
     assert left.offset_m == pytest.approx(1.75 - 0.9 - 0.15)
     right_lane = replace(motorway, leftmost=np.zeros(ROWS, np.bool_))
     assert after(driver, 8.0, way=right_lane, sirens=CALLED)[0].offset_m == pytest.approx(-1.75 + 0.9 + 0.15)
+    turned = after(driver, 4.0, left, way=right_lane, sirens=CALLED)[0]  # into a road without a lane to its right
+    assert turned.offset_m < 0.0
     blocks = after(driver_of("blocks-the-shoulder-germany"), 8.0, way=right_lane, sirens=CALLED)[0]
     assert blocks.offset_m == pytest.approx(-4.25 + 0.9 + 0.15)
     before = after(driver, 3.0, way=motorway, speed_mps=1.0)[0]  # slow traffic, and nobody calls

@@ -42,7 +42,8 @@ class Makers:
 def outcome(root):
     folder = LocalFolder(root)
     result = run_study(STUDY, folder, Makers())
-    paths = (path for path in sorted(root.rglob("*")) if path.is_file() and path.name[0] != ".")  # not of writes that died
+    # A write that died leaves its hidden file.
+    paths = (path for path in sorted(root.rglob("*")) if path.is_file() and path.name[0] != ".")
     files = {str(path.relative_to(root)): path.read_bytes() for path in paths}
     assert sorted(result.rows, key=lambda row: row.episode) == list(read_table(folder))
     return result.rows, files

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import siren_ros  # noqa: F401 - its import makes the short names known
-from siren_ros.base.at_import import SHORT_NAMES, UnpinnedArithmeticWarning, allow_short_names, pin_arithmetic
+from siren_ros.base.at_import import UnpinnedArithmeticWarning, allow_short_names, pin_arithmetic
 
 
 @pytest.mark.parametrize("below", ["benchmarks.sensors", "learning", "learning.options", "training.settings"])
@@ -19,26 +19,13 @@ def test_a_module_is_the_same_under_both_names(below: str) -> None:
     assert module.__name__ == module.__spec__.name == f"siren_ros.lab.{below}"
 
 
-def test_what_is_not_there_is_not_found() -> None:
+def test_short_names_are_known_once_start_a_program_and_are_refused_where_nothing_is_there() -> None:
     for name in ("siren_ros.benchmarks.no_such_module", "siren_ros.learnin", "siren_ros.reproduction"):
         with pytest.raises(ModuleNotFoundError, match=name.split(".")[-1]):
             import_module(name)
-
-
-def test_the_names_are_made_known_once() -> None:
     finders = list(sys.meta_path)
     allow_short_names()
     assert sys.meta_path == finders
-
-
-@pytest.mark.parametrize("short", sorted(SHORT_NAMES))
-def test_a_program_starts_under_its_short_name(short: str) -> None:
-    """Python says that a package has no program; it found the package."""
-    done = subprocess.run([sys.executable, "-m", short], check=False, capture_output=True, text=True)
-    assert f"No module named {short}.__main__" in done.stderr
-
-
-def test_a_benchmark_starts_under_its_short_name() -> None:
     command = [sys.executable, "-m", "siren_ros.benchmarks.sensors", "--help"]
     assert "usage" in subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
@@ -104,9 +91,7 @@ def test_what_the_user_chose_stays():
     assert (pin_arithmetic(environment, _CASCADE_LAKE), environment) == ({}, chosen)
 
 
-@pytest.mark.parametrize(
-    "package", ["siren_ros", "siren_ros.cli.main", "siren_ros.simulation.roads.road_network", "siren_nodes.cosim"]
-)
+@pytest.mark.parametrize("package", ["siren_ros.simulation.roads.road_network", "siren_nodes.cosim"])
 def test_the_library_and_programs_of_ros_have_it_by_the_time_numpy_is_loaded(package):
     if package.startswith("siren_nodes"):
         pytest.importorskip("rclpy")

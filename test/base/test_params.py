@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from siren_ros.base.params import parameters, plain_files
+from siren_ros.base.params import plain_files
 from siren_ros.base.params.folders import (
     default_cache_dir,
     find_params_dir,
@@ -30,7 +30,7 @@ from siren_ros.base.params.parameters import (
     files_to_json,
     read_strict_yaml,
 )
-from siren_ros.base.params.plain_files import card_path, open_network, write_network
+from siren_ros.base.params.plain_files import open_network, write_network
 from siren_ros.errors import BagError, InputError
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import SHIPPED
 from siren_ros.sensing.look import load_look
@@ -41,14 +41,6 @@ from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand.plan import load_drivers
 
 
-@pytest.mark.parametrize("text", ["[" * 200_000, '{"a":' * 200_000, "", "{"])
-def test_what_cannot_be_read_is_a_value_error(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "x.json"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"."):
-        plain_files.read_json(path)
-
-
 @pytest.mark.parametrize(
     "text", ['{"\\ud800": 1}', '["a\\uDFFF"]', '["\\udc00\\ud800"]', b'["\xed\xa0\x80"]', '["\ud800"]']
 )
@@ -57,11 +49,13 @@ def test_halves_of_characters_are_refused(text: str | bytes) -> None:
         plain_files.load_json(text)
 
 
-@pytest.mark.parametrize(
-    "text", ['["\\ud83d\\ude91 \\\\ud800"]', '["🚑 \\\\ud800"]', '["🚑 \\\\ud800"]'.encode("utf-16")]
-)
-def test_whole_characters_are_read_however_they_are_written(text: str | bytes) -> None:
-    assert plain_files.load_json(text) == ["🚑 \\ud800"]
+def test_whole_characters_are_read_however_they_are_written_and_nothing_that_is_no_json(tmp_path: Path) -> None:
+    for text in ('["\\ud83d\\ude91 \\\\ud800"]', '["🚑 \\\\ud800"]', '["🚑 \\\\ud800"]'.encode("utf-16")):
+        assert plain_files.load_json(text) == ["🚑 \\ud800"]
+    for text in ("[" * 200_000, '{"a":' * 200_000, "", "{"):
+        (tmp_path / "x.json").write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=r"."):
+            plain_files.read_json(tmp_path / "x.json")
 
 
 def test_arrays_within_the_limit_are_read_and_nothing_else(tmp_path: Path) -> None:
@@ -91,12 +85,8 @@ def test_a_table_within_the_limits_is_read_and_a_larger_one_is_not(tmp_path: Pat
         plain_files.read_table(path, 4999, 200)
     with pytest.raises(ValueError, match="bytes in memory"):
         plain_files.read_table(path, 5000, 50)
-
-
-def test_an_empty_table_keeps_its_columns(tmp_path: Path) -> None:
-    path = tmp_path / "x.parquet"
-    pq.write_table(pa.table({"a": pa.array([], pa.float64())}), path)
-    assert plain_files.read_table(path, 0, 0).column_names == ["a"]
+    pq.write_table(given.slice(0, 0), path)
+    assert plain_files.read_table(path, 0, 0).column_names == ["a", "b"]
 
 
 def test_a_small_file_of_long_lists_is_refused_at_its_first_batch(tmp_path: Path) -> None:
@@ -111,11 +101,6 @@ def test_a_small_file_of_long_lists_is_refused_at_its_first_batch(tmp_path: Path
 FILES = (InputFile("looks", "/a/ä.yaml", "fog: 1\n"), InputFile("presets", "paper", "title: ä\n"))
 
 
-def test_files_come_back_from_json() -> None:
-    largest = InputFile("looks", "a", "x" * 256_000)
-    assert files_from_json(files_to_json((*FILES, largest))) == (*FILES, largest)
-
-
 @pytest.mark.parametrize(
     "stored",
     [
@@ -128,7 +113,9 @@ def test_files_come_back_from_json() -> None:
         files_to_json([InputFile("looks", "a", "x" * 256_001)]),
     ],
 )
-def test_damaged_files_are_refused(stored: Any) -> None:
+def test_files_come_back_from_json_and_damaged_ones_are_refused(stored: Any) -> None:
+    largest = InputFile("looks", "a", "x" * 256_000)
+    assert files_from_json(files_to_json((*FILES, largest))) == (*FILES, largest)
     with pytest.raises(BagError):
         files_from_json(stored)
 
@@ -139,9 +126,9 @@ def test_recorded_files_are_found_by_folder_and_name() -> None:
     for folder, name in (("looks", "paper"), ("presets", "realistic")):
         with pytest.raises(InputError, match="presets/paper"):
             recorded.read("preset", folder, name)
-
-
-def test_a_mistake_in_a_recorded_file_is_named_with_its_line() -> None:
+    noted = NotedFiles(recorded)
+    assert [noted.has("presets", "paper"), noted.has("looks", "paper"), noted.seen] == [True, False, ()]
+    assert NotedFiles(FILES_ON_DISK).has("looks", "clear")
     (file,) = files_from_json(files_to_json([InputFile("presets", "mine.yaml", "a: 1\nb: x\n")]))
     with pytest.raises(InputError, match=r"mine\.yaml of the record:2: b"):
         file.mapping().number("b", 0.0, 1.0)
@@ -158,14 +145,6 @@ def test_noted_files_are_those_that_were_read(tmp_path: Path) -> None:
     assert noted.seen[0].text == "title: own\n"
 
 
-def test_a_source_says_whether_it_has_a_file() -> None:
-    noted = NotedFiles(RecordedFiles(FILES))
-    assert noted.has("presets", "paper")
-    assert not noted.has("looks", "paper")
-    assert not noted.seen
-    assert NotedFiles(FILES_ON_DISK).has("looks", "clear")
-
-
 def test_what_is_written_can_be_opened_and_written_again(tmp_path) -> None:
     weights = (params_dir() / SHIPPED).read_bytes()
     card = {"name": "mine", "sha256": hashlib.sha256(weights).hexdigest()}
@@ -175,19 +154,9 @@ def test_what_is_written_can_be_opened_and_written_again(tmp_path) -> None:
         network = open_network(path)
         assert network.card == {**card, "name": name}
         assert {output.name for output in network.session.get_outputs()} == {"xy_m", "probability"}
-    text = card_path(path).read_text(encoding="utf-8")
-    assert json.loads(text)["name"] == "other"
-    assert text.endswith("\n}\n")
-
-
-def test_a_card_stands_next_to_its_network() -> None:
-    assert card_path(Path("a/b.c.onnx")) == Path("a/b.c.json")
-
-
-def test_a_folder_that_cannot_be_written(tmp_path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="file"):
-        write_network(tmp_path / "file" / "a.onnx", b"", {})
+    assert json.loads(path.with_name("mine.json").read_text(encoding="utf-8"))["name"] == "other"
+    with pytest.raises(InputError, match="a folder"):
+        write_network(path / "a.onnx", b"", {})
 
 
 READERS = {"templates": load_template, "presets": load_preset, "suites": load_suite, "looks": load_look}
@@ -213,23 +182,10 @@ def test_an_unknown_key_of_a_vehicle_is_refused_with_its_line(tmp_path: Path) ->
         read_vehicle_parameters(tmp_path)
 
 
-def test_a_suite_names_the_line_of_a_wrong_value(tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text("lidars:\n  roof:\n    mount: {x_m: 0, y_m: 0, z_m: 3}\n    rate_hz: 7\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"mine\.yaml:4: lidars\.roof\.rate_hz"):
-        load_suite(str(file))
-
-
-def test_the_same_text_is_parsed_once(tmp_path: Path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text(f"key: {tmp_path.name}\n", encoding="utf-8")
-    parsed = parameters.compose_yaml.cache_info().misses
-    for _ in range(3):
-        top = read_strict_yaml(file)
-        assert top.text("key") == tmp_path.name
-    assert parameters.compose_yaml.cache_info().misses == parsed + 1
-    file.write_text("key: other\n", encoding="utf-8")
-    assert read_strict_yaml(file).text("key") == "other"
+def test_a_file_that_was_changed_is_read_anew(tmp_path: Path) -> None:
+    for text in ("one", "other"):
+        (tmp_path / "mine.yaml").write_text(f"key: {text}\n", encoding="utf-8")
+        assert read_strict_yaml(tmp_path / "mine.yaml").text("key") == text
 
 
 @pytest.mark.parametrize("name", ["\0.yaml", "x" * 5000 + ".yaml", "~nobody-here/a.yaml", "S99"])
@@ -238,55 +194,25 @@ def test_a_name_that_is_no_file_is_answered_with_the_known_ones(name: str) -> No
         named_params_file("template", "templates", name)
 
 
-def make_package(folder: Path) -> Path:
-    folder.mkdir(parents=True)
-    file = folder / "resources.py"
-    file.touch()
-    return file
+def test_the_folder_of_parameters_is_beside_the_package_or_in_its_prefix_or_in_the_index(tmp_path: Path) -> None:
+    def made(folder: str) -> Path:
+        (tmp_path / folder).mkdir(parents=True)
+        return tmp_path / folder
 
-
-def test_a_checkout_holds_them_beside_the_package(tmp_path: Path) -> None:
-    file = make_package(tmp_path / "siren_ros")
-    (tmp_path / "params").mkdir()
-    (tmp_path / "package.xml").touch()
-    assert find_params_dir(file, "") == tmp_path / "params"
-
-
-def test_an_installation_holds_them_in_its_own_prefix(tmp_path: Path) -> None:
-    file = make_package(tmp_path / "install/lib/python3.12/site-packages/siren_ros")
-    installed = tmp_path / "install/share/siren_ros/params"
-    other = tmp_path / "other/share/siren_ros/params"
-    for folder in (installed, other):
-        folder.mkdir(parents=True)
-    assert find_params_dir(file, str(tmp_path / "other")) == installed
-
-
-def test_a_symlinked_package_belongs_to_its_checkout(tmp_path: Path) -> None:
-    make_package(tmp_path / "source/siren_ros")
-    (tmp_path / "source/params").mkdir()
-    (tmp_path / "source/package.xml").touch()
-    link = tmp_path / "build/siren_ros"
-    link.parent.mkdir()
-    link.symlink_to(tmp_path / "source/siren_ros")
-    assert find_params_dir(link / "resources.py", "") == tmp_path / "source/params"
-
-
-def test_the_ament_index_is_searched_in_its_order(tmp_path: Path) -> None:
-    file = make_package(tmp_path / "anywhere/siren_ros")
-    for name in ("second", "third"):
-        (tmp_path / name / "share/siren_ros/params").mkdir(parents=True)
-    path = ":".join(["", *(str(tmp_path / name) for name in ("first", "second", "third"))])
-    assert find_params_dir(file, path) == tmp_path / "second/share/siren_ros/params"
-
-
-def test_an_installation_without_them_is_named(tmp_path: Path) -> None:
-    file = make_package(tmp_path / "siren_ros")
+    package, package_of_index = made("source/siren_ros"), made("anywhere/siren_ros")
     with pytest.raises(InputError, match=r"installation: .*siren_ros.*params"):
-        find_params_dir(file, "")
-
-
-def test_this_installation_has_them() -> None:
-    assert (params_dir() / "templates").is_dir()
+        find_params_dir(package / "__init__.py", "")
+    checkout = made("source/params")
+    (tmp_path / "source/package.xml").touch()
+    made("build")
+    (tmp_path / "build/siren_ros").symlink_to(package)
+    for checked_out in (package, tmp_path / "build/siren_ros"):
+        assert find_params_dir(checked_out / "__init__.py", "") == checkout
+    second, third, own = (made(f"{name}/share/siren_ros/params") for name in ("second", "third", "install"))
+    installed = made("install/lib/python3.12/site-packages/siren_ros")
+    index = ":".join(["", *(str(tmp_path / name) for name in ("first", "second", "third"))])
+    assert find_params_dir(installed / "__init__.py", index) == own
+    assert find_params_dir(package_of_index / "__init__.py", index) == second != third
 
 
 @pytest.fixture(autouse=True)
@@ -294,12 +220,22 @@ def _temporary(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
 
 
-def test_it_lies_below_the_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_users_folder_lies_below_the_home_or_among_temporary_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     home = tmp_path / "home"
     home.mkdir()
     monkeypatch.setenv("HOME", str(home))
     assert user_folder(".cache/x") == home / ".cache/x"
     assert (home / ".cache/x").is_dir()
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("no such user")))
+    assert user_folder(".ros/log") == tmp_path / f"siren_ros_{os.geteuid()}" / ".ros/log"
+    monkeypatch.setenv("HOME", str(tmp_path / "none"))
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))
+    with pytest.raises(InputError, match=r"^HOME: .* or a folder for temporary files, that can be written"):
+        user_folder("log")
 
 
 @pytest.mark.parametrize("blocked", ["absent", "a file in the way"])
@@ -316,31 +252,6 @@ def test_a_home_that_cannot_be_written_is_left_alone(
     assert (own / ".cache/x").is_dir()
     assert stat.S_IMODE(own.stat().st_mode) == 0o700
     assert home.exists() == (blocked != "absent")
-
-
-def test_without_home_the_systems_list_of_users_counts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv("HOME")
-    monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("no such user")))
-    assert user_folder(".ros/log") == tmp_path / f"siren_ros_{os.geteuid()}" / ".ros/log"
-
-
-def test_a_folder_that_somebody_else_put_there_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("HOME", str(tmp_path / "none"))
-    theirs = tmp_path / "theirs"
-    theirs.mkdir()
-    (tmp_path / f"siren_ros_{os.geteuid()}").symlink_to(theirs)
-    folder = user_folder("log")
-    assert folder.parent.name.startswith("siren_ros_")
-    assert folder.is_dir()
-    assert list(theirs.iterdir()) == []
-
-
-def test_without_any_place_the_home_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("HOME", str(tmp_path / "none"))
-    (tmp_path / "file").touch()
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))
-    with pytest.raises(InputError, match=r"^HOME: .* or a folder for temporary files, that can be written"):
-        user_folder("log")
 
 
 @pytest.mark.parametrize("planted", ["a link", "a file", "open to others"])

@@ -25,18 +25,15 @@ class Named(Thing):
         return {"name": self.name}
 
 
-def test_fields_are_the_facts_and_a_class_may_have_others() -> None:
+def test_fields_are_the_facts_and_a_class_may_have_others_and_long_text_ends_in_dots() -> None:
     assert repr(Thing("a", np.zeros((3, 2)), (1, 2))) == "Thing(name='a', values=<float64 3×2>, items=(1, 2))"
     assert repr(Named("a", np.zeros(3))) == "Named(name='a')"
+    assert "&lt;script&gt;" in Named("<script>", np.zeros(3))._repr_html_()
     assert repr(Thing("a", np.zeros(3), tuple(range(10_000)))).endswith("items=<tuple of 10000>)")
-
-
-def test_a_notebook_shows_text_and_no_markup() -> None:
-    shown = Named("<script>", np.zeros(3))._repr_html_()
-    assert shown == (
-        '<table><caption>Named</caption><tbody><tr><th scope="row">name</th>'
-        "<td>&#x27;&lt;script&gt;&#x27;</td></tr></tbody></table>"
-    )
+    assert len(brief("x" * 1000)) == 74
+    assert brief("x" * 1000).endswith("…'")
+    many = type("Many", (Brief,), {"facts": lambda _: {f"name_{number}": number for number in range(1000)}})
+    assert len(repr(many())) < 820
 
 
 @pytest.mark.parametrize(
@@ -58,32 +55,17 @@ def test_values_are_short(value: object, shown: str) -> None:
     assert brief(value) == shown
 
 
-def test_long_text_ends_in_dots() -> None:
-    assert len(brief("x" * 1000)) == 74
-    assert brief("x" * 1000).endswith("…'")
-    many = type("Many", (Brief,), {"facts": lambda _: {f"name_{number}": number for number in range(1000)}})
-    assert len(repr(many())) < 820
-
-
-def test_never_lies_longer_before_a_start_than_an_episode_lasts():
-    assert units.NEVER + units.steps_from_s(3600.0 * 24.0) < 0
-
-
 def test_twenty_steps_make_a_second():
     assert (units.STEP_NS, units.STEP_S, units.STEPS_PER_S) == (50_000_000, 0.05, 20)
     assert [units.steps_from_s(duration) for duration in (0.0, 0.05, 0.5, 1.0, 0.12, 0.13)] == [0, 1, 10, 20, 2, 3]
-
-
-@pytest.mark.parametrize("step", [0, 1, 7, 10**6])
-def test_step_and_time_are_inverse(step):
-    assert units.time_ns_of_step(step) == step * 50_000_000
-    assert units.step_of_time_ns(units.time_ns_of_step(step)) == step
-
-
-@pytest.mark.parametrize("time_ns", [1, units.STEP_NS - 1, units.STEP_NS + 1])
-def test_a_time_beside_the_steps_is_refused(time_ns):
-    with pytest.raises(ValueError, match="not a multiple"):
-        units.step_of_time_ns(time_ns)
+    assert units.mps_from_kmh(36.0) == pytest.approx(10.0)
+    assert units.NEVER + units.steps_from_s(3600.0 * 24.0) < 0, "longer before a start than an episode lasts"
+    for step in (0, 1, 7, 10**6):
+        assert units.time_ns_of_step(step) == step * 50_000_000
+        assert units.step_of_time_ns(units.time_ns_of_step(step)) == step
+    for time_ns in (1, units.STEP_NS - 1, units.STEP_NS + 1):
+        with pytest.raises(ValueError, match="not a multiple"):
+            units.step_of_time_ns(time_ns)
 
 
 @pytest.mark.parametrize(
@@ -92,10 +74,6 @@ def test_a_time_beside_the_steps_is_refused(time_ns):
 )
 def test_seconds_are_told_to_the_nanosecond(time_ns, text):
     assert units.exact_s(time_ns) == text
-
-
-def test_kilometres_per_hour():
-    assert units.mps_from_kmh(36.0) == pytest.approx(10.0)
 
 
 def test_a_stream_depends_on_seed_purpose_and_index_alone():
@@ -131,8 +109,5 @@ def test_the_given_fields_change_and_the_structure_itself_does_not():
     assert moved == replace(place, x_m=2.0, name="b")
     assert place == Place(1.0, name="a")
     assert changed(moved) == moved
-
-
-def test_a_field_that_does_not_exist_is_refused():
     with pytest.raises(TypeError, match="Place has no field z_m"):
         changed(Place(1.0), z_m=3.0)

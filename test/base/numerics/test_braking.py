@@ -43,10 +43,6 @@ def test_corners_to_both_sides_slow_down_as_each_alone_does(way_m):
     assert speeds[:8].min() > 1e3
 
 
-def test_a_straight_road_has_no_limit():
-    assert braking.bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
-
-
 def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger():
     target = np.full(101, 20.0)
     target[60:] = 5.0
@@ -76,3 +72,4 @@ def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed(
     speeds = braking.with_accelerating(np.full(101, 15.0), 5.0, 1.5)
     assert speeds == pytest.approx(np.minimum(15.0, np.sqrt(25.0 + 2.0 * 1.5 * np.arange(101.0))))
     assert braking.with_accelerating(np.full(3, 4.0), 5.0, 1.5).tolist() == [4.0, 4.0, 4.0]
+    assert braking.bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3

@@ -43,15 +43,17 @@ def test_a_program_that_does_not_keep_to_the_limits_is_refused(source: str, why:
 
 
 def test_what_a_program_started_ends_with_it(tmp_path: Path) -> None:
-    child = "import time, pathlib, sys\ntime.sleep(1.5)\npathlib.Path(sys.argv[1]).touch()"
     source = (
         "import os, subprocess, sys\nfor line in sys.stdin:\n"
-        f"    subprocess.Popen([sys.executable, '-c', {child!r}, os.environ['HOME'] + '/late'])\n"
-        "    print(os.environ['HOME'], flush=True)\n"
+        "    child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60.0)'])\n"
+        "    print(child.pid, os.environ['HOME'], flush=True)\n"
     )
-    (home,) = asked(tmp_path, source, "question")
-    time.sleep(0.1)
+    child, home = asked(tmp_path, source, "question")[0].split()
     assert not Path(home).exists()
+    while (state := Path(f"/proc/{child}/stat")).exists():  # until the time limit of the test
+        if state.read_text().rsplit(")", 1)[1].split()[0] == "Z":  # ended, but not yet awaited
+            break
+        time.sleep(0.05)
 
 
 @pytest.mark.skipif(not HIDES_FILES, reason="the kernel has no Landlock")
@@ -91,6 +93,8 @@ def test_a_container_has_no_network_and_reads_two_folders(tmp_path: Path, monkey
     assert words[words.index("--network") + 1] == "none"
     assert words[words.index("--memory") + 1] == "512m"
     assert words[words.index("--ulimit") + 1] == "cpu=61"
+    assert words[words.index("--cap-drop") + 1] == "ALL"
+    assert "--read-only" in words
     assert [word for word in words if word.startswith(str(tmp_path))] == [
         f"{tmp_path}/own:/submission:ro",
         f"{tmp_path}/maps:/read:ro",

@@ -65,8 +65,10 @@ def test_results_progress_and_errors_come_back(processes: int) -> None:
     assert error == "7 is refused"
 
 
-@pytest.mark.parametrize("words", [[], ["fresh"]])
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    ("words", "number"),
+    [([], signal.SIGKILL), (["fresh"], signal.SIGKILL), (["fresh"], signal.SIGTERM), ([], signal.SIGINT)],
+)
 def test_processes_end_with_a_program_that_is_ended(tmp_path: Path, words: list[str], number: int) -> None:
     program_file = tmp_path / "sleepers.py"  # the fork server's processes load the program's file
     program_file.write_text(SLEEPERS)
@@ -135,11 +137,8 @@ def pool() -> Iterator[ProcessPool]:
         yield running
 
 
-def test_every_call_has_a_process_of_its_own(pool: ProcessPool) -> None:
+def test_every_call_has_a_process_of_its_own_and_errors_of_the_project_stay_what_they_are(pool: ProcessPool) -> None:
     assert len({pool.call(os.getpid), pool.call(os.getpid), os.getpid()}) == 3
-
-
-def test_an_error_of_the_project_stays_what_it_is(pool: ProcessPool) -> None:
     with pytest.raises(InputError, match="'S9'") as refused:
         pool.call(load_template, "S9")
     assert refused.value.exit_code == 2
@@ -173,12 +172,6 @@ def broken(*reasons: str) -> Future[Any]:
     answer: Future[Any] = Future()
     answer.set_exception(BrokenProcessPool(*reasons))
     return answer
-
-
-def test_a_process_that_dies_before_its_call_is_known_ends_the_pool(pool, monkeypatch):
-    monkeypatch.setattr(pebble.ProcessPool, "schedule", lambda *_, **__: broken("All workers expired"))
-    with pytest.raises(CrashError, match=r"^a process ended as it began a call$"):
-        pool.call(os.getpid)
 
 
 def workers() -> list[int]:
@@ -240,10 +233,11 @@ def test_a_pool_that_breaks_while_it_is_stopped_counts_as_stopped(pool, monkeypa
         pool.stop()
         return broken()
 
-    with monkeypatch.context() as patched:
-        patched.setattr(pebble.ProcessPool, "schedule", lambda *_, **__: broken())
-        with pytest.raises(CrashError, match="server of new processes is gone"):
-            pool.call(os.getpid)
+    for reasons, said in (((), "server of new processes is gone"), (("All workers expired",), "as it began a call$")):
+        with monkeypatch.context() as patched:
+            patched.setattr(pebble.ProcessPool, "schedule", lambda *_, why=reasons, **__: broken(*why))
+            with pytest.raises(CrashError, match=said):
+                pool.call(os.getpid)
     monkeypatch.setattr(pebble.ProcessPool, "schedule", stopped)
     with pytest.raises(CancelledError) as cancelled:
         pool.call(os.getpid)
@@ -304,15 +298,11 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return given
 
 
-@pytest.mark.parametrize("deaths", [0, 1, 2])
-def test_an_answer_counts_after_as_many_deaths_as_may_be(answers: list[Any], deaths: int) -> None:
-    answers.extend([CrashError("killed")] * deaths)
-    assert ProcessPool(1, fresh=True).call_with_retries(2, added, 3, 4) == 7
-    assert not answers
-
-
 @pytest.mark.parametrize("retries", [0, 2])
-def test_one_death_more_is_an_error_that_tells_all_of_them(answers: list[Any], retries: int) -> None:
+def test_an_answer_counts_after_as_many_deaths_as_may_be(answers: list[Any], retries: int) -> None:
+    answers.extend([CrashError("killed")] * retries)
+    assert ProcessPool(1, fresh=True).call_with_retries(retries, added, 3, 4) == 7
+    assert not answers
     answers.extend(CrashError(f"signal {number}") for number in range(5))
     reasons = "; ".join(f"signal {number}" for number in range(retries + 1))
     with pytest.raises(CrashError, match=rf"added: {reasons}$"):
@@ -328,13 +318,10 @@ def test_what_the_function_refuses_is_not_tried_again(answers: list[Any], error:
     assert not answers
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_results_have_the_names_of_their_tasks(workers: int) -> None:
+def test_results_have_the_names_of_their_tasks_and_two_workers_work_at_the_same_time() -> None:
     tasks = {f"{number} squared": partial(pow, number, 2) for number in range(7)}
-    assert side_by_side(tasks, workers) == {f"{number} squared": number**2 for number in range(7)}
-
-
-def test_two_workers_work_at_the_same_time() -> None:
+    for workers in (1, 3):
+        assert side_by_side(tasks, workers) == {f"{number} squared": number**2 for number in range(7)}
     meeting = threading.Barrier(2)
     arrivals = side_by_side({name: partial(meeting.wait, 30.0) for name in "ab"}, 2)
     assert sorted(arrivals.values()) == [0, 1]

@@ -30,50 +30,29 @@ from siren_ros.simulation.behaviour.driving.navigator import SpeedLimit
 from siren_ros.simulation.scenario.paper import PAPER_SPEEDS
 from siren_ros.simulation.world.actors import ActorClass
 
+RecordOf = Callable[..., EpisodeRecord]
+
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_columns_come_back_to_half_a_unit(order: int) -> None:
     values = np.array([0.0, -12.3456, 7.0, 2000000.0, -2000000.0, 0.0004, 1.0])
     file = ColumnFile()
     file.add("places", values, 0.001, order)
-    file.add("codes", [3, 255, 0])
+    file.add("narrow", [0.0, 327.67, -327.68, 5.0], 0.01, order, width=2)
+    file.add_bytes("picture", b"\xff\xd8\x00")
+    file.add("none", [], order=order)
+    file.add("codes", [3, 255, 0, -1])
     head, columns = unpacked(file.packed({"title": "a"}))
     assert head["title"] == "a"
-    assert [entry["name"] for entry in head["columns"]] == ["places", "codes"]
+    assert [entry["name"] for entry in head["columns"]] == ["places", "narrow", "picture", "none", "codes"]
     assert np.abs(columns["places"] - values).max() <= 0.0005 + 1e-9
-    assert columns["codes"].tolist() == [3, 255, 0]
-
-
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_narrow_columns_and_bytes_come_back(order: int) -> None:
-    file = ColumnFile()
-    file.add("places", [0.0, 327.67, -327.68, 5.0], 0.01, order, width=2)
-    file.add_bytes("picture", b"\xff\xd8\x00")
-    file.add("after", [7, -1])
-    _, columns = unpacked(file.packed({}))
-    assert columns["places"] == pytest.approx([0.0, 327.67, -327.68, 5.0])
+    assert columns["narrow"] == pytest.approx([0.0, 327.67, -327.68, 5.0])
     assert bytes(columns["picture"]) == b"\xff\xd8\x00"
-    assert columns["after"].tolist() == [7, -1]
-
-
-def test_what_changes_evenly_takes_hardly_any_bytes() -> None:
-    sizes = []
-    for order in (0, 2):
-        file = ColumnFile()
-        file.add("places", 3.7 * np.arange(10_000), 0.001, order)
-        sizes.append(len(file.packed({})))
-    assert 5 * sizes[1] < sizes[0]
-
-
-def test_an_empty_file_has_its_head() -> None:
-    file = ColumnFile()
-    file.add("none", [])
-    head, columns = unpacked(file.packed({}))
-    assert head["columns"][0]["length"] == 0
     assert len(columns["none"]) == 0
+    assert columns["codes"].tolist() == [3, 255, 0, -1]
 
 
-def test_the_emv_closes_the_gap_to_the_vehicle_ahead(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_the_emv_closes_the_gap_to_the_vehicle_ahead(record_of: RecordOf) -> None:
     """The EMV (6.2 m, from x 10 m at 14 m/s) comes up behind a car (4.6 m, from x 40 m at 6 m/s) in its lane."""
     record = record_of(duration_s=4.0, changing=0)
     ttc_s, gap_m, _ = measures_of_emvs(record)
@@ -91,7 +70,7 @@ def test_the_emv_closes_the_gap_to_the_vehicle_ahead(record_of: Callable[..., Ep
     assert (gap_m[others] == NOTHING).all()
 
 
-def test_the_delay_grows_with_the_share_that_is_lost(record_of: Callable[..., EpisodeRecord]) -> None:
+def test_the_delay_grows_with_the_share_that_is_lost(record_of: RecordOf) -> None:
     """The EMV drives 14 m/s where the template's target speed is the paper's."""
     record = record_of(duration_s=4.0)
     (emv,) = record.emv_ids
@@ -101,16 +80,10 @@ def test_the_delay_grows_with_the_share_that_is_lost(record_of: Callable[..., Ep
     assert delay_s[rows] == pytest.approx(steps * STEP_S * (1.0 - 14.0 / PAPER_SPEEDS.emv_route_follow_mps))
     assert delay_s[rows][-1] == pytest.approx(score_yielding(record).metrics["emv_delay_s"].value)
     assert (np.delete(delay_s, rows) == NOTHING).all()
-
-
-def test_a_target_speed_of_nothing_gives_no_delay(record_of: Callable[..., EpisodeRecord]) -> None:
     record = record_of(duration_s=1.0)
     parameters = {**record.description.parameters, "template": {"emv.speed_mps": 0.0}}
     record = replace(record, description=replace(record.description, parameters=parameters))
     assert (np.abs(measures_of_emvs(record)[2]) == NOTHING).all()
-
-
-RecordOf = Callable[..., EpisodeRecord]
 
 
 def test_the_columns_hold_the_record_to_a_millimetre(record_of: RecordOf) -> None:
@@ -152,17 +125,13 @@ def test_turns_through_west_do_not_jump(record_of: RecordOf) -> None:
     assert np.abs(np.diff(columns["motion.yaw_rad"][: record.steps])).max() < 0.004
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 2.1e6])
-def test_states_that_are_no_places_are_refused(record_of: RecordOf, value: float) -> None:
+def test_records_that_cannot_be_shown_are_refused(record_of: RecordOf) -> None:
     record = record_of(duration_s=0.5)
     check_motion(record)
-    broken = replace(record.states[3], y_m=np.full(len(record.states[3]), value))
-    with pytest.raises(InputError, match="numbers within 2,000 km"):
-        check_motion(replace(record, states=(*record.states[:3], broken)))
-
-
-def test_unknown_actors_and_sizes_that_are_none_are_refused(record_of: RecordOf) -> None:
-    record = record_of(duration_s=0.5)
+    for value in (np.nan, np.inf, 2.1e6):
+        broken = replace(record.states[3], y_m=np.full(len(record.states[3]), value))
+        with pytest.raises(InputError, match="numbers within 2,000 km"):
+            check_motion(replace(record, states=(*record.states[:3], broken)))
     for actors in (
         {key: actor for key, actor in record.actors.items() if key != 2},
         {key: replace(actor, width_m=0.0 if key == 2 else 2.0) for key, actor in record.actors.items()},
@@ -236,13 +205,7 @@ def test_signals_keep_their_housings_and_poles_where_buildings_are_cut(record_of
     _, stored = unpacked(file.packed({}))
     heights = stored["static.xyz"].reshape(3, -1)[2]
     assert np.array_equal(stored["static.surface"] > 0, heights >= 3.0)
-
-
-def test_of_a_small_scene_everything_stays(record_of: RecordOf) -> None:
-    file = ColumnFile()
-    columns.add_static_scene(file, [record_of(duration_s=1.0)], StaticScene(boxes(2), ()))
-    _, stored = unpacked(file.packed({}))
-    assert len(stored["static.triangles"]) == 3 * 24
+    assert len(stored["static.triangles"]) == 3 * 24, "of a small scene everything stays"
 
 
 def test_reasons_are_sorted_by_actor_and_step_with_the_limits_that_limit() -> None:
@@ -269,16 +232,12 @@ def test_reasons_are_sorted_by_actor_and_step_with_the_limits_that_limit() -> No
     assert columns["guard.name"].tolist() == [0]
     assert columns["guard.acts"].tolist() == [1]
     assert columns["guard.why"].tolist() == [1]
-
-
-def test_without_reasons_nothing_is_said() -> None:
-    file = ColumnFile()
-    assert add_reasons(file, []) == {}
-    assert unpacked(file.packed({}))[0]["columns"] == []
+    assert add_reasons(empty := ColumnFile(), []) == {}
+    assert unpacked(empty.packed({}))[0]["columns"] == []
 
 
 @pytest.fixture(scope="module")
-def episodes(record_of: Callable[..., EpisodeRecord]) -> tuple[EpisodeRecord, EpisodeRecord, EpisodeRecord]:
+def episodes(record_of: RecordOf) -> tuple[EpisodeRecord, EpisodeRecord, EpisodeRecord]:
     """An episode, a shorter one on its map, and that on another map."""
     shorter = record_of(duration_s=1.0, civilians=2)
     elsewhere = replace(shorter, description=replace(shorter.description, map_sha256="1" * 64))
@@ -300,14 +259,13 @@ def test_each_episode_has_its_motion_and_each_map_its_scene(episodes: tuple[Epis
     assert [len(part["actors"]) for part in parts] == [5, 3, 3]
 
 
-def test_pictures_share_the_triangles(episodes: tuple[EpisodeRecord, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_so_many_pictures_share_the_triangles(
+    episodes: tuple[EpisodeRecord, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(columns, "STATIC_TRIANGLES", 30)
     file = ColumnFile()
     add_parts(file, episodes[0], episodes[1:])
     _, stored = unpacked(file.packed({}))
     assert len(stored["static.triangles"]) == len(stored["2.static.triangles"]) == 3 * 10
-
-
-def test_only_so_many_episodes_can_be_compared(episodes: tuple[EpisodeRecord, ...]) -> None:
     with pytest.raises(InputError, match="at most 3 other episodes"):
         add_parts(ColumnFile(), episodes[0], 4 * [episodes[1]])

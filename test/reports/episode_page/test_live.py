@@ -3,7 +3,6 @@
 import base64
 import http.client
 import re
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,7 +25,6 @@ from siren_ros.data.recording.episode_record import EpisodeRecord, RecordBuilder
 from siren_ros.errors import InputError
 from siren_ros.reports.episode_page import live
 from siren_ros.reports.episode_page.live import LIVE_TOPICS, NO_WHY, LiveEpisode, LiveFeed, LiveServer, Place
-from siren_ros.running.ros.transport.endpoints import StepCopies, happens
 from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, SignalState
 
 Messages = list[tuple[Topic, int, Any]]
@@ -48,6 +46,14 @@ def record_of(messages: Messages) -> EpisodeRecord:
     for topic, _, message in messages:
         builder.add(topic.name, message)
     return builder.build()
+
+
+def hearing(messages: Messages) -> LiveEpisode:
+    """The episode of somebody who hears these."""
+    episode = LiveEpisode()
+    for topic, _, message in messages:
+        episode.add(topic.name, message)
+    return episode
 
 
 def rows_of(parts: Iterable[bytes]) -> list[tuple[int, int, float, float]]:
@@ -76,10 +82,9 @@ def told(messages: Messages, every: int) -> tuple[list[bytes], LiveEpisode]:
     return parts, episode
 
 
-@pytest.mark.parametrize("every", [1, 7, 50])
-def test_the_parts_together_are_the_record(messages: Messages, record: EpisodeRecord, every: int) -> None:
-    parts, episode = told(messages, every)
-    rest, place = episode.since(Place(30)) if every == 50 else (b"", Place())
+def test_the_parts_together_are_the_record(messages: Messages, record: EpisodeRecord) -> None:
+    parts, episode = told(messages, 50)
+    rest, place = episode.since(Place(30))
     rows = rows_of(parts)
     last = max(step for step, *_ in rows)
     wanted = sorted(
@@ -87,10 +92,9 @@ def test_the_parts_together_are_the_record(messages: Messages, record: EpisodeRe
     )
     assert [row[:2] for row in rows] == [(int(step), int(actor)) for step, actor, *_ in wanted]
     assert np.abs(np.array(rows)[:, 2:] - np.array(wanted)[:, 2:]).max() <= 0.0005 + 1e-9
-    assert last >= record.steps - 1 - every
-    if every == 50:
-        assert min(step for step, *_ in rows_of([rest])) == 31
-        assert place.step == record.steps - 1
+    assert last >= record.steps - 1 - 50
+    assert min(step for step, *_ in rows_of([rest])) == 31
+    assert place.step == record.steps - 1
 
 
 def test_events_and_signals_come_once_and_the_outcome_at_the_end(messages: Messages, record: EpisodeRecord) -> None:
@@ -104,27 +108,18 @@ def test_events_and_signals_come_once_and_the_outcome_at_the_end(messages: Messa
     assert "columns" in heads[-1]
 
 
-def test_a_step_is_shown_when_all_its_topics_are_there(messages: Messages) -> None:
-    episode = LiveEpisode()
-    for topic, step, message in messages:
-        if topic != topics.EVENTS or step < 5:
-            episode.add(topic.name, message)
-    assert episode.progress[0] == 4
-
-
-def test_nothing_is_shown_before_map_and_description(messages: Messages) -> None:
-    for lacking in (topics.MAP, topics.EPISODE):
-        episode = LiveEpisode()
-        for topic, _, message in messages:
-            if topic != lacking:
-                episode.add(topic.name, message)
-        assert episode.progress[0] == -1
+@pytest.mark.parametrize(
+    ("lacking", "from_step", "shown"), [(topics.EVENTS, 5, 4), (topics.MAP, -1, -1), (topics.EPISODE, -1, -1)]
+)
+def test_a_step_needs_all_its_topics(messages: Messages, lacking: Topic, from_step: int, shown: int) -> None:
+    heard = [row for row in messages if row[0] != lacking or row[1] < from_step]
+    assert hearing(heard).progress[0] == shown
 
 
 def test_the_end_of_a_whole_episode_is_told_by_itself(messages: Messages, record: EpisodeRecord) -> None:
-    episode = LiveEpisode()
-    for topic, _, message in messages:
-        episode.add(topic.name, message)
+    assert all(LiveEpisode().belongs(topic) for topic in LIVE_TOPICS)
+    episode = hearing(messages)
+    assert [topic for topic in LIVE_TOPICS if not episode.belongs(topic)] == [topics.EPISODE.name, topics.MAP.name]
     begin, place = episode.since(Place())
     assert unpacked(begin)[0]["ended"] == "not yet"
     assert "seen" not in [name for name, _ in unpacked(begin)[0]["facts"]]
@@ -135,45 +130,20 @@ def test_the_end_of_a_whole_episode_is_told_by_itself(messages: Messages, record
     assert rows_of([end]) == []
 
 
-def thinned(messages: Messages, period_s: float, step_s: float) -> Messages:
-    """What a viewer hears of an episode whose steps take so much wall time."""
-    heard: Messages = []
-    now_s = 0.0
-    copies = StepCopies(period_s, lambda: now_s)
-    before: dict[str, Any] = {}
-    for row in messages:
-        topic, step, message = row
-        now_s = step * step_s
-        if topic.name not in topics.OBSERVED:
-            if topic == topics.OUTCOME:
-                copies.send_held()
-            heard.append(row)
-            continue
-        content = (step, 0, message.events) if topic == topics.EVENTS else message
-        happening = happens(topic.name, content, before.get(topic.name))
-        before[topic.name] = content
-        copies.take(step, happening, lambda row=row: heard.append(row))
-    return heard
-
-
-@pytest.mark.parametrize("every", [1, 11])
-def test_of_a_fast_episode_steps_are_left_out_and_nothing_that_happens(every: int) -> None:
-    """Eight seconds, of which the viewer hears about every twelfth step; signals change at a step of their own."""
+def test_of_a_fast_episode_steps_are_left_out_and_nothing_that_happens() -> None:
+    """Eight seconds, of which the viewer hears every twelfth step, and those in which something happens."""
     messages = [row for row in SyntheticEpisode(Scene(duration_s=8.0)).messages() if row[0].name in LIVE_TOPICS]
     messages = [(topic, step, with_signal(topic, step, message)) for topic, step, message in messages]
     record = record_of(messages)
-    heard = thinned(messages, STEP_S, STEP_S / 12.0)
-    steps = [step for topic, step, _ in heard if topic == topics.ACTORS]
-    parts, episode = told(heard, every)
+    steps = sorted({*range(0, record.steps, 12), *(event.step for event in record.events), 47, record.steps - 1})
+    heard = [row for row in messages if row[0].name not in topics.OBSERVED or row[1] in steps]
+    parts, episode = told(heard, 11)
     parts.append(episode.since(Place(max(step for step, *_ in rows_of(parts))))[0])
     heads = [unpacked(part)[0] for part in parts]
-    assert len(steps) < record.steps / 5
     rows = record.rows.select(np.isin(record.rows.step, steps))
-    found = np.array(rows_of(parts))
     order = np.lexsort((rows.actor_id, rows.step))
-    assert found[:, 0].tolist() == rows.step[order].tolist()
-    assert found[:, 1].tolist() == rows.actor_id[order].tolist()
-    assert np.abs(found[:, 2:] - rows.xy_m[order]).max() <= 0.0005 + 1e-9
+    expected = np.column_stack((rows.step, rows.actor_id, rows.xy_m))[order]
+    assert np.abs(np.array(rows_of(parts)) - expected).max() <= 0.0005 + 1e-9
     told_events = [(event[0], event[1], event[2]) for head in heads for event in head["events"]]
     assert told_events == [(event.step, event.kind.value, event.actor_id) for event in record.events]
     assert len(told_events) > 5
@@ -183,7 +153,6 @@ def test_of_a_fast_episode_steps_are_left_out_and_nothing_that_happens(every: in
         [47, "G"],
     ]
     assert heads[-1]["ended"] == "complete"
-    assert steps[-1] == record.steps - 1
 
 
 def with_signal(topic: Topic, step: int, message: Any) -> Any:
@@ -194,15 +163,9 @@ def with_signal(topic: Topic, step: int, message: Any) -> Any:
     return replace(message, signals=[replace(template.signals[0], state="r" if step < 47 else "G")])
 
 
-def late(messages: Messages, from_step: int) -> Messages:
-    """What somebody hears who comes later: latched messages, and the steps from then on."""
-    return [row for row in messages if row[0].latched or row[1] >= from_step]
-
-
 def test_who_comes_late_needs_the_roster(messages: Messages, record: EpisodeRecord) -> None:
-    episode = LiveEpisode()
-    for topic, _, message in late(messages, 20):
-        episode.add(topic.name, message)
+    """Latched messages are heard, and the steps from then on."""
+    episode = hearing([row for row in messages if row[0].latched or row[1] >= 20])
     assert episode.progress[0] == -1
     traffic = next(message for topic, _, message in messages if topic == topics.TRAFFIC)
     everybody = [to_actor_description(actor) for actor in record.actors.values()]
@@ -216,20 +179,13 @@ def test_who_comes_late_needs_the_roster(messages: Messages, record: EpisodeReco
 
 
 def test_actors_of_whom_nothing_was_said_are_left_out(messages: Messages) -> None:
-    episode = LiveEpisode()
-    for topic, _, message in messages:
-        spawned = getattr(message, "spawned", None)
-        kept = message if spawned is None else replace(message, spawned=[one for one in spawned if one.actor_id != 2])
-        episode.add(topic.name, kept)
-    assert 2 not in {actor for _, actor, *_ in rows_of([episode.since(Place())[0]])}
-
-
-def test_the_next_episode_begins_with_its_description_or_map(messages: Messages) -> None:
-    episode = LiveEpisode()
-    assert all(episode.belongs(topic) for topic in LIVE_TOPICS)
-    for topic, _, message in messages:
-        episode.add(topic.name, message)
-    assert [topic for topic in LIVE_TOPICS if not episode.belongs(topic)] == [topics.EPISODE.name, topics.MAP.name]
+    told_of = [
+        (topic, step, replace(message, spawned=[one for one in message.spawned if one.actor_id != 2]))
+        if topic == topics.TRAFFIC
+        else (topic, step, message)
+        for topic, step, message in messages
+    ]
+    assert 2 not in {actor for _, actor, *_ in rows_of([hearing(told_of).since(Place())[0]])}
 
 
 PATIENCE_S = 60.0
@@ -289,20 +245,22 @@ def test_the_page_allows_its_own_script_and_its_own_stream_alone(server: LiveSer
 
 
 @pytest.mark.parametrize("name", ["", "stream"])
-def test_without_the_secret_there_is_nothing(server: LiveServer, name: str) -> None:
+def test_the_secret_and_this_machine_alone_open_the_page(server: LiveServer, name: str) -> None:
+    path, port = f"/{server.secret}/{name}", server.server_port
     for folder in ("", "nonsense/", server.secret[:-1] + "/"):
         assert answer(server, f"/{folder}{name}").status == 404
     assert answer(server, f"/{server.secret}/other").status == 404
-
-
-@pytest.mark.parametrize("name", ["", "stream"])
-def test_other_hosts_and_other_sites_get_nothing(server: LiveServer, name: str) -> None:
-    path, port = f"/{server.secret}/{name}", server.server_port
     for host in ("example.org", f"example.org:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}"):
         assert answer(server, path, Host=host).status == 403
     for site in ("cross-site", "same-site"):
         assert answer(server, path, Sec_Fetch_Site=site).status == 403
     assert answer(server, f"/{server.secret}/", Host=f"localhost:{port}").status == 200
+    # Browsers call a page that a file opens one of another site.
+    for place, status in (("document", 403 if name else 200), ("iframe", 403)):
+        assert answer(server, path, Sec_Fetch_Site="cross-site", Sec_Fetch_Dest=place).status == status
+    assert server.server_address[0] == "127.0.0.1"
+    with pytest.raises(InputError, match="a free port"):
+        LiveServer(LiveFeed(), port)
 
 
 def test_the_file_that_leads_to_the_page_belongs_to_the_user_alone(server: LiveServer, tmp_path: Path) -> None:
@@ -312,20 +270,6 @@ def test_the_file_that_leads_to_the_page_belongs_to_the_user_alone(server: LiveS
     assert server.secret not in door.as_uri()
     with pytest.raises(FileExistsError):
         server.write_door(tmp_path)
-
-
-def test_the_file_may_open_the_page_and_nothing_else(server: LiveServer) -> None:
-    """Browsers call a page that a file opens one of another site."""
-    opened = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Dest": "document"}
-    assert answer(server, f"/{server.secret}/", **opened).status == 200
-    assert answer(server, f"/{server.secret}/stream", **opened).status == 403
-    assert answer(server, f"/{server.secret}/", **{**opened, "Sec_Fetch_Dest": "iframe"}).status == 403
-
-
-def test_it_listens_on_this_machine_alone(server: LiveServer) -> None:
-    assert server.server_address[0] == "127.0.0.1"
-    with pytest.raises(InputError, match="a free port"):
-        LiveServer(LiveFeed(), server.server_port)
 
 
 def test_a_browser_gets_the_beginning_and_then_what_is_new(feed: LiveFeed, server: LiveServer) -> None:
@@ -341,14 +285,19 @@ def test_a_browser_gets_the_beginning_and_then_what_is_new(feed: LiveFeed, serve
     assert frames(next(late)[1]) == [10]
 
 
-def test_a_slow_browser_gets_more_at_once_and_delays_nobody(feed: LiveFeed, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "BATCH_S", 0.0)
+def test_slow_browsers_get_more_at_once_and_waiting_ones_signs_of_life(
+    feed: LiveFeed, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tell(feed, 0, 0)
     source = feed.events()
     assert frames(next(source)[1]) == [0]
     for step in range(1, 18):
         tell(feed, step, step)
     assert frames(next(source)[1]) == list(range(1, 18))
+    monkeypatch.setattr(live, "SIGN_OF_LIFE_S", 0.01)
+    assert next(source) == ("", b"")
+    feed.close()
+    assert list(source) == []
 
 
 def test_the_next_episode_is_announced_and_ends_the_stream(feed: LiveFeed, server: LiveServer) -> None:
@@ -361,24 +310,6 @@ def test_the_next_episode_is_announced_and_ends_the_stream(feed: LiveFeed, serve
     assert (kind, frames(begin)) == ("begin", [0, 1, 2, 3])
 
 
-def test_who_waits_for_an_episode_sees_its_begin(feed: LiveFeed, server: LiveServer) -> None:
-    got: list[tuple[str, bytes]] = []
-    stream = events(answer(server, f"/{server.secret}/stream"))
-    waiting = threading.Thread(target=lambda: got.append(next(stream)))
-    waiting.start()
-    tell(feed, 0, 2)
-    waiting.join(PATIENCE_S)
-    assert got[0][0] == "begin"
-
-
-def test_waiting_readers_get_signs_of_life_and_the_end(feed: LiveFeed, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "SIGN_OF_LIFE_S", 0.01)
-    source = feed.events()
-    assert next(source) == ("", b"")
-    feed.close()
-    assert list(source) == []
-
-
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
 STEPS = 60
 GAP = range(22, 26)
@@ -387,13 +318,13 @@ LATER = 3
 """This actor comes in the middle of the episode."""
 
 
-def episode(seed: int = 0) -> list[tuple[str, int, Any]]:
+def episode(seed: int = 0) -> Messages:
     """Three seconds; names and map try to be markup, and one actor comes later than the others."""
     messages = SyntheticEpisode(Scene(duration_s=STEPS * STEP_S, seed=seed)).messages()
     heard = [row for row in messages if row[0].name in LIVE_TOPICS]
     actors = [actor for topic, _, message in heard if topic == topics.TRAFFIC for actor in message.spawned]
     hostile = [replace(actor, name=f"{actor.name}{HOSTILE}") for actor in actors]
-    return [(topic.name, step, changed(topic, step, message, hostile)) for topic, step, message in heard]
+    return [(topic, step, changed(topic, step, message, hostile)) for topic, step, message in heard]
 
 
 def changed(topic: Topic, step: int, message: Any, actors: list[Any]) -> Any:
@@ -410,10 +341,7 @@ def changed(topic: Topic, step: int, message: Any, actors: list[Any]) -> Any:
 
 @pytest.fixture(scope="module")
 def shown_record() -> EpisodeRecord:
-    builder = RecordBuilder()
-    for name, _, message in episode():
-        builder.add(name, message)
-    return builder.build()
+    return record_of(episode())
 
 
 class Running:
@@ -425,10 +353,10 @@ class Running:
         self._feed = feed
 
     def go_on(self, first: int, last: int, seed: int = 0) -> None:
-        for name, step, message in episode(seed):
-            at_end = name in {topics.EPISODE_END.name, topics.OUTCOME.name}
+        for topic, step, message in episode(seed):
+            at_end = topic in {topics.EPISODE_END, topics.OUTCOME}
             if last >= STEPS if at_end else first <= step <= last:
-                self._feed.add(name, message)
+                self._feed.add(topic.name, message)
 
     def drawn(self, step: int) -> dict[int, tuple[float, float]]:
         script = "time => { episodePage.seek(time); return episodePage.drawn(); }"
@@ -451,12 +379,6 @@ def opened(browser: PageBrowser) -> Iterator[Running]:
         yield Running(page, feed)
         assert all(url.startswith((server.address, "data:")) for url in page.requests)
     server.close()
-
-
-@pytest.fixture
-def running(browser: PageBrowser) -> Iterator[Running]:
-    with opened(browser) as page:
-        yield page
 
 
 def until_end_at(step: int) -> str:
@@ -491,9 +413,7 @@ def seen(browser: PageBrowser, shown_record: EpisodeRecord) -> Iterator[Running]
         assert running.page.problems == []
 
 
-def test_between_two_steps_that_are_there_vehicles_are_between_their_places(
-    seen: Running, shown_record: EpisodeRecord
-) -> None:
+def test_between_two_steps_vehicles_are_between_their_places(seen: Running, shown_record: EpisodeRecord) -> None:
     before, after = shown_record.states[GAP.start - 1], shown_record.states[GAP.stop]
     share = (GAP[1] - before.step) / (after.step - before.step)
     drawn = seen.drawn(GAP[1])
@@ -505,55 +425,43 @@ def test_between_two_steps_that_are_there_vehicles_are_between_their_places(
         assert drawn[actor][0] == pytest.approx(between, abs=0.01)
 
 
-def test_the_end_is_told_and_what_was_seen_stays(seen: Running, shown_record: EpisodeRecord) -> None:
-    assert not seen.page.page.evaluate("episodePage.moment.playing")
+def test_the_page_tells_the_end_and_names_stay_text(seen: Running, shown_record: EpisodeRecord) -> None:
+    page = seen.page.page
+    assert not page.evaluate("episodePage.moment.playing")
     assert shown_record.outcome is not None
     assert seen.text("#facts").endswith(shown_record.outcome.end.value)
-    assert seen.page.page.locator("#verdict").is_visible()
-    check_places(seen, shown_record, range(0, STEPS, 10))
-
-
-def test_names_stay_text(seen: Running) -> None:
-    assert "taken" not in seen.page.page.title()[:6]
-    assert seen.page.page.locator("img").count() == 0
-    assert HOSTILE[:20] in seen.text("h1")
-    assert seen.page.page.locator("#actor option").last.inner_text().endswith(HOSTILE)
-
-
-def test_actors_and_events_join_the_lists(seen: Running, shown_record: EpisodeRecord) -> None:
-    assert seen.page.page.locator("#actor option").count() == seen.actors_before + 1
-    script = "() => episodePage.episode.head.events.map(event => event[0])"
-    assert seen.page.page.evaluate(script) == [event.step for event in shown_record.events]
-
-
-def test_the_page_says_that_it_does_not_know_why(seen: Running) -> None:
+    assert page.locator("#verdict").is_visible()
     assert seen.text("#why-not") == NO_WHY
+    check_places(seen, shown_record, range(0, STEPS, 10))
+    assert page.locator("#actor option").count() == seen.actors_before + 1
+    script = "() => episodePage.episode.head.events.map(event => event[0])"
+    assert page.evaluate(script) == [event.step for event in shown_record.events]
+    assert page.locator("img").count() == 0
+    assert HOSTILE[:20] in seen.text("h1")
+    assert page.locator("#actor option").last.inner_text().endswith(HOSTILE)
 
 
-def test_it_stays_with_the_present_until_somebody_looks_back(running: Running) -> None:
-    running.go_on(0, 20)
-    running.until("window.episodePage && episodePage.atEnd && episodePage.following")
-    running.go_on(21, 30)
-    running.until(f"episodePage.moment.time > {29.9 * STEP_S}")
-    running.page.page.evaluate("() => { episodePage.play(false); episodePage.seek(0.5); }")
-    running.go_on(31, 40)
-    running.until(until_end_at(40))
-    assert running.page.page.evaluate("episodePage.moment.time") == 0.5
-    running.page.page.click("#live")
-    running.until(f"episodePage.following && episodePage.moment.time > {39.9 * STEP_S}")
-    running.until("document.getElementById('live').hidden")
-
-
-@pytest.mark.parametrize("looks_back", [False, True])
-def test_the_next_episode_is_shown_or_offered(running: Running, looks_back: bool) -> None:
-    running.go_on(0, STEPS)
-    running.until("window.episodePage && episodePage.atEnd")
-    if looks_back:
-        running.page.page.evaluate("() => { episodePage.play(false); episodePage.seek(0.5); }")
-    running.go_on(0, 10, seed=1)
-    if looks_back:
-        running.until("document.getElementById('live').textContent === 'Next episode'")
-        running.page.page.click("#live")
-    running.page.page.locator("h1", has_text="seed 1").wait_for()
-    running.until("window.episodePage && episodePage.following")
-    assert "seed 1" in running.text("h1")
+def test_it_stays_with_the_present_and_shows_the_next_episode_until_somebody_looks_back(browser: PageBrowser) -> None:
+    with opened(browser) as running:
+        page = running.page.page
+        running.go_on(0, 20)
+        running.until("window.episodePage && episodePage.atEnd && episodePage.following")
+        running.go_on(21, 30)
+        running.until(f"episodePage.moment.time > {29.9 * STEP_S}")
+        page.evaluate("() => { episodePage.play(false); episodePage.seek(0.5); }")
+        running.go_on(31, 40)
+        running.until(until_end_at(40))
+        assert page.evaluate("episodePage.moment.time") == 0.5
+        page.click("#live")
+        running.until(f"episodePage.following && episodePage.moment.time > {39.9 * STEP_S}")
+        running.until("document.getElementById('live').hidden")
+        running.go_on(41, STEPS)
+        running.until("episodePage.atEnd")
+        for seed in (1, 2):
+            running.go_on(0, 10, seed=seed)
+            if seed == 2:
+                running.until("document.getElementById('live').textContent === 'Next episode'")
+                page.click("#live")
+            page.locator("h1", has_text=f"seed {seed}").wait_for()
+            running.until("window.episodePage && episodePage.following")
+            page.evaluate("() => { episodePage.play(false); episodePage.seek(0.2); }")

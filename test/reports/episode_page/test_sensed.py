@@ -30,7 +30,7 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import BagError, InputError
 from siren_ros.reports.episode_page import sensed as module
 from siren_ros.reports.episode_page.build import episode_data, episode_page
-from siren_ros.reports.episode_page.sensed import ALL, CUBE_M, NOTHING, UNIT_M, sensed_of, smaller, thinned
+from siren_ros.reports.episode_page.sensed import ALL, CUBE_M, NOTHING, UNIT_M, sensed_of, smaller
 
 STEPS = list(range(FIRST_SENSED, 42, 4))
 
@@ -70,13 +70,21 @@ def check_points(found: np.ndarray, wanted: np.ndarray) -> None:
     assert np.abs(apart).max(axis=2).min(axis=0).max() <= CUBE_M
 
 
-def test_points_stand_where_they_were_measured(bag: Path) -> None:
+def test_points_stand_where_they_were_measured_and_pictures_are_those_of_the_camera(bag: Path) -> None:
     sensed = sensed_of(bag, ["lidar"])
     assert [sweep.step for sweep in sensed.sweeps["lidar"]] == STEPS
     assert sensed.pictures == {}
     for sweep in sensed.sweeps["lidar"]:
         check_points(sweep.counts * UNIT_M + sweep.origin_m, on_emv(sweep.step))
         assert sweep.measured == 6
+    sensed = sensed_of(bag, [REAR])
+    assert (sensed.sweeps, list(sensed.pictures)) == ({}, [REAR])
+    assert [shot.step for shot in sensed.pictures[REAR]] == STEPS
+    for shot in sensed.pictures[REAR]:
+        pixels = simplejpeg.decode_jpeg(shot.jpeg).astype(int)
+        assert pixels.shape == (MODEL.height, MODEL.width, 3)
+        assert np.abs(pixels - simplejpeg.decode_jpeg(jpeg_of(shot.step, REAR))).max() <= 6
+    assert list(sensed_of(bag, [ALL]).pictures) == [FRONT, REAR]
 
 
 def test_the_av_has_sensors_of_its_own(both: Path) -> None:
@@ -100,29 +108,13 @@ def test_one_point_stays_in_each_cube() -> None:
     pose[:3, 3] = 7.004, -2.0, 0.0
     with np.errstate(invalid="ignore"):
         sweep = module.sweep_of(3, xyz_m, pose, pose)
-    assert sweep.origin_m == (7.0, -2.0, 0.0)
-    assert sweep.measured == 6
+    assert (sweep.origin_m, sweep.measured) == ((7.0, -2.0, 0.0), 6)
     assert sorted(map(tuple, sweep.counts.tolist())) == [(-5, 0, 0), (5, 5, 5), (35, 5, 5)]
 
 
-def test_a_station_stands_where_it_is(bag: Path) -> None:
-    """The pose of what carries the sensors is that of the transforms at each step."""
-    origins = [sweep.origin_m for sweep in sensed_of(bag, ["lidar"]).sweeps["lidar"]]
-    assert origins == [pytest.approx(place_of(step), abs=0.006) for step in STEPS]
-
-
-def test_pictures_are_those_of_the_camera(bag: Path) -> None:
-    sensed = sensed_of(bag, [REAR])
-    assert (sensed.sweeps, list(sensed.pictures)) == ({}, [REAR])
-    assert [shot.step for shot in sensed.pictures[REAR]] == STEPS
-    for shot in sensed.pictures[REAR]:
-        pixels = simplejpeg.decode_jpeg(shot.jpeg).astype(int)
-        assert pixels.shape == (MODEL.height, MODEL.width, 3)
-        assert np.abs(pixels - simplejpeg.decode_jpeg(jpeg_of(shot.step, REAR))).max() <= 6
-    assert list(sensed_of(bag, [ALL]).pictures) == [FRONT, REAR]
-
-
-def test_a_sensor_that_the_bag_lacks_is_refused(bag: Path, tmp_path: Path, typestore: Typestore) -> None:
+def test_what_the_bag_lacks_and_what_is_no_picture_are_refused(
+    bag: Path, tmp_path: Path, typestore: Typestore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(InputError, match="of those of the bag: lidar, camera_front, camera_rear"):
         sensed_of(bag, ["radar"])
     lost = write_made_bag(tmp_path / "lost", typestore, lacking=lambda topic, step: (topic, step) == ("/tf", 8))
@@ -134,9 +126,6 @@ def test_a_sensor_that_the_bag_lacks_is_refused(bag: Path, tmp_path: Path, types
     with pytest.raises(InputError, match="the bag has no LiDAR and no camera"):
         sensed_of(without, ["lidar"])
     assert sensed_of(without, [ALL]) == NOTHING
-
-
-def test_what_is_no_picture_is_damage(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "from_compressed_image", lambda _: b"no picture")
     with pytest.raises(BagError):
         sensed_of(bag, [FRONT])
@@ -169,11 +158,6 @@ def test_time_is_thinned_until_it_fits(bag: Path) -> None:
     assert none.notes == tuple((name, "left out: more than 1e-05 MB") for name in ("lidar", FRONT, REAR))
 
 
-def test_the_first_of_each_period_stays(bag: Path) -> None:
-    shots = sensed_of(bag, [FRONT]).pictures[FRONT]
-    assert [shot.step for shot in thinned(shots, 8)] == [4, 8, 16, 24, 32, 40]
-
-
 def test_the_page_has_bytes_and_points_as_they_are(bag: Path) -> None:
     sensed = sensed_of(bag, [ALL])
     head, columns = unpacked(episode_data(read_episode(bag), sensed=sensed))
@@ -198,10 +182,6 @@ def opened(both: Path, browser: PageBrowser, tmp_path_factory: pytest.TempPathFa
 def test_the_points_that_are_drawn_are_those_of_the_bag(opened: OpenedPage, time_s: float, step: int) -> None:
     drawn = opened.page.evaluate("time => { episodePage.seek(time); return episodePage.drawnPoints(); }", time_s)
     check_points(np.array(drawn), np.concatenate((on_emv(step), on_av(step))))
-
-
-def test_before_the_first_sweep_there_are_no_points(opened: OpenedPage) -> None:
-    assert opened.page.evaluate("() => { episodePage.seek(0.1); return episodePage.drawnPoints(); }") == []
 
 
 def colour_of_picture(opened: OpenedPage, wanted: str) -> list[int]:
@@ -231,6 +211,7 @@ def test_the_picture_follows_the_clock_and_the_choice(opened: OpenedPage) -> Non
 
 
 def test_points_and_picture_can_be_hidden(opened: OpenedPage) -> None:
+    assert opened.page.evaluate("() => { episodePage.seek(0.1); return episodePage.drawnPoints(); }") == []
     opened.page.evaluate("episodePage.seek(1)")
     calls = """() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(
         () => done(episodePage.statistics().calls))))"""

@@ -34,13 +34,9 @@ def test_since_needs_a_begin_and_what_holds_ever_since(pairs):
 
 
 @given(CONDITIONS, st.integers(0, 10))
-def test_held_for_needs_all_the_steps(values, steps):
+def test_held_for_needs_all_the_steps_and_a_condition_rises_where_it_did_not_hold_before(values, steps):
     expected = [k >= steps and all(values[k - steps : k + 1]) for k in range(len(values))]
     assert examinee.held_for(flags(values), steps).tolist() == expected
-
-
-@given(CONDITIONS)
-def test_a_condition_rises_where_it_did_not_hold_before(values):
     assert examinee.rises(flags(values)).tolist() == [
         value and not (k and values[k - 1]) for k, value in enumerate(values)
     ]

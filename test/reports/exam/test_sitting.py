@@ -68,12 +68,16 @@ def test_an_exam_alone_and_that_of_the_papers_driver_itself_have_no_pairs(driver
     assert [one.paper for one in made] == [None]
 
 
-def test_an_episode_that_failed_has_no_result_and_its_reason():
+def test_an_episode_that_failed_has_its_reason_and_an_unknown_driver_is_refused():
     made, lacks = make_exam(study(driver="idm"), OUT, Maker(row(0, Status.FAILED), row(1)), paired=False)
     assert [one.bag.name for one in made] == ["S2_L3_seed1"]
     assert [(one.bag, one.episode, one.lack) for one in lacks] == [
         ("exam/S2_L3/S2_L3_seed0", "S2_L3_seed0_town", "SUMO teleported")
     ]
+    make = Maker()
+    with pytest.raises(InputError, match="driver: 'nobody'"):
+        make_exam(study(driver="nobody"), OUT, make, paired=True)
+    assert make.asked == []
 
 
 @pytest.mark.parametrize(
@@ -83,13 +87,6 @@ def test_the_wall_time_of_answers_counts_in_real_time(real_time, measures, known
     seat = {"program": "./drive", "real_time": real_time}
     made, _ = make_exam(study(**seat), OUT, Maker(row(0, measures=measures)), paired=False)
     assert [one.answers for one in made] == [AnswerTimes(2.0, 3.0, 9.0) if known else None]
-
-
-def test_a_driver_who_is_unknown_is_refused_before_anything_is_made():
-    make = Maker()
-    with pytest.raises(InputError, match="driver: 'nobody'"):
-        make_exam(study(driver="nobody"), OUT, make, paired=True)
-    assert make.asked == []
 
 
 def test_episodes_are_in_the_order_of_their_seeds():

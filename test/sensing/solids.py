@@ -32,20 +32,3 @@ def gap_m2(mesh):
     """Length of the sum of all area vectors: 0 for a closed surface, also where corners lie on other faces' edges."""
     a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
     return float(np.linalg.norm(0.5 * np.cross(b - a, c - a).sum(axis=0)))
-
-
-def one_sidedness(mesh):
-    """By material, how unlike its left and right halves are: 0 where they mirror each other, 1 where one is missing.
-
-    The largest of the first moments about the middle plane, over the sum without signs; weighted with the places along
-    and above, so that a part that is moved counts, too.
-    """
-    middle = mesh.vertices_m[mesh.triangles].astype(float).mean(axis=1)
-    moment = areas(mesh) * middle[:, 1]
-    unlikeness = {}
-    for material in np.unique(mesh.material).tolist():
-        rows = mesh.material == material
-        x, z = middle[rows, 0] - middle[rows, 0].min(), middle[rows, 2] - middle[rows, 2].min()
-        weights = (np.ones(rows.sum()), 0.1 + x, 0.1 + z, np.abs(middle[rows, 1]))
-        unlikeness[material] = max(float(abs(moment[rows] @ w) / (np.abs(moment[rows]) @ w)) for w in weights)
-    return unlikeness

@@ -15,6 +15,8 @@ def test_every_look_loads_and_the_default_is_the_clear_morning():
     assert clear.sun_azimuth_rad == pytest.approx(plain.sun_azimuth_rad, abs=1e-4)
     assert clear.sun_elevation_rad == pytest.approx(plain.sun_elevation_rad, abs=1e-4)
     assert clear.sun_colour == plain.sun_colour
+    with pytest.raises(InputError, match="overcast"):
+        load_look("thunder")
 
 
 def test_the_sun_stands_in_the_south_at_noon_and_rises_in_the_east_at_the_equinox():
@@ -62,8 +64,3 @@ def test_a_wrong_look_is_refused_with_its_key(tmp_path, text, match):
     path.write_text(text + "\n", encoding="utf-8")
     with pytest.raises(InputError, match=match):
         load_look(str(path))
-
-
-def test_an_unknown_look_lists_the_known():
-    with pytest.raises(InputError, match="overcast"):
-        load_look("thunder")

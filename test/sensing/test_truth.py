@@ -10,26 +10,6 @@ from siren_ros.simulation.world.carrier import CameraIntrinsics
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 
 
-def test_boxes_are_in_the_frame_of_the_sensor(boxes):
-    states, descriptions = boxes.actors(
-        (SEDAN, 10.0, 20.0, np.pi / 2), (BUS, 10.0, 35.0, np.pi), vx_mps=[0.0, -4.0], accel_mps2=[0.5, -1.0]
-    )
-    pose = map_from_base(10.0, 20.0, 0.0, np.pi / 2) @ Mount(0.0, 0.0, 1.93).base_from_sensor
-    truth = label_boxes(states, descriptions, 1, pose)
-    assert (truth.actor_id.tolist(), truth.actor_class.tolist()) == ([2], [int(BUS)])
-    assert truth.is_emv.tolist() == [False]
-    assert (truth.x_m[0], truth.y_m[0], truth.z_m[0]) == pytest.approx((15.0, 0.0, 1.5 - 1.93))
-    assert truth.yaw_rad[0] == pytest.approx(np.pi / 2)
-    assert (truth.vx_mps[0], truth.vy_mps[0]) == pytest.approx((0.0, 4.0))
-    assert (truth.length_m[0], truth.width_m[0], truth.height_m[0]) == (12.0, 2.5, 3.0)
-    assert (truth.accel_mps2.tolist(), truth.lidar_points.tolist()) == ([-1.0], [0])
-
-
-def test_far_actors_are_left_out(boxes):
-    states, descriptions = boxes.actors((SEDAN, 0.0, 0.0, 0.0), (SEDAN, 119.0, 0.0, 0.0), (SEDAN, 121.0, 0.0, 0.0))
-    assert label_boxes(states, descriptions, 1, np.eye(4)).actor_id.tolist() == [2]
-
-
 def test_points_are_counted_by_actor(boxes):
     states, descriptions = boxes.actors((SEDAN, 0.0, 0.0, 0.0), (SEDAN, 9.0, 0.0, 0.0), (SEDAN, 118.0, 9.0, 0.0))
     sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array([2], np.uint32), np.array([77]))
@@ -47,13 +27,20 @@ def test_ahead_left_and_moving_are_the_same_for_a_carrier_that_points_anywhere(b
     at = np.array([40.0, -25.0]) + 12.0 * along + 5.0 * left
     velocity = 3.0 * along - 1.0 * left
     states, descriptions = boxes.actors(
-        (SEDAN, 40.0, -25.0, turn), (BUS, *at, turn + 0.6), vx_mps=[0.0, velocity[0]], vy_mps=[0.0, velocity[1]]
+        (SEDAN, 40.0, -25.0, turn),
+        (BUS, *at, turn + 0.6),
+        vx_mps=[0.0, velocity[0]],
+        vy_mps=[0.0, velocity[1]],
+        accel_mps2=[0.5, -1.0],
     )
     pose = map_from_base(40.0, -25.0, 0.0, turn) @ Mount(1.5, 0.0, 2.0).base_from_sensor
     truth = label_boxes(states, descriptions, 1, pose)
     assert (truth.x_m[0], truth.y_m[0], truth.z_m[0]) == pytest.approx((10.5, 5.0, 1.5 - 2.0))
     assert (truth.vx_mps[0], truth.vy_mps[0]) == pytest.approx((3.0, -1.0))
     assert truth.yaw_rad[0] == pytest.approx(0.6)
+    assert (truth.actor_id.tolist(), truth.actor_class.tolist(), truth.is_emv.tolist()) == ([2], [int(BUS)], [False])
+    assert (truth.length_m[0], truth.width_m[0], truth.height_m[0]) == (12.0, 2.5, 3.0)
+    assert (truth.accel_mps2.tolist(), truth.lidar_points.tolist()) == ([-1.0], [0])
 
 
 @pytest.mark.parametrize("bearing", np.radians([20.0, 110.0, -70.0, 200.0]))
@@ -62,6 +49,8 @@ def test_the_range_is_a_circle_about_the_sensor(boxes, bearing):
     rows = [(SEDAN, *(np.array([30.0, 60.0]) + distance * way), 0.0) for distance in (0.0, 49.9, 50.1)]
     states, descriptions = boxes.actors(*rows)
     pose = map_from_base(30.0, 60.0, 0.0, 1.0)
+    far, actors = boxes.actors((SEDAN, 0.0, 0.0, 0.0), (SEDAN, 119.0, 0.0, 0.0), (SEDAN, 121.0, 0.0, 0.0))
+    assert label_boxes(far, actors, 1, np.eye(4)).actor_id.tolist() == [2], "of itself"
     assert label_boxes(states, descriptions, 1, pose, range_m=50.0).actor_id.tolist() == [2]
 
 
@@ -102,23 +91,17 @@ def test_a_vehicle_in_the_open_is_wholly_visible_and_its_box_fits_its_corners(re
     assert box == pytest.approx([*uv.min(axis=0), *uv.max(axis=0)], abs=0.51)
 
 
-def test_half_hidden_behind_a_bus(renderer, boxes):
+def test_half_hidden_behind_a_bus_and_cut_off_at_the_pictures_edge(renderer, boxes):
     alone = labels(renderer, boxes, (SEDAN, 30.0, 0.0, np.pi / 2))
     behind = labels(renderer, boxes, (SEDAN, 30.0, 0.0, np.pi / 2), (BUS, 20.0, 6.0, np.pi / 2))
     assert alone.visible_fraction[0] > 0.9
     assert 0.3 < behind.visible_fraction[0] < 0.75
     hidden = labels(renderer, boxes, (SEDAN, 30.0, 0.0, np.pi / 2), (BUS, 20.0, 0.0, np.pi / 2))
     assert hidden.visible_fraction[0] == hidden.visible_px[0] == hidden.u_max_px[0] == 0.0
-
-
-def test_at_the_pictures_edge_the_rest_is_cut_off(renderer, boxes):
     truth = labels(renderer, boxes, (BUS, 10.0, 10.0, np.pi / 2))
     assert 0.3 < truth.truncation[0] < 0.7
     assert truth.u_min_px[0] == -0.5
     assert truth.visible_fraction[0] > 0.95
-
-
-def test_around_the_camera_and_out_of_view(renderer, boxes):
-    truth = labels(renderer, boxes, (BUS, 0.0, 2.6, 0.0), (SEDAN, -20.0, 0.0, 0.0), (SEDAN, 0.0, 60.0, 0.0))
-    assert truth.actor_id.tolist() == [1]
-    assert truth.truncation[0] > 0.5
+    around = labels(renderer, boxes, (BUS, 0.0, 2.6, 0.0), (SEDAN, -20.0, 0.0, 0.0), (SEDAN, 0.0, 60.0, 0.0))
+    assert around.actor_id.tolist() == [1]
+    assert around.truncation[0] > 0.5

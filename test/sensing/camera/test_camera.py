@@ -20,41 +20,30 @@ CAMERA = CameraIntrinsics.centred(800, 600, 335.64)
 coordinate = st.floats(-20.0, 20.0)
 
 
-def test_the_field_of_view_spans_the_outer_edges_of_the_picture():
+def test_the_field_of_view_spans_the_picture_and_rays_come_back_to_their_pixels():
     camera = load_suite("front").cameras[0].intrinsics
     edge = np.tan(np.radians(50.0))
     uv, depth = camera.project(np.array([[-edge, 0.0, 1.0], [edge, 0.0, 1.0], [0.0, 0.0, 2.0]]))
     assert (uv[0, 0], uv[1, 0]) == (pytest.approx(-0.5), pytest.approx(799.5))
     assert uv[2].tolist() == [399.5, 299.5]
     assert depth.tolist() == [1.0, 1.0, 2.0]
-
-
-@given(coordinate, coordinate, st.floats(0.2, 100.0))
-def test_k_projects_as_the_camera_does(x, y, z):
-    uv, _ = CAMERA.project(np.array([x, y, z]))
-    homogeneous = CAMERA.matrix @ [x, y, z]
-    assert np.allclose(uv, homogeneous[:2] / homogeneous[2])
+    uv, _ = CAMERA.project(CAMERA.pixel_rays().astype(np.float64) * 7.0)
+    columns, rows = np.meshgrid(np.arange(800), np.arange(600))
+    assert np.allclose(uv[..., 0], columns, atol=1e-3)
+    assert np.allclose(uv[..., 1], rows, atol=1e-3)
+    ahead_left_above = optical_from_map(map_from_base(5.0, 5.0, 1.0, np.pi / 2)) @ [4.0, 15.0, 2.0, 1.0]
+    assert np.allclose(ahead_left_above[:3], [-1.0, -1.0, 10.0])
 
 
 @given(coordinate, coordinate, st.floats(0.2, 100.0))
 def test_the_clip_matrix_puts_points_where_the_camera_projects_them(x, y, z):
     uv, _ = CAMERA.project(np.array([x, y, z]))
+    homogeneous = CAMERA.matrix @ [x, y, z]
+    assert np.allclose(uv, homogeneous[:2] / homogeneous[2])
     clip = CAMERA.clip_from_optical(0.1, 500.0) @ [x, y, z, 1.0]
     window = (clip[:2] / clip[3] + 1.0) / 2.0 * [800, 600] - 0.5  # OpenGL: pixel centres at half numbers, row 0 first
     assert np.allclose(window, uv, atol=1e-6 * (1 + np.abs(uv).max()))
     assert clip[3] == pytest.approx(z)
-
-
-def test_rays_through_pixels_come_back_to_them():
-    uv, _ = CAMERA.project(CAMERA.pixel_rays().astype(np.float64) * 7.0)
-    columns, rows = np.meshgrid(np.arange(800), np.arange(600))
-    assert np.allclose(uv[..., 0], columns, atol=1e-3)
-    assert np.allclose(uv[..., 1], rows, atol=1e-3)
-
-
-def test_a_point_to_the_left_of_a_camera_lies_left_in_its_picture():
-    ahead_left_above = optical_from_map(map_from_base(5.0, 5.0, 1.0, np.pi / 2)) @ [4.0, 15.0, 2.0, 1.0]
-    assert np.allclose(ahead_left_above[:3], [-1.0, -1.0, 10.0])
 
 
 SIZE = 64
@@ -88,14 +77,14 @@ def errors_of_edge(slant_rad, octant, offset):
         y, x = places(samples)
         return (x - SIZE / 2) * np.cos(turn_rad) + (y - SIZE / 2) * np.sin(turn_rad) > offset
 
-    fine = bright(16).reshape(SIZE, 16, SIZE, 16).mean(axis=(1, 3))
+    fine = bright(8).reshape(SIZE, 8, SIZE, 8).mean(axis=(1, 3))
     true = DARK[0] + fine * (BRIGHT[0] - DARK[0])
     drawn = picture(bright(1))
     inner = np.s_[8:-8, 8:-8]
     return [np.abs(p[..., 0] - true)[inner].sum() for p in (drawn, smoothed(drawn))]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.floats(0.06, 0.7), st.integers(0, 7), st.floats(-8.0, 8.0))
 def test_a_straight_edge_comes_nearer_to_its_true_coverage(slant_rad, octant, offset):
     """Most where the edge is nearly level; at 45 degrees its steps have the least length."""
@@ -107,11 +96,9 @@ def test_a_straight_edge_comes_nearer_to_its_true_coverage(slant_rad, octant, of
 @pytest.mark.parametrize("octant", range(8))
 def test_an_edge_whose_steps_are_all_alike_comes_nearer_by_a_fifth(octant):
     """On an edge with a slope of 1/2 all steps have two pixels, and on some of them the same error each."""
-    ratios = []
-    for offset in np.arange(-8.0, 8.0, 0.25):
+    for offset in np.arange(-1.0, 1.0, 0.25):
         before, after = errors_of_edge(HALF_RAD, octant, offset)
-        ratios.append(after / before)
-    assert max(ratios) <= 0.8 + 1e-9
+        assert after <= (0.8 + 1e-9) * before
 
 
 @pytest.mark.parametrize("block", [np.s_[10:40, :], np.s_[:, 10:40], np.s_[10:40, 12:13], np.s_[10:30, 20:50]])
@@ -119,9 +106,12 @@ def test_edges_along_rows_and_columns_and_their_corners_stay_sharp(block):
     shape = np.zeros((SIZE, SIZE), bool)
     shape[block] = True
     assert np.array_equal(smoothed(picture(shape)), picture(shape))
+    faint = np.full((SIZE, SIZE, 4), 100, np.uint8)
+    faint[np.tri(SIZE, dtype=bool)] += 15
+    assert np.array_equal(smoothed(faint), faint)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 10_000))
 def test_rows_are_treated_as_columns_and_labels_stay(seed):
     rng = np.random.default_rng(seed)
@@ -131,12 +121,6 @@ def test_rows_are_treated_as_columns_and_labels_stay(seed):
     assert np.array_equal(out[..., 3], drawn[..., 3])
     for turn in (lambda p: p.transpose(1, 0, 2), lambda p: p[:, ::-1], lambda p: p[::-1]):
         assert np.abs(turn(smoothed(turn(drawn))).astype(int) - out).max() <= 2
-
-
-def test_faint_differences_are_left_as_they_are():
-    drawn = np.full((SIZE, SIZE, 4), 100, np.uint8)
-    drawn[np.tri(SIZE, dtype=bool)] += 15
-    assert np.array_equal(smoothed(drawn), drawn)
 
 
 SMALL_CAMERA = CameraIntrinsics.centred(160, 120, 80.0)
@@ -166,11 +150,9 @@ def test_a_machine_without_egl_casts_rays_and_says_so(boxes, monkeypatch):
     camera = CameraSpec("camera_front", Mount(2.5, 0.0, 1.0), width=80, height=60)
     rig = SensorRig(SensorSuite("one", cameras=(camera,), labels=True), NETWORK, 0, scene=boxes.scene())
     rig.prepare()
-    assert len(rig.notes) == 1
-    assert "no EGL here" in rig.notes[0]
-    assert "cast rays" in rig.notes[0]
-    assert rig.account["notes"] == list(rig.notes)
-    assert "no OpenGL" in str(rig.account["pictures_by"])
+    (note,) = rig.notes
+    assert "no EGL here" in note
+    assert rig.account["notes"] == [note]
     states, descriptions = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), (ActorClass.SEDAN, 12.0, 0.5, 0.1))
     seen = rig.observe(states, descriptions, (), 1)
     assert (seen.frames[0].rgb.shape, seen.labels["camera_front"].actor_id.tolist()) == ((60, 80, 3), [2])

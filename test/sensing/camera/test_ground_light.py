@@ -30,19 +30,16 @@ def road(image):
     return image.semantic == SemanticClass.ROAD
 
 
-def test_each_street_lamp_is_found_once():
+def test_each_street_lamp_is_found_once_and_lights_the_road_below_it_at_night(boxes):
+    lamp = turned(street_lamp(8.0), 20.0, -4.0, 0.0, np.pi / 2)
+    lit, dark = (picture(boxes.renderer(scene, NIGHT), boxes.placed()) for scene in (boxes.scene(lamp), boxes.scene()))
+    assert lit.rgba[140:165, 150:170, :3].mean() > dark.rgba[140:165, 150:170, :3].mean() + 30
+    assert (lit.rgba[..., :3].min(axis=2) > 200).sum() > 3, "the lens"
     places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
     middles = ground_light.luminaires(Mesh.joined(*[turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]))
     assert middles.shape == (3, 3)
     assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
     assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
-
-
-def test_a_street_lamp_lights_the_road_below_it_at_night(boxes):
-    lamp = turned(street_lamp(8.0), 20.0, -4.0, 0.0, np.pi / 2)
-    lit, dark = (picture(boxes.renderer(scene, NIGHT), boxes.placed()) for scene in (boxes.scene(lamp), boxes.scene()))
-    assert lit.rgba[140:165, 150:170, :3].mean() > dark.rgba[140:165, 150:170, :3].mean() + 30
-    assert (lit.rgba[..., :3].min(axis=2) > 200).sum() > 3, "the lens"
 
 
 def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes):
@@ -83,31 +80,14 @@ def test_rain_falls_over_the_colours_alone(boxes):
         assert np.array_equal(np.asarray(rainy.depth_m), np.asarray(dry.depth_m))
 
 
-def test_a_vehicle_takes_its_shadow_along(boxes):
-    renderer = boxes.renderer(boxes.scene(boxes.box((30.0, 9.0, 4.0), (8.0, 8.0, 8.0))))
-    empty = picture(renderer, boxes.placed())
-    for x in (8.0, 12.0, 25.0):
-        assert picture(renderer, boxes.placed((SEDAN, x, 1.0, 0.3))).rgba.tobytes() != empty.rgba.tobytes()
-    assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
-
-
 CENTRE = (30.0, -12.0)
 
 
-@pytest.mark.parametrize(
-    ("point", "texture"),
-    [
-        (CENTRE, (0.5, 0.5)),
-        ((30.0 + LIGHT_HALF_M, -12.0 - LIGHT_HALF_M), (1.0, 0.0)),
-        ((30.0 - LIGHT_HALF_M, -12.0), (0.0, 0.5)),
-    ],
-)
-def test_the_square_of_light_is_the_whole_texture(point, texture):
+def test_the_square_of_light_is_the_whole_texture_and_stands_on_a_grid():
     scale, x, y = ground_light.light_from_map(CENTRE)
-    assert (scale * point[0] + x, scale * point[1] + y) == pytest.approx(texture)
-
-
-def test_the_nearest_grid_point_gives_the_light():
+    for aside, texture in (((0.0, 0.0), (0.5, 0.5)), ((1.0, -1.0), (1.0, 0.0)), ((-1.0, 0.0), (0.0, 0.5))):
+        point = np.array(CENTRE) + LIGHT_HALF_M * np.array(aside)
+        assert scale * point + (x, y) == pytest.approx(texture)
     assert ground_light.cell_of(np.array([2.4 * LIGHT_GRID_M, -0.6 * LIGHT_GRID_M, 9.0])) == (2, -1)
 
 

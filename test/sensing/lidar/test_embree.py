@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from siren_ros.sensing.lidar.embree import RayHits, ThreadPool, TriangleTree, shared_pool, tiles
+from siren_ros.sensing.lidar.embree import RayHits, ThreadPool, TriangleTree, tiles
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 TRIANGLE = np.array([[0, 1, 2]])
@@ -40,13 +40,11 @@ def test_hits_are_those_of_open3d(seed, triangles, count):
     np.testing.assert_allclose(unit, theirs["primitive_normals"].numpy()[hit], atol=1e-3)
 
 
-def test_distance_is_in_units_of_the_direction():
+def test_distance_is_in_units_of_the_direction_and_triangles_are_counted_within_each_mesh():
     tree = TriangleTree([(VERTICES, TRIANGLE)])
     hits = tree.cast(np.array([[0.2, 0.2, -1, 0, 0, 2], [0.2, 0.2, 3, 0, 0, -1], [2, 2, -1, 0, 0, 1]], np.float32))
     np.testing.assert_allclose(hits.distance, [0.5, 3.0, np.inf], rtol=2.0**-23)  # processors differ in the last bit
-
-
-def test_triangles_are_counted_within_each_mesh():
+    assert np.isinf(TriangleTree([]).cast(np.ones((20, 6), np.float32)).distance).all()
     behind = np.concatenate((VERTICES, VERTICES + np.float32(5.0)))
     tree = TriangleTree([(VERTICES + np.float32(5.0), TRIANGLE), (behind, np.array([[3, 4, 5], [0, 1, 2]]))])
     hits = tree.cast(np.array([[0.2, 0.2, -1, 0, 0, 1], [5.2, 5.2, 0, 0, 0, 1]], np.float32))
@@ -64,10 +62,6 @@ def test_order_and_the_room_given_change_nothing():
         np.testing.assert_array_equal(room.distance, plain.distance)
         hit = np.isfinite(plain.distance)
         np.testing.assert_array_equal(room.triangle[hit], plain.triangle[hit])
-
-
-def test_a_tree_without_triangles_is_never_hit():
-    assert np.isinf(TriangleTree([]).cast(np.ones((20, 6), np.float32)).distance).all()
 
 
 @pytest.mark.parametrize(("columns", "rows", "side"), [(8, 8, 4), (10, 7, 4), (1, 5, 4), (3, 3, 1)])
@@ -137,12 +131,9 @@ def test_each_worker_has_a_thread_of_its_own_and_the_caller_is_one():
     ThreadPool(3).run(work, 3, 1)
     assert (sorted(threads), len(set(threads.values()))) == ([0, 1, 2], 3)
     assert threads[0] == threading.current_thread().name
-
-
-def test_a_loop_of_one_part_stays_in_the_calling_thread():
-    threads = []
-    ThreadPool(4).run(lambda _worker, _first, _end: threads.append(threading.current_thread()), 10, 10)
-    assert threads == [threading.current_thread()]
+    alone = []
+    ThreadPool(4).run(lambda _worker, _first, _end: alone.append(threading.current_thread()), 10, 10)
+    assert alone == [threading.current_thread()]
 
 
 @pytest.mark.parametrize("failing", [0, 1])
@@ -157,8 +148,3 @@ def test_an_error_of_any_worker_reaches_the_caller(failing):
 
     with pytest.raises(ZeroDivisionError):
         ThreadPool(2).run(work, 2, 1)
-
-
-def test_there_is_one_crew_for_shared_pool():
-    assert shared_pool() is shared_pool()
-    assert shared_pool().size >= 1

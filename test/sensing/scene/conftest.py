@@ -39,7 +39,7 @@ class _Builder:
         self.edges.append(edge)
         return edge
 
-    def connect(self, before, after, direction, link, signalled):
+    def connect(self, before, after, direction, link):
         ends = np.stack((before.centre.at(before.length_m), after.centre.at(0.0)))
         points = np.stack((ends[0], ends.mean(axis=0) * (1.0 if direction == "s" else 0.7), ends[1]))
         via = self.edge(f":C_{link}", "C", "C", True, [(LaneKind.INTERNAL, 3.5, points)])
@@ -49,9 +49,9 @@ class _Builder:
                 to_lane=after.index,
                 via=via.lanes,
                 direction=direction,
-                signal_id="C" if signalled else None,
-                signal_link=link if signalled else -1,
-                must_stop=not signalled,
+                signal_id="C",
+                signal_link=link,
+                must_stop=False,
                 junction="C",
             )
         )
@@ -62,7 +62,8 @@ def turned(points, degrees):
     return points @ np.array(((c, s), (-s, c)))
 
 
-def crossing_network(signalled=True):
+@pytest.fixture(scope="session")
+def network():
     """Four legs of two lanes, shoulder and sidewalk in each direction; straight on and right turns."""
     builder = _Builder()
     arrivals, departures = [], []
@@ -81,28 +82,17 @@ def crossing_network(signalled=True):
         for position in (2, 3):
             for direction, turn in [("s", 2)] + ([("r", 1)] if position == 2 else []):
                 after = builder.lanes[departures[(leg + turn) % 4].lanes[position]]
-                builder.connect(builder.lanes[arrival.lanes[position]], after, direction, link, signalled)
+                builder.connect(builder.lanes[arrival.lanes[position]], after, direction, link)
                 link += 1
     half = sum(width for _, width in LANES)
     corner = np.array(((MOUTH_M, -half), (MOUTH_M, half)))
     outline = np.concatenate([turned(corner, degrees) for degrees in DEGREES])
-    kind = JunctionKind.SIGNAL if signalled else JunctionKind.ALL_WAY_STOP
-    junctions = {"C": Junction("C", kind, outline, 0.0, 0.0)}
+    junctions = {"C": Junction("C", JunctionKind.SIGNAL, outline, 0.0, 0.0)}
     for degrees in DEGREES:
         x, y = turned(np.array(((MOUTH_M + LEG_M, 0.0),)), degrees)[0]
         junctions[f"end{degrees}"] = Junction(f"end{degrees}", JunctionKind.DEAD_END, np.empty((0, 2)), x, y)
     parts = tuple(builder.lanes), tuple(builder.edges), tuple(builder.connections)
     return RoadNetwork(*parts, junctions, (0.0, 0.0), "!")
-
-
-@pytest.fixture(scope="session")
-def network():
-    return crossing_network()
-
-
-@pytest.fixture(scope="session")
-def stop_network():
-    return crossing_network(signalled=False)
 
 
 @pytest.fixture(scope="session")

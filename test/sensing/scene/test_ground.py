@@ -146,13 +146,7 @@ def test_dashes_are_3_m_with_gaps_of_6_m_and_solid_for_20_m_before_the_line():
     assert along(SIGNALLED.white, 3.5, np.linspace(103.1, 108.9, 20)) == 0.0
 
 
-def test_edge_lines_stand_at_the_shoulder_or_15_cm_inside():
-    assert painted(SIGNALLED.white, (7.0, -70.0), (6.9, -70.0), (7.1, -70.0)) == [True, False, False]
-    # From the west there is no shoulder: the lane's right side is y = −7 m.
-    assert painted(SIGNALLED.white, (-60.0, -6.85), (-60.0, -6.95), (-60.0, -6.75)) == [True, False, False]
-
-
-def test_towards_oncoming_traffic_the_line_is_yellow():
+def test_edge_lines_are_white_and_yellow_towards_oncoming_traffic():
     """Those who come from the north drive at x = −1.75 m; both directions have a line 15 cm inside their lane."""
     for y_m in (-70.0, 60.0):
         assert painted(SIGNALLED.yellow, (0.15, y_m), (-0.15, y_m)) == [True, True]
@@ -161,11 +155,9 @@ def test_towards_oncoming_traffic_the_line_is_yellow():
     assert painted(SIGNALLED.white, (-60.0, -3.65), (12.4, -70.0)) == [True, True]
     assert painted(SIGNALLED.yellow, (-60.0, -3.65), (12.4, -70.0)) == [False, False]
     assert not shapely.intersects(SIGNALLED.white, SIGNALLED.yellow.buffer(-0.001))
-
-
-def test_nothing_but_stop_lines_and_crossings_is_painted_within_the_junction():
-    inside = shapely.box(-9.5, -19.5, 19.5, 9.5)
-    assert SIGNALLED.white.intersection(inside).area == SIGNALLED.yellow.intersection(inside).area == 0.0
+    assert painted(SIGNALLED.white, (7.0, -70.0), (6.9, -70.0), (7.1, -70.0)) == [True, False, False]
+    # From the west there is no shoulder: the lane's right side is y = −7 m.
+    assert painted(SIGNALLED.white, (-60.0, -6.85), (-60.0, -6.95), (-60.0, -6.75)) == [True, False, False]
 
 
 def test_arrows_show_the_movements_8_m_before_the_line():
@@ -176,6 +168,8 @@ def test_arrows_show_the_movements_8_m_before_the_line():
     hook = (1.9 + 28.0, 0.75)
     assert painted(SIGNALLED.white, (5.25 + hook[1], -hook[0]), (1.75 + hook[1], -hook[0])) == [True, False]
     assert painted(SIGNALLED.white, (5.25 - hook[1], -hook[0])) == [False]
+    inside = shapely.box(-9.5, -19.5, 19.5, 9.5)
+    assert SIGNALLED.white.intersection(inside).area == SIGNALLED.yellow.intersection(inside).area == 0.0
 
 
 def street(there, back):

@@ -1,6 +1,5 @@
 """A scene that was kept is the scene that was built, and nothing else is taken for it."""
 
-import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from map_networks import network_of_map
+from made_crossing import ARMS, CROSSING, made_net
 
 from siren_ros.sensing.meshes.mesh import Mesh
 from siren_ros.sensing.scene import static_scene
@@ -62,24 +61,21 @@ def is_same(one, other):
     )
 
 
-def test_the_second_call_reads_what_the_first_one_built(network, built, caplog):
-    caplog.set_level(logging.INFO, "siren_ros")
+def test_the_second_call_reads_what_the_first_one_built(network, built):
     first, second = kept_scene(network, 3), kept_scene(network, 3)
     assert built == [3]
-    assert ["building the static scene" in message for message in caplog.messages] == [True]
     assert is_same(first, second)
     assert len(second.mesh) > 500
     places = np.array([10.0, 10.0]), np.array([-6.0, -3.0])
     assert second.ground_m(*places).tolist() == first.ground_m(*places).tolist() == [SceneConfig().kerb_height_m, 0.0]
 
 
-def test_the_town_comes_back_with_its_signals(built):
-    network = network_of_map()
+def test_signals_come_back(tmp_path, built):
+    network = parse_road_network(made_net(tmp_path, CROSSING, ARMS))
     first, second = kept_scene(network, 0), kept_scene(network, 0)
     assert built == [0]
     assert is_same(first, second)
     assert {type(lamp.colour) for lamp in second.signal_lamps} == {type(lamp.colour) for lamp in first.signal_lamps}
-    assert second.signal_lamps[0].is_lit("r" * 40) == first.signal_lamps[0].is_lit("r" * 40)
 
 
 def test_another_seed_net_or_number_is_another_scene(network, folder, built):
@@ -91,28 +87,25 @@ def test_another_seed_net_or_number_is_another_scene(network, folder, built):
     assert len(files(folder)) == 4
     kept_scene(network, 3, SceneConfig())
     assert built == [3, 4, 3, 3], "the same numbers as without"
+    file, *_ = files(folder)
+    with np.load(file) as content:
+        assert set(content.files) == {"head", "raised", *Mesh.__dataclass_fields__}
 
 
-def test_other_code_makes_other_scenes(network, folder, built, monkeypatch):
-    kept_scene(network, 3)
-    monkeypatch.setattr(static_scene, "recipe", lambda: "other code")
-    kept_scene(network, 3)
-    assert built == [3, 3]
-    assert len(files(folder)) == 2
-
-
-def test_the_folders_of_the_code_are_there():
+def test_what_makes_a_scene_is_code_and_packages(monkeypatch, network, folder, built):
     library = Path(static_scene.__file__).parents[2]
     assert [name for name in static_scene.CODE if not list((library / name).glob("*.py"))] == []
-
-
-def test_what_makes_a_scene_is_code_and_packages(monkeypatch):
     recipes = [static_scene.recipe.__wrapped__()]
     monkeypatch.setattr(static_scene, "CODE", static_scene.CODE[:-1])
     recipes.append(static_scene.recipe.__wrapped__())
     monkeypatch.setattr(static_scene, "version", lambda name: f"{name} of tomorrow")
     recipes.append(static_scene.recipe.__wrapped__())
     assert len(set(recipes)) == 3
+    kept_scene(network, 3)
+    monkeypatch.setattr(static_scene, "recipe", lambda: "other code")
+    kept_scene(network, 3)
+    assert built == [3, 3]
+    assert len(files(folder)) == 2
 
 
 def test_networks_that_were_changed_and_scenes_with_parked_vehicles_are_built(network, folder, built):
@@ -123,14 +116,10 @@ def test_networks_that_were_changed_and_scenes_with_parked_vehicles_are_built(ne
     assert files(folder) == []
 
 
-def test_the_mirror_image_of_a_net_is_not_taken_for_the_net():
-    left = parse_road_network(NET.replace("<net>", '<net lefthand="true">').encode())
-    assert left.left_hand
-    assert right_hand_image(left).net_sha256 == ""
-
-
 def test_a_scene_where_traffic_keeps_left_comes_back(built):
     left = parse_road_network(NET.replace("<net>", '<net lefthand="true">').encode())
+    assert left.left_hand
+    assert right_hand_image(left).net_sha256 == "", "is not taken for the net"
     first = kept_scene(left, 3)
     built.clear()
     assert is_same(first, kept_scene(left, 3))
@@ -193,10 +182,3 @@ def test_the_files_used_last_stay(network, folder, built, monkeypatch):
     assert built == [1, 2, 3]
     kept_scene(network, 2)
     assert built == [1, 2, 3, 2]
-
-
-def test_meshes_have_no_columns_that_are_not_kept(network, folder):
-    kept_scene(network, 3)
-    (file,) = files(folder)
-    with np.load(file) as content:
-        assert set(content.files) == {"head", "raised", *Mesh.__dataclass_fields__}

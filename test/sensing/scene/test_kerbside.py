@@ -26,13 +26,9 @@ def varied(network: RoadNetwork) -> StaticScene:
 def test_without_being_asked_the_scene_is_as_before(network: RoadNetwork, scene: StaticScene) -> None:
     assert scene.parked == ()
     assert scene_config_of({}) == SceneConfig()
+    assert scene_config_of(dict(zip(VARIETY, (0.1, 0.5, 10.0, 0.7), strict=True))) == VARIED
     same = static_scene(network, 3, scene_config_of({"emv.speed_mps": 12.0}))
     assert np.array_equal(same.mesh.vertices_m, scene.mesh.vertices_m)
-
-
-def test_values_of_a_template_become_the_scene() -> None:
-    config = scene_config_of(dict(zip(VARIETY, (0.1, 0.5, 10.0, 0.7), strict=True)))
-    assert config == VARIED
 
 
 def test_parked_vehicles_stand_off_the_space_of_traffic_and_not_in_each_other(
@@ -60,6 +56,10 @@ def test_ids_sizes_and_shares(network: RoadNetwork, varied: StaticScene) -> None
     assert len(varied.parked) < len(more)
     other = static_scene(network, 4, VARIED).parked
     assert [one.x_m for one in other] != [one.x_m for one in varied.parked]
+    image = mirrored(varied.parked)
+    assert [(one.x_m, one.y_m, one.yaw_rad) for one in image] == [
+        (one.x_m, -one.y_m, -one.yaw_rad) for one in varied.parked
+    ]
 
 
 def test_clutter_is_in_the_mesh_and_parked_vehicles_are_not(network: RoadNetwork, varied: StaticScene) -> None:
@@ -87,10 +87,3 @@ def test_most_of_the_clutter_that_is_asked_for_stands_between_road_and_houses(ne
     assert np.mean([np.hypot(*gaps.T).max() > 2.5 for gaps in longest]) > 0.15, (
         "large pieces are not the ones that are left out"
     )
-
-
-def test_the_mirror_image_stands_on_the_other_side(varied: StaticScene) -> None:
-    image = mirrored(varied.parked)
-    assert [(one.x_m, one.y_m, one.yaw_rad) for one in image] == [
-        (one.x_m, -one.y_m, -one.yaw_rad) for one in varied.parked
-    ]

@@ -10,7 +10,7 @@ from shapely.geometry import LineString, Point, box
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
-from siren_ros.sensing.scene.ground import arrow, ribbon, road_markings
+from siren_ros.sensing.scene.ground import road_markings
 from siren_ros.sensing.scene.kerbside import clear_pole
 from siren_ros.sensing.scene.surfaces import (
     FreeSpace,
@@ -23,13 +23,7 @@ from siren_ros.sensing.scene.surfaces import (
 from siren_ros.simulation.roads.road_network import LaneKind
 
 
-def test_regions_do_not_overlap(network):
-    s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
-    for region, other in itertools.combinations([s.carriageway, s.shoulder, s.sidewalk, s.median, s.verge], 2):
-        assert region.intersection(other).area < 0.01
-
-
-def test_every_lane_lies_on_its_surface(network):
+def test_every_lane_lies_on_its_surface_and_regions_do_not_overlap(network):
     s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
     surface = {
         LaneKind.DRIVING: s.carriageway,
@@ -40,6 +34,9 @@ def test_every_lane_lies_on_its_surface(network):
     for lane in network.lanes:
         area = LineString(lane.centre.points).buffer(lane.width_m / 2 - 0.05, cap_style="flat")
         assert area.difference(surface[lane.kind]).area < 0.01 * area.area, lane.lane_id
+    s = road_surfaces(network, drawn_centres(network, 0.0), SceneConfig())
+    for region, other in itertools.combinations([s.carriageway, s.shoulder, s.sidewalk, s.median, s.verge], 2):
+        assert region.intersection(other).area < 0.01
 
 
 def test_roads_go_on_beyond_dead_ends_and_nowhere_else(network):
@@ -57,21 +54,6 @@ def test_markings_lie_inside_the_paved_surface_and_apart_from_each_other(network
     assert markings.white.difference(surfaces.paved).area < 1e-6
     assert markings.yellow.difference(surfaces.paved).area < 1e-6
     assert markings.white.intersection(markings.yellow).area < 1e-6
-    # A stop line before the signal, the boundary between opposite directions, a shoulder's edge line.
-    lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING)
-    assert markings.white.covers(Point(*lane.centre.at(lane.length_m - 0.25)))
-    leftmost = next(lane for lane in network.lanes if lane.position == 3)
-    assert markings.yellow.covers(Point(*leftmost.centre.offset_points(30.0, leftmost.width_m / 2 - 0.15)))
-    assert markings.white.covers(Point(*lane.centre.offset_points(30.0, -lane.width_m / 2)))
-
-
-def test_dividers_are_dashed_far_from_the_signal_and_solid_near_it(network):
-    config, centres = SceneConfig(), drawn_centres(network, 0.0)
-    white = road_markings(network, centres, road_surfaces(network, centres, config), config).white
-    lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and lane.position == 2)
-    far, near = (lane.centre.offset_points(np.arange(*ends, 0.1), lane.width_m / 2) for ends in ((0.5, 65), (71, 89)))
-    assert shapely.contains_xy(white, far).mean() == pytest.approx(3.0 / 9.0, abs=0.05)
-    assert shapely.contains_xy(white, near).all()
 
 
 @pytest.mark.parametrize("length_m", [2.0, 5.0, 30.0])
@@ -108,22 +90,6 @@ def test_the_crossings_surfaces_are_where_its_lanes_are():
     assert s.raised.equals(s.median)
 
 
-def test_a_ribbon_keeps_its_width_around_a_bend():
-    angle = np.linspace(0.0, np.pi / 2, 30)
-    centre = Polyline.through(20.0 * np.column_stack((np.cos(angle), np.sin(angle))))
-    strip = ribbon(centre, 0.0, centre.length_m, 2.0, 0.2)
-    assert strip.is_valid
-    assert strip.area == pytest.approx(0.2 * 18.0 * np.pi / 2, rel=0.01)
-
-
-def test_arrows_point_to_their_side():
-    centre = Polyline.through([(0.0, 0.0), (50.0, 0.0)])
-    (left,), (right,) = list(arrow(centre, 20.0, {"l"})), list(arrow(centre, 20.0, {"r"}))
-    assert left.bounds[3] > 1.0
-    assert right.bounds[1] < -1.0
-    assert len(list(arrow(centre, 20.0, {"s", "l", "t"}))) == 2
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [("tile_m", 0.0), ("kerb_height_m", -1.0), ("building_height_m", (9.0, 5.0)), ("tree_spacing_m", -2.0)],
@@ -139,14 +105,15 @@ def space():
     return FreeSpace(SimpleNamespace(keep_clear=box(-100.0, -5.0, 100.0, 5.0)))
 
 
-def test_traffics_space_is_never_free(space):
+def test_traffics_space_is_never_free_and_discs_do_not_overlap(space):
     assert not space.place_disc(0.0, 5.9, 1.0)
     assert space.place_disc(0.0, 6.1, 1.0)
     points = np.array([(0.0, 5.9), (0.0, 6.1), (0.0, -7.0)])
     assert space.clear_of_traffic(points, 1.0).tolist() == [False, True, True]
+    assert [space.place_disc(x_m, 20.5, 1.0) for x_m in (19.5, 21.0, 21.6)] == [True, False, True]
 
 
-def test_what_is_taken_is_taken_also_across_cells(space):
+def test_what_is_taken_is_taken_also_across_cells_and_the_first_clear_place_is_found(space):
     """Cells are 20 m wide: an area over several of them is found from each."""
     space.occupy(box(15.0, 30.0, 65.0, 34.0))
     for x_m in (16.0, 30.0, 50.0, 64.0):
@@ -154,22 +121,10 @@ def test_what_is_taken_is_taken_also_across_cells(space):
         assert space.is_clear(Point(x_m, 36.0).buffer(1.5))
     assert space.is_clear(Point(13.0, 32.0).buffer(1.5))
     assert not space.is_clear(Point(14.0, 32.0).buffer(1.5))
-
-
-def test_discs_do_not_overlap(space):
-    assert space.place_disc(19.5, 20.5, 1.0)
-    assert not space.place_disc(21.0, 20.5, 1.0)
-    assert space.place_disc(21.6, 20.5, 1.0)
-
-
-def test_the_first_clear_place_is_taken(space):
     candidates = np.array([(0.0, 0.0), (0.0, 5.5), (0.0, 7.0), (0.0, 9.0)])
     assert (space.first_clear(candidates, 1.0), space.first_clear(candidates, 0.9)) == ((0.0, 7.0), (0.0, 9.0))
     assert space.first_clear(candidates, 1.0) is None
-
-
-def test_a_pole_is_looked_for_every_quarter_metre(space):
-    assert clear_pole(space, 3.0, 0.0, (0.0, 1.0), 14.0, 0.3) == (3.0, 5.5)
+    assert clear_pole(space, 3.0, 0.0, (0.0, 1.0), 14.0, 0.3) == (3.0, 5.5), "every quarter of a metre"
     assert clear_pole(space, 3.0, 0.0, (0.0, -1.0), 5.0, 0.3) is None
 
 
@@ -183,8 +138,5 @@ def test_samples_of_a_ring_have_the_area_on_their_left():
     assert shapely.contains_xy(area, places + beside + 0.01 * tangents).mean() > 0.95
     assert shapely.contains_xy(area, places - beside + 0.01 * tangents).mean() < 0.05
     assert np.median(np.hypot(*np.diff(places[:60], axis=0).T)) == pytest.approx(2.0)
-
-
-def test_short_rings_have_no_samples():
     places, tangents = ring_samples(box(0.0, 0.0, 0.3, 0.3), 2.0)
-    assert places.shape == tangents.shape == (0, 2)
+    assert places.shape == tangents.shape == (0, 2), "short rings have none"

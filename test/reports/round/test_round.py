@@ -223,9 +223,7 @@ def test_who_simulates_the_right_template_and_seed_again_gains_nothing(held: Pat
     assert error_m(questions, held / "replayed.parquet") > error_m(questions, held / "cv.parquet")
 
 
-def test_answers_that_are_none_are_refused_and_without_any_there_is_no_board(
-    held: Path, tmp_path: Path
-) -> None:
+def test_answers_that_are_none_are_refused_and_without_any_there_is_no_board(held: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="submissions"):
         score_round(held, tmp_path)
     answer: Any

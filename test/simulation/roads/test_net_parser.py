@@ -82,10 +82,11 @@ def test_map_coordinates_are_sumo_minus_the_net_offset(network):
     np.testing.assert_allclose(network.lane_by_id["in_4"].centre.points, [[0.0, 0.0], [100.0, 0.0]])
     assert (network.junctions["j"].x_m, network.junctions["j"].y_m) == (102.0, 0.0)
     np.testing.assert_allclose(network.junctions["j"].outline[0], [100.0, -5.0])
-
-
-def test_origin_is_the_projections_when_the_offset_is_the_nets(network):
+    assert list(network.junctions) == ["a", "j", "b"], "those inside junctions are left out"
     assert network.origin_lat_lon_deg == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert network.lane_by_id["in_4"].width_m == 3.2, "SUMO's width"
+    centre = network.lane_by_id[":j_1_0"].centre
+    assert (centre.length_m, centre.heading_rad(0.0)) == (pytest.approx(0.01), 0.0), "an internal lane of no length"
 
 
 def test_a_distant_projection_origin_moves_to_the_middle_of_the_map():
@@ -142,27 +143,23 @@ def test_stop_signs_bind_by_link_state(state, stops):
 
 
 @pytest.mark.parametrize(
-    ("states", "alternates"),
-    [(("Gr", "yr", "rG", "ry"), True), (("Gr", "GG"), False), (("rG", "rr"), False), (("gr", "or", "rg"), True)],
+    ("states", "alternates", "yellow_s"),
+    [
+        *[("Gr yr rG ry", True, 2.0), ("Gr GG", False, 0.0), ("rG rr", False, 0.0), ("gr or rg", True, 0.0)],
+        ("Gr yr ry yy ry", True, 4.0),
+    ],
 )
-def test_a_signal_alternates_where_its_programme_has_red_and_green_for_the_movement(states, alternates):
-    phases = "".join(f'<phase duration="20" state="{state}"/>' for state in states)
+def test_a_signal_alternates_where_its_programme_has_red_and_green_and_its_longest_yellow_counts(
+    states, alternates, yellow_s
+):
+    """Those of the movement's own link."""
+    phases = "".join(f'<phase duration="{s}" state="{state}"/>' for s, state in enumerate(states.split(), start=1))
     programme = f'<tlLogic id="T" type="static" programID="0" offset="0">{phases}</tlLogic><connection '
     signal = NET.replace('dir="l" state="w"', 'dir="l" state="o" tl="T" linkIndex="0"').replace(
         "<connection ", programme, 1
     )
     first = next(way for way in parse_road_network(signal.encode()).connections if way.signal_id == "T")
-    assert first.alternates is alternates
-
-
-def test_the_longest_yellow_of_a_movement_is_that_of_its_link():
-    phases = "".join(
-        f'<phase duration="{s}" state="{state}"/>' for s, state in ((20, "Gr"), (5, "yr"), (4, "ry"), (3, "yy"))
-    )
-    programme = f'<tlLogic id="T" type="static" programID="0" offset="0">{phases}</tlLogic><connection '
-    signal = NET.replace('dir="l" state="w"', 'dir="l" state="o" tl="T" linkIndex="0"')
-    ways = parse_road_network(signal.replace("<connection ", programme, 1).encode()).connections
-    assert [way.yellow_s for way in ways] == [5.0 if way.signal_id == "T" else 0.0 for way in ways]
+    assert (first.alternates, first.yellow_s) == (alternates, yellow_s)
 
 
 def test_a_signal_is_no_stop_sign():
@@ -182,10 +179,6 @@ def test_a_signal_is_no_stop_sign():
 def test_junction_kinds(word, kind):
     network = parse_road_network(NET.replace('type="allway_stop"', f'type="{word}"').encode())
     assert network.junctions["j"].kind is kind
-
-
-def test_junctions_inside_junctions_are_left_out(network):
-    assert list(network.junctions) == ["a", "j", "b"]
 
 
 def test_edges_know_their_street_junctions_and_lanes(network):
@@ -211,19 +204,10 @@ LONELY = """<net><edge id="e" from="a" to="b"><lane id="e_0" index="0" speed="13
 <junction id="a" type="dead_end" x="0" y="0" shape=""/><junction id="b" type="dead_end" x="0" y="1" shape=""/></net>"""
 
 
-def test_an_internal_lane_of_no_length_still_has_a_direction(network):
-    centre = network.lane_by_id[":j_1_0"].centre
-    assert (centre.length_m, centre.heading_rad(0.0)) == (pytest.approx(0.01), 0.0)
-
-
 @pytest.mark.parametrize(("length_m", "kept"), [(0.006, True), (0.004, False)])
 def test_a_lane_of_half_a_centimetre_is_as_long_as_it_is(length_m, kept):
     centre = parse_road_network(LONELY.replace("END", f"0,{length_m}").encode()).lanes[0].centre
     assert centre.length_m == pytest.approx(length_m if kept else 0.01)
-
-
-def test_the_default_width_is_sumos(network):
-    assert network.lane_by_id["in_4"].width_m == 3.2
 
 
 @pytest.mark.parametrize(

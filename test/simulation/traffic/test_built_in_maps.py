@@ -1,6 +1,5 @@
 """The built-in maps: what they have, and that everybody gets along them."""
 
-import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -10,17 +9,15 @@ from defusedxml import ElementTree
 from map_networks import network_of_map
 
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.maps.netconvert import sumo_home
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.simulation.roads.site_finder import wide_stretch_back
-from siren_ros.simulation.traffic.demand.road_users import RouteChooser
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    return compile_map(None, tmp_path_factory.mktemp("maps"))
+def compiled():
+    return compile_map(None)
 
 
 @pytest.fixture(scope="module")
@@ -35,22 +32,6 @@ def test_what_the_town_has(town):
     assert len(town.crossings) == 22
     assert town.sumo_offset_m == (0.0, 0.0)
     assert "t" not in {connection.direction for connection in town.connections}
-
-
-def test_lane_widths_and_limits(town):
-    for lane in town.lanes:
-        if lane.kind is LaneKind.DRIVING:
-            assert 3.2 <= lane.width_m <= 3.5
-            assert round(lane.speed_limit_mps * 3.6) in {30, 40, 50}
-        if lane.kind is LaneKind.SHOULDER:
-            assert lane.width_m == 2.5
-            assert lane.emergency_allowed
-            assert not lane.civilian_allowed
-
-
-def test_the_middle_of_the_town_is_near_the_origin(town):
-    points = np.concatenate([lane.centre.points for lane in town.lanes])
-    assert np.abs(points.min(axis=0) + points.max(axis=0)).max() < 40.0
 
 
 def test_every_block_can_be_reached_from_every_entry(town):
@@ -97,40 +78,6 @@ def _street(town, connection):
     return town.edges[town.lanes[connection.from_lane].edge].name
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_random_traffic_flows_without_teleports_or_collisions(compiled, town, tmp_path, seed):
-    graph = EdgeGraph.of(town)
-    chooser = RouteChooser(town, graph)
-    rng = np.random.default_rng(seed)
-    starts = [edge.index for edge in town.edges if driving_lanes(town, edge.index) and graph.successors[edge.index]]
-    rows = ['<vType id="car" vClass="passenger"/>']
-    for k in range(60):
-        route = chooser.draw((starts[int(rng.integers(len(starts)))],), 500.0, rng, 4.5)
-        ids = " ".join(town.edges[edge].edge_id for edge in route)
-        rows.append(
-            f'<vehicle id="v{k}" type="car" depart="{2 * k}" departLane="best" departPos="random_free" '
-            f'departSpeed="max"><route edges="{ids}"/></vehicle>'
-        )
-    (tmp_path / "demand.rou.xml").write_text("<routes>" + "".join(rows) + "</routes>")
-    options = ["--lateral-resolution", "0.8", "--step-length", "0.05", "--end", "300", "--no-step-log"]
-    answer = subprocess.run(
-        [
-            *(str(sumo_home() / "bin" / "sumo"), "--net-file", str(compiled.net_path)),
-            *("--route-files", str(tmp_path / "demand.rou.xml"), "--statistic-output", str(tmp_path / "out.xml")),
-            *options,
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    statistics = ElementTree.parse(tmp_path / "out.xml").getroot()
-    vehicles = statistics.find("vehicles")
-    assert (vehicles.get("inserted"), vehicles.get("waiting"), vehicles.get("running")) == ("60", "0", "0")
-    assert statistics.find("teleports").get("total") == "0"
-    assert statistics.find("safety").get("collisions") == "0"
-    assert "Teleporting" not in answer.stderr
-
-
 @pytest.fixture(scope="module")
 def motorway() -> RoadNetwork:
     return network_of_map(Path("motorway"))
@@ -161,12 +108,6 @@ def test_one_can_drive_from_one_end_to_the_other(motorway, direction):
     graph = EdgeGraph.of(motorway)
     ends = {"e": ("e_a", "e_e"), "w": ("w_e", "w_a")}[direction]
     first, last = (motorway.edge_by_id[name].index for name in ends)
-    reached, front = {first}, [first]
-    while front:
-        new = [way for way in graph.successors[front.pop()] if way not in reached]
-        reached.update(new)
-        front += new
-    assert last in reached
     stretch = wide_stretch_back(graph, last)
     assert stretch[0] == first
     assert 5900.0 < graph.route_length_m(stretch) < 6400.0

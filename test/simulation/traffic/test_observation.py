@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_made_record import EMV, NORTHBOUND, Driven, crossing, hand_made
-from made_streets import A_LEFT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, STRAIGHT, STRAIGHT_LEFT, streets
+from made_streets import B_LEFT, B_RIGHT, C_RIGHT, STRAIGHT, STRAIGHT_LEFT, streets
 from traffic_helpers import load_map
 
 from siren_ros.base.numerics.arrays import Codes
@@ -97,20 +97,6 @@ def test_crossing_a_stop_line_has_no_signal_state() -> None:
     assert (crossed.detail["must_stop"], crossed.detail["signal_state"]) == (1, "")
 
 
-def test_path_across_that_is_missed_between_two_steps_still_counts() -> None:
-    connection = movement(signal=True)
-    _, (crossed,) = events_on(connection.from_lane, connection.to_lane)
-    assert crossed.kind is EventKind.STOP_LINE_CROSSED
-
-
-def test_vehicle_first_seen_inside_a_junction_crosses_nothing() -> None:
-    connection = movement(signal=True)
-    watch = CrossingWatch(NETWORK)
-    assert watch.watch(0, mover(connection.via[0]), {}) == ()
-    watch.forget(7)
-    assert watch.watch(1, mover(connection.to_lane), {}) == ()
-
-
 def test_a_lane_change_at_the_line_does_not_hide_the_crossing() -> None:
     """From one step to the next a vehicle leaves its lane and enters the path that begins at the lane next to it."""
     state = dict.fromkeys({str(connection.signal_id) for connection in NETWORK.connections}, "G" * 60)
@@ -165,6 +151,8 @@ def test_where_two_lanes_lead_into_one_the_letter_is_that_of_the_own_lane(lane: 
 def test_who_left_inside_a_junction_has_not_been_in_it_when_the_number_comes_again() -> None:
     connection = movement(signal=True)
     watch = CrossingWatch(NETWORK)
+    assert watch.watch(0, mover(connection.via[0]), {}) == ()
+    assert watch.watch(0, mover(connection.to_lane), {}) == (), "first seen inside"
     watch.watch(0, mover(connection.from_lane), {})
     watch.watch(1, mover(connection.via[0]), {})
     watch.forget(7)
@@ -173,12 +161,6 @@ def test_who_left_inside_a_junction_has_not_been_in_it_when_the_number_comes_aga
     watch.watch(4, mover(connection.from_lane), {})
     watch.forget(7)
     assert watch.watch(5, mover(connection.via[0]), {}) == ()
-
-
-def test_a_junction_is_left_once() -> None:
-    roads = streets()
-    steps = events_on(B_LEFT, roads.connections[STRAIGHT_LEFT].via[0], C_LEFT, A_LEFT, network=roads)
-    assert [event.kind for events in steps for event in events].count(EventKind.JUNCTION_LEFT) == 1
 
 
 NETWORK_REACTIONS = crossing()
@@ -212,24 +194,16 @@ def _reactions(monkeypatch: pytest.MonkeyPatch) -> Reactions:
     return reactions_to("emv0", "emv1")
 
 
-def test_wishes_are_told_near_each_emv(reactions: Reactions) -> None:
-    flags = reactions.flags(NAMES, readings(), {"emv0": [], "emv1": []})
+def test_flags_tell_of_wishes_near_each_emv_of_who_reacts_to_either_siren_and_of_paths_across(
+    reactions: Reactions,
+) -> None:
+    rescued = {"emv0": ["by0"], "emv1": ["by1", "between"]}
+    flags = reactions.flags(NAMES, readings([ROAD, PATH, -1, ROAD, PATH]), rescued)
     assert flagged(flags, TrafficFlags.WANTS_LEFT) == ["emv0", "emv1", "by0", "by1"]
-
-
-def test_an_emv_that_has_left_tells_nobodys_wishes(reactions: Reactions) -> None:
-    flags = reactions.flags(["gone", *NAMES[1:]], readings(), {"emv0": [], "emv1": []})
-    assert flagged(flags, 0xFF) == ["emv1", "by1"]
-
-
-def test_everybody_who_reacts_to_either_siren_has_the_flag(reactions: Reactions) -> None:
-    flags = reactions.flags(NAMES, readings(), {"emv0": ["by0"], "emv1": ["by1", "between"]})
     assert flagged(flags, TrafficFlags.RESCUE_LANE) == ["by0", "by1", "between"]
-
-
-def test_vehicles_on_paths_across_are_on_a_junction(reactions: Reactions) -> None:
-    flags = reactions.flags(NAMES, readings([ROAD, PATH, -1, ROAD, PATH]), {"emv0": [], "emv1": []})
     assert flagged(flags, TrafficFlags.ON_JUNCTION) == ["emv1", "between"]
+    flags = reactions.flags(["gone", *NAMES[1:]], readings(), {"emv0": [], "emv1": []})
+    assert flagged(flags, 0xFF) == ["emv1", "by1"], "of an EMV that has left nothing is told"
 
 
 def listening(routes: list[list[int]], x_m: list[float]) -> list[str]:
@@ -243,10 +217,6 @@ def listening(routes: list[list[int]], x_m: list[float]) -> list[str]:
 def test_who_is_ahead_on_the_emvs_route_within_reach_hears_it() -> None:
     routes = [[0, 1], [0], [1], [5], [0], [0]]
     assert listening(routes, [0.0, 20.0, 29.0, 10.0, 31.0, -5.0]) == ["car1", "car2"]
-
-
-def test_a_vehicle_without_a_route_is_on_nobodys_way() -> None:
-    assert listening([[0, 1], []], [0.0, 20.0]) == []
 
 
 def test_an_emv_on_the_way_of_another_one_is_none_that_makes_way() -> None:
@@ -327,9 +297,3 @@ def test_what_sumo_calls_a_teleport_is_one_whether_or_not_the_vehicle_is_still_t
     gone, present = teleports(0.4, started=(9, 7))[::-1]
     assert (present.actor_id, present.detail["reason"]) == (7, "sumo")
     assert (gone.actor_id, gone.x_m, gone.y_m) == (9, 0.0, 0.0)
-
-
-def test_without_a_step_before_nobody_jumps():
-    readings = SimpleNamespace(x_m=column(0.0), y_m=column(0.0), yaw_rad=column(0.0), speed_mps=column(1.0))
-    ids, owner = np.array([7], np.uint32), np.array([Owner.SUMO], np.uint8)
-    assert find_teleports(0, ids, readings, column(LENGTH), owner, (), (), None, JUMP) == []

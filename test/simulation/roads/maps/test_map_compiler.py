@@ -2,19 +2,16 @@
 
 import gzip
 import hashlib
-import logging
 import subprocess
 import sys
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
 from made_district import HALF_M, LAT_LON_DEG, MIDDLES_M, SIGNALS, STOPS, place_m
-from repository import shared_file
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.simulation.roads.maps import map_compiler
@@ -60,24 +57,9 @@ def test_the_hash_is_that_of_the_file_and_the_second_time_is_the_cache(town, cac
     assert compile_map(None, cache) == town
 
 
-def test_a_compilation_is_told_to_the_logger_and_a_map_from_the_cache_is_not(tmp_path, caplog):
-    caplog.set_level(logging.INFO, "siren_ros")
-    for said in (1, 1):
-        compile_map(None, tmp_path)
-        assert [record.name for record in caplog.records if "compiling the map" in record.message] == [
-            "siren_ros"
-        ] * said
-
-
-def test_the_bytes_do_not_depend_on_when_or_where_they_were_made(town, tmp_path):
-    again = compile_map(None, tmp_path / "elsewhere")
-    assert again.sha256 == town.sha256
-    assert b"generated on" not in again.read_bytes()
-
-
 def test_concurrent_compilations_agree_and_leave_one_file(tmp_path):
-    with ThreadPoolExecutor(3) as pool:
-        results = list(pool.map(lambda _: compile_map(None, tmp_path), range(3)))
+    with ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(lambda _: compile_map(None, tmp_path), range(2)))
     assert len({result.sha256 for result in results}) == 1
     assert [path.name for path in tmp_path.iterdir()] == [results[0].net_path.name]
 
@@ -155,23 +137,6 @@ def test_shoulder_paths_follow_right_turns(district):
     assert all(c.via for c in turns)
 
 
-def test_the_papers_map_has_its_signals_stop_signs_and_shoulders(cache):
-    """Junction 134 lies around CARLA (26…57, 53…75), where y points the other way."""
-    town10 = parse_road_network(compile_map(shared_file("maps", "Town10HD_Opt.xodr"), cache).read_bytes())
-    assert (town10.sumo_offset_m, town10.origin_lat_lon_deg) == ((0.0, 0.0), pytest.approx((0.0, 0.0), abs=1e-12))
-    outline = town10.junctions["134"].outline
-    assert 20.0 < outline[:, 0].min() < 30.0
-    assert 55.0 < outline[:, 0].max() < 62.0
-    assert -82.0 < outline[:, 1].min() < outline[:, 1].max() < -50.0
-    kinds = {name: junction.kind for name, junction in town10.junctions.items()}
-    assert {name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL} == {"189", "23", "468", "532", "719"}
-    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == ["134"]
-    shoulders = {lane.index: lane for lane in town10.lanes if lane.kind is LaneKind.SHOULDER}
-    assert len(shoulders) >= 40
-    assert all(2.0 <= lane.width_m <= 2.5 for lane in shoulders.values())
-    assert len([c for c in town10.connections if c.direction == "r" and c.from_lane in shoulders]) == 20
-
-
 def test_openstreetmap_gives_a_network_around_its_own_origin(tmp_path):
     path = tmp_path / "city.osm"
     path.write_text(OSM)
@@ -220,6 +185,7 @@ def test_another_process_gets_the_same_bytes(town, tmp_path):
     command = [sys.executable, "-c", program, str(tmp_path)]
     answer = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert answer.stdout.strip() == town.sha256
+    assert b"generated on" not in town.read_bytes()
 
 
 NET = (
@@ -235,8 +201,7 @@ def test_only_higher_limits_are_lowered():
     assert (lowered_limits(lowered, 8.333), lowered_limits(NET, 14.0)) == (lowered, NET)
 
 
-def test_a_map_keeps_everything_but_its_limits(tmp_path):
-    town = compile_map(None, tmp_path)
+def test_a_map_keeps_everything_but_its_limits_and_is_found_again_in_the_cache(town, monkeypatch):
     slow = with_speed_limit(town, 8.333)
     before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, slow))
     assert max(lane.speed_limit_mps for lane in before.lanes) > 13.0
@@ -244,11 +209,11 @@ def test_a_map_keeps_everything_but_its_limits(tmp_path):
     assert [lane.lane_id for lane in before.lanes] == [lane.lane_id for lane in after.lanes]
     assert all(a.length_m == b.length_m for a, b in zip(before.lanes, after.lanes, strict=True))
     assert slow.sha256 != town.sha256
-    assert (with_speed_limit(town, 8.333), with_speed_limit(town, 50.0)) == (slow, replace(town))
+    monkeypatch.setattr(map_compiler, "lowered_limits", lambda net, _: net)
+    assert (with_speed_limit(town, 8.333), with_speed_limit(town, 50.0)) == (slow, town)
 
 
-def test_shoulders_in_use_are_open_to_nobody_and_all_else_stays(tmp_path):
-    town = compile_map(None, tmp_path)
+def test_shoulders_in_use_are_open_to_nobody_and_all_else_stays(town):
     taken = with_shoulders_in_use(town)
     before, after = (parse_road_network(compiled.read_bytes()) for compiled in (town, taken))
     shoulders = {lane.index for lane in before.lanes if lane.kind is LaneKind.SHOULDER}
@@ -261,13 +226,6 @@ def test_shoulders_in_use_are_open_to_nobody_and_all_else_stays(tmp_path):
     assert sum(map(before.is_civilian, before.connections)) == sum(map(after.is_civilian, after.connections))
     assert with_shoulders_in_use(taken) == taken
     assert with_shoulders_in_use(town) == taken
-
-
-def test_a_lowered_map_is_found_again_in_the_cache(tmp_path, monkeypatch):
-    town = compile_map(None, tmp_path)
-    slow = with_speed_limit(town, 8.333)
-    monkeypatch.setattr("siren_ros.simulation.roads.maps.map_compiler.lowered_limits", None)
-    assert with_speed_limit(town, 8.333) == slow
 
 
 @pytest.mark.parametrize("name", BUILT_IN_MAPS)

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from repository import REPOSITORY, shared_file
+from repository import REPOSITORY
 from roads.test_net_parser import NET
 
 from siren_ros.errors import MapError
@@ -78,11 +78,6 @@ def test_cycle_lanes_are_open_where_there_are_cyclists():
     assert lane_patches(cycled, for_people=True)["1"] == {"index": "1", "allow": "bicycle"}
 
 
-def test_the_shoulder_follows_right_turns_only():
-    (connection,) = fromstring(patches()["--connection-files"])
-    assert dict(connection.attrib) == {"from": "1", "to": "3", "fromLane": "2", "toLane": "2"}
-
-
 @pytest.mark.parametrize(
     ("more", "added"),
     [
@@ -139,10 +134,6 @@ def test_a_sign_for_the_other_direction_is_measured_from_the_roads_start(s_m, bi
     assert len(fromstring(patches(road)["--node-files"])) == int(binds)
 
 
-def test_without_signs_no_junction_changes():
-    assert len(fromstring(patches()["--node-files"])) == 0
-
-
 @pytest.mark.parametrize(
     ("roads", "kind", "minor"),
     [
@@ -184,10 +175,6 @@ def test_other_signs_change_nothing(road):
     result = patches(road)
     assert len(fromstring(result["--node-files"])) == 0
     assert all(edge.get("priority") is None for edge in fromstring(result["--edge-files"]))
-
-
-def test_a_signal_outranks_a_stop_sign():
-    assert len(fromstring(patches(sign("206", "+"), junction_type="traffic_light")["--node-files"])) == 0
 
 
 def test_damaged_opendrive_is_refused():
@@ -286,22 +273,6 @@ def test_limits_and_one_way_streets_are_those_of_the_map(signs):
     assert limits["102"] == pytest.approx(20.0 * 0.44704, abs=0.05)
     assert "104" in network.edge_by_id
     assert "-104" not in network.edge_by_id
-
-
-def test_a_direction_says_for_whom_a_sign_stands(tmp_path):
-    text = SIGNS.read_text(encoding="utf-8")
-    net_of_streets = fromstring(compiled(tmp_path, text)[0])
-    assert signed_edges(text.encode(), net_of_streets)[0] == {"101#0", "-101#1", "101#1", "103#0", "-103#1"}
-    away = text.replace('k="direction" v="forward"', 'k="direction" v="backward"')
-    assert signed_edges(away.encode(), net_of_streets) == ({"-101#1", "101#1", "103#0", "-103#1"}, {"102"})
-
-
-def test_without_signs_nobody_has_to_stop(tmp_path):
-    text = SIGNS.read_text(encoding="utf-8").replace('k="highway" v="stop"', 'k="x" v="y"').replace("give_way", "z")
-    _, network = compiled(tmp_path, text)
-    kinds = {junction.kind for junction in network.junctions.values()}
-    assert not kinds & {JunctionKind.ALL_WAY_STOP, JunctionKind.PRIORITY_STOP}
-    assert not any(movement.must_stop for movement in network.connections)
 
 
 def test_where_traffic_keeps_left_the_map_has_the_same_roads_and_signs_on_the_other_side(tmp_path, signs):
@@ -421,11 +392,18 @@ def test_a_sign_for_both_directions_binds_both():
 
 
 @pytest.mark.parametrize(
-    ("oneway", "edges"),
-    [("yes", ("from_w",)), ("true", ("from_w",)), ("1", ("from_w",)), ("-1", ()), ("no", ("from_w",))],
+    ("tag", "east", "west"),
+    [
+        *[(f'oneway" v="{value}', ("from_w",), ()) for value in ("yes", "true", "1")],
+        *[('oneway" v="-1', (), ("from_e",)), ('oneway" v="no', ("from_w",), ("from_e",))],
+        ('junction" v="roundabout', ("from_w",), ()),
+    ],
 )
-def test_nobody_stops_where_nobody_may_drive(oneway, edges):
-    assert bound(sign_node((-14.0, 0.0)), tags=f'{PRIMARY}<tag k="oneway" v="{oneway}"/>') == stopped(*edges)
+def test_nobody_stops_where_nobody_may_drive(tag, east, west):
+    """A roundabout is a one-way street."""
+    tags = f'{PRIMARY}<tag k="{tag}"/>'
+    assert bound(sign_node((-14.0, 0.0)), tags=tags) == stopped(*east)
+    assert bound(sign_node((14.0, 0.0)), "w J sign e", tags) == stopped(*west)
 
 
 def test_at_the_junctions_own_node_it_binds_all_approaches():
@@ -442,20 +420,8 @@ def test_at_the_junctions_own_node_it_binds_all_approaches():
 def test_signs_on_what_is_no_road_bind_nobody(tags):
     assert bound(sign_node((-14.0, 0.0)), tags=tags) == stopped()
     assert bound(sign_node((-14.0, 0.0)), "w J e") == stopped(), "of no way at all"
-
-
-def test_without_a_junction_ahead_a_sign_binds_nobody():
-    assert bound(sign_node((-14.0, 0.0)), "w sign e") == stopped(), "the other street is another one"
-
-
-def test_where_the_projection_is_not_known_nobody_is_bound():
-    assert bound(sign_node((-14.0, 0.0)), projection="!") == stopped()
-
-
-def test_a_roundabout_is_a_one_way_street():
-    tags = PRIMARY + '<tag k="junction" v="roundabout"/>'
-    assert bound(sign_node((14.0, 0.0)), "w J sign e", tags) == stopped()
-    assert bound(sign_node((-14.0, 0.0)), tags=tags) == stopped("from_w")
+    assert bound(sign_node((-14.0, 0.0)), "w sign e") == stopped(), "without a junction ahead"
+    assert bound(sign_node((-14.0, 0.0)), projection="!") == stopped(), "where the projection is not known"
 
 
 def test_cars_drive_where_one_lane_allows_it():
@@ -483,22 +449,14 @@ def test_it_is_the_net_of_the_mirrored_network(name):
         assert np.array_equal(junction.outline, other.outline)
 
 
-def test_the_image_of_the_image_has_the_bytes_of_the_net():
-    town = compile_map(None).read_bytes()
-    assert mirrored_net(town) != town
-    assert mirrored_net(mirrored_net(town)) == town
-
-
-def test_numbers_keep_their_digits():
-    assert b'netOffset="100.00,-50.00" convBoundary="0,-100,300,0"' in mirrored_net(NET.encode())
-
-
-def test_a_mirrored_map_is_kept_in_the_cache():
+def test_the_image_of_the_image_has_the_bytes_of_the_net_and_is_kept_in_the_cache():
     town = compile_map(None)
     image = mirrored_map(town)
     assert image.net_path.parent == town.net_path.parent
-    assert image.read_bytes() == mirrored_net(town.read_bytes())
+    assert image.read_bytes() == mirrored_net(town.read_bytes()) != town.read_bytes()
     assert image.sha256 != town.sha256
+    assert mirrored_net(image.read_bytes()) == town.read_bytes()
+    assert b'netOffset="100.00,-50.00" convBoundary="0,-100,300,0"' in mirrored_net(NET.encode()), "all digits"
 
 
 def lane(number, kind="driving"):
@@ -530,9 +488,8 @@ def network_of(folder, xodr):
     return parse_road_network(compile_map(file, folder / "cache").read_bytes())
 
 
-@pytest.mark.parametrize("name", [None, "Town07.xodr"], ids=["made", "Town07"])
-def test_its_network_is_the_mirror_image(name, tmp_path):
-    drive = shared_file("maps", name).read_bytes() if name else DRIVE.encode()
+def test_its_network_is_the_mirror_image(tmp_path):
+    drive = DRIVE.encode()
     right, left = network_of(tmp_path, drive), network_of(tmp_path, mirrored_opendrive(drive))
     assert (left.left_hand, right.left_hand) == (True, False)
     image = right_hand_image(left)

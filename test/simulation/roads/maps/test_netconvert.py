@@ -1,13 +1,9 @@
 """Calls of netconvert, shapes of lanes, and ways for people on compiled maps."""
 
-import os
-import re
-import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +12,6 @@ import shapely
 from defusedxml.ElementTree import fromstring
 from made_district import write_district
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
-from repository import shared_file
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
@@ -28,15 +23,10 @@ from siren_ros.simulation.roads.maps.netconvert import (
     control_patches,
     crossing_places,
     crosswalk_junctions,
-    document,
     has_corners,
     mend_junction_paths,
     mended_lanes,
-    netconvert_path,
-    netconvert_version,
-    normal_edges,
     points_of,
-    real_junctions,
     rounded,
     run_netconvert,
     text_of,
@@ -55,26 +45,7 @@ def test_the_dated_header_goes_and_the_net_stays():
     declaration, header = b'<?xml version="1.0"?>\n', b"\n<!-- on 2026-01-02\n<netconvert/> --><!-- -->\n"
     net = b'<net version="1">\n<!-- kept --></net>\n'
     assert without_header(declaration + header + net) == declaration + net
-
-
-def test_a_net_without_header_is_left_alone():
-    assert without_header(b"<net><!-- x --></net>") == b"<net><!-- x --></net>"
-
-
-def test_netconvert_is_the_installed_sumos():
-    assert netconvert_path().is_file()
-    netconvert_version.cache_clear()
-    assert netconvert_version()
-
-
-def test_where_sumo_is_no_package_it_says_its_version_itself(monkeypatch):
-    def unknown(name):
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr("siren_ros.simulation.roads.maps.netconvert.version", unknown)
-    netconvert_version.cache_clear()
-    assert re.fullmatch(r"Eclipse SUMO netconvert .*\d+\.\d+.*", netconvert_version())
-    netconvert_version.cache_clear()
+    assert without_header(net) == net
 
 
 NODES = '<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>'
@@ -88,21 +59,6 @@ def test_a_net_comes_back_without_its_dated_header(tmp_path):
     assert net == without_header((tmp_path / "out.net.xml").read_bytes())
     assert net.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<net ')
     assert net.count(b'<lane id="e_') == 2
-
-
-def test_what_is_no_utf8_in_netconverts_words_is_shown_all_the_same(tmp_path):
-    folder = os.fsencode(tmp_path) + b"/\xe4"
-    with pytest.raises(MapError, match="it said: "):
-        run_netconvert(["--opendrive-files", os.fsdecode(folder)], tmp_path / "out.net.xml", "mymap")
-
-
-def test_a_refusal_without_words_tells_the_exit_code(tmp_path, monkeypatch):
-    false = tmp_path / "netconvert"
-    false.write_text("#!/bin/sh\nexit 3\n")
-    false.chmod(0o755)
-    monkeypatch.setattr("siren_ros.simulation.roads.maps.netconvert.netconvert_path", lambda: false)
-    with pytest.raises(MapError, match=r"it said: exit code 3\)"):
-        run_netconvert([], tmp_path / "out.net.xml", "mymap")
 
 
 def test_a_refusal_carries_netconverts_first_error_line(tmp_path):
@@ -120,11 +76,21 @@ def in_place_of_netconvert(path, lines):
 TELLS_LIMITS = 'echo "Error: $(ulimit -v) $(ulimit -t) $(ulimit -f)"; exit 1'
 
 
-def test_netconvert_has_limits(tmp_path, monkeypatch):
-    tells = in_place_of_netconvert(tmp_path / "tells", TELLS_LIMITS)
-    monkeypatch.setattr(netconvert, "netconvert_path", lambda: tells)
-    with pytest.raises(MapError, match=f"it said: {8 * 2**20} 900 {400_000_000 // 512}"):
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("exit 3", r"exit code 3\)"),
+        (TELLS_LIMITS, f"{8 * 2**20} 900 {400_000_000 // 512}"),
+        ("printf 'Error: \\033[2J'; head -c 100000 /dev/zero | tr '\\0' x; exit 1", r"\?\[2Jxxx"),
+    ],
+    ids=["no words", "its limits", "much"],
+)
+def test_what_netconvert_says_is_one_short_line_of_plain_characters(tmp_path, monkeypatch, lines, said):
+    says = in_place_of_netconvert(tmp_path / "says", lines)
+    monkeypatch.setattr(netconvert, "netconvert_path", lambda: says)
+    with pytest.raises(MapError, match=f"it said: {said}") as caught:
         run_netconvert([], tmp_path / "out.net.xml", "mymap")
+    assert len(str(caught.value)) < 500
 
 
 def test_lower_limits_of_the_user_hold(tmp_path):
@@ -163,18 +129,7 @@ def test_a_net_that_is_larger_than_what_is_read_is_refused(tmp_path, monkeypatch
         run_netconvert([], tmp_path / "out.net.xml", "mymap")
 
 
-def test_what_netconvert_says_is_one_short_line_of_plain_characters(tmp_path, monkeypatch):
-    says = in_place_of_netconvert(
-        tmp_path / "says", "printf 'Error: \\033[2J'; head -c 100000 /dev/zero | tr '\\0' x; exit 1"
-    )
-    monkeypatch.setattr(netconvert, "netconvert_path", lambda: says)
-    with pytest.raises(MapError, match=r"it said: \?\[2Jxxx") as caught:
-        run_netconvert([], tmp_path / "out.net.xml", "mymap")
-    assert len(str(caught.value)) < 500
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_netconvert_does_not_outlive_who_waits_for_it(tmp_path, number):
+def test_netconvert_does_not_outlive_who_waits_for_it(tmp_path):
     note = tmp_path / "number"
     lines = f"echo $$ > {note}.new; mv {note}.new {note}; exec sleep 300"
     hangs = in_place_of_netconvert(tmp_path / "hangs", lines)
@@ -188,8 +143,7 @@ netconvert.run_netconvert([], Path({str(tmp_path)!r}) / "out", "mymap")
         while not note.exists():
             assert waits.poll() is None
             time.sleep(0.01)
-        waits.send_signal(number)
-        assert waits.wait() == -number
+        waits.kill()
     child = int(note.read_text())
     while is_running(child):
         time.sleep(0.01)
@@ -219,11 +173,6 @@ def patched(stopping, yielding="", kind="priority"):
     return {node.attrib["id"]: node.attrib["type"] for node in nodes}, dict(priorities)
 
 
-def test_edges_outside_junctions_are_the_normal_ones():
-    net = fromstring(JUNCTION_NET.format(kind="priority"))
-    assert [edge.attrib["id"] for edge in normal_edges(net)] == ["n", "e", "s", "w", "path", "away"]
-
-
 @pytest.mark.parametrize(
     ("stopping", "yielding", "nodes", "priorities"),
     [
@@ -244,13 +193,6 @@ def test_a_signal_outranks_signs(kind):
     assert patched("n", "e", kind) == ({}, {})
 
 
-def test_a_plain_file_holds_the_elements():
-    nodes, _ = control_patches(fromstring(JUNCTION_NET.format(kind="priority")), ["n"], [], lambda _: True)
-    root = fromstring(document("nodes", nodes))
-    assert root.tag == "nodes"
-    assert [dict(node.attrib) for node in root] == [{"id": "J", "type": "priority_stop"}]
-
-
 CORNER_NET = """<net>
   <edge id=":J_0" function="internal"><lane id=":J_0_0" shape="{path}"/></edge>
   <edge id=":J_1" function="internal"><lane id=":J_1_0" shape="{rest}"/></edge>
@@ -268,14 +210,12 @@ def shapes_of(path, rest=""):
     return {lane.attrib["id"]: points_of(lane.attrib["shape"]) for lane in net.iter("lane")}
 
 
-@pytest.mark.parametrize("rest", ["", "4,4,2 10,10,3"])
-def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest):
-    shapes = shapes_of("0,0,1 4,4,2" if rest else "0,0,1 10,10,3", rest)
+def test_a_turn_drawn_as_a_straight_line_in_two_parts_becomes_nearly_a_circle():
+    shapes = shapes_of("0,0,1 4,4,2", "4,4,2 10,10,3")
     curve = shapes[":J_0_0"]
-    if rest:
-        assert shapes[":J_1_0"][0] == pytest.approx(curve[-1])
-        assert len(curve) < len(shapes[":J_1_0"]) + 1, "the parts keep their shares"
-        curve = np.concatenate((curve, shapes[":J_1_0"][1:]))
+    assert shapes[":J_1_0"][0] == pytest.approx(curve[-1])
+    assert len(curve) < len(shapes[":J_1_0"]) + 1, "the parts keep their shares"
+    curve = np.concatenate((curve, shapes[":J_1_0"][1:]))
     assert (curve[0], curve[-1]) == (pytest.approx([0.0, 0.0, 1.0]), pytest.approx([10.0, 10.0, 3.0]))
     assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
     heading = np.arctan2(*np.diff(curve[:, :2], axis=0).T[::-1])
@@ -366,15 +306,6 @@ def test_ten_degrees_at_either_end_are_a_corner(path, mended):
     assert (len(shapes_of(path)[":J_0_0"]) == 17) is mended
 
 
-def test_where_a_lane_is_missing_nothing_changes():
-    text = CORNER_NET.format(path="0,0 10,10", rest="0,0 1,1", via="").replace(
-        '<lane id="b_0" shape="10,10 10,60"/>', ""
-    )
-    net = fromstring(text)
-    mend_junction_paths(net)
-    assert next(net.iter("lane")).attrib["shape"] == "0,0 10,10"
-
-
 def test_numbers_are_written_to_a_tenth_of_a_millimetre():
     assert text_of(np.array([[1.0, -2.5, 0.12344], [10.0, 0.0, 100.0]])) == "1,-2.5,0.1234 10,0,100"
     assert points_of("1,2,3 4,5").tolist() == [[1.0, 2.0], [4.0, 5.0]]
@@ -416,11 +347,6 @@ def test_nothing_else_of_a_net_changes():
         assert one.tag == other.tag
         kept = [{key: value for key, value in item.attrib.items() if key != "length"} for item in (one, other)]
         assert kept[0] == kept[1]
-
-
-def test_mending_twice_changes_no_length_that_fits():
-    once = mended_lanes(NET_LANE_SHAPES)
-    assert lengths_of(mended_lanes(once)) == lengths_of(once)
 
 
 @pytest.mark.parametrize("sides", [8, 24])
@@ -496,10 +422,6 @@ def test_sidewalks_alone_lose_their_steps_back(permission, points):
     shape = points_of(fromstring(mended_lanes(net.encode())).find(".//lane").attrib["shape"])
     goes_back = bool((np.diff(shape[:, 0]) < 0.0).any())
     assert goes_back == (points == 4)
-
-
-def test_what_is_no_net_is_given_back():
-    assert mended_lanes(b"<osm/>") == b"<osm/>"
 
 
 FANNED_OUT_OSM = """<?xml version="1.0"?><osm version="0.6">
@@ -605,10 +527,6 @@ def test_a_crosswalk_belongs_to_its_junction_or_to_the_nearer_one(junction, s_m,
     assert crosswalk_junctions(fromstring(f"<OpenDRIVE>{road(junction, 100, s_m)}</OpenDRIVE>")) == {found}
 
 
-def test_three_streets_make_a_junction_and_a_crossing_stays():
-    assert real_junctions(fromstring(STREETS_NET)) == {"x", "d"}
-
-
 @pytest.mark.parametrize(
     ("kind", "content", "expected"),
     [
@@ -647,8 +565,8 @@ def test_an_extract_has_ways_for_people_only_where_they_are_asked_for(tmp_path):
     }
 
 
-def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(tmp_path):
-    town = compile_map(None, tmp_path)
+def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(cache, tmp_path):
+    town = compile_map(None, cache)
     path = tmp_path / "copy.net.xml"
     path.write_bytes(town.read_bytes())
     assert has_corners(town.read_bytes())
@@ -656,35 +574,20 @@ def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(tmp_p
     assert b"outlineShape" in plain
     assert peopled == without_outlines(plain)
     assert b"outlineShape" not in peopled
-    assert compile_map(None, tmp_path, for_people=True) == town
+    assert compile_map(None, cache, for_people=True) == town
 
 
-def test_opendrives_crosswalks_are_the_crossings(tmp_path):
+def test_opendrives_crosswalks_are_the_crossings_as_wide_as_their_lanes(cache):
     """One in each street of the two junctions that have some: four and three."""
-    path = write_district(tmp_path)
-    plain, peopled = (kinds(path, tmp_path, for_people=asked) for asked in (False, True))
+    path = write_district(cache)
+    plain, peopled = (kinds(path, cache, for_people=asked) for asked in (False, True))
     assert LaneKind.CROSSING not in plain
     assert peopled.pop(LaneKind.CROSSING) == path.read_text(encoding="utf-8").count('type="crosswalk"') == 7
     assert peopled == plain
-
-
-def test_crossings_are_as_wide_as_their_lanes(tmp_path):
-    network = parse_road_network(compile_map(write_district(tmp_path), tmp_path, for_people=True).read_bytes())
+    network = parse_road_network(compile_map(path, cache, for_people=True).read_bytes())
     lengths_m = [lane.length_m for lane in network.lanes if lane.kind is LaneKind.CROSSING]
     areas_m2 = [shapely.Polygon(outline).area for outline in network.crossings]
-    assert len(areas_m2) == 7
     assert areas_m2 == pytest.approx([4.0 * length_m for length_m in lengths_m], rel=0.02)
-
-
-def test_the_papers_maps_crosswalks_are_its_crossings_and_its_sidewalks_do_not_go_back(tmp_path):
-    """netconvert's sidewalk of a bend of this map does, by 5 cm."""
-    source = shared_file("maps", "Town10HD_Opt.xodr")
-    network = parse_road_network(compile_map(source, tmp_path, for_people=True).read_bytes())
-    assert len(network.crossings) == source.read_text(encoding="utf-8").count('type="crosswalk"') == 16
-    for lane in network.lanes:
-        if lane.kind is LaneKind.SIDEWALK:
-            side = np.diff(lane.centre.points, axis=0)
-            assert ((side[1:] * side[:-1]).sum(axis=1) > 0.0).all()
 
 
 FILES = {
@@ -745,27 +648,17 @@ def test_the_city_has_the_lanes_and_movements_of_the_town_and_cycle_lanes(nets):
 def test_cyclists_can_go_wherever_cars_can_from_a_cycle_lane(nets):
     _, city = nets
 
-    def pairs(connections):
-        return {(city.lanes[c.from_lane].edge, city.lanes[c.to_lane].edge) for c in connections}
+    def ways(connections):
+        return {(city.lanes[c.from_lane].edge, city.lanes[c.to_lane].edge, c.signal_link) for c in connections}
 
+    cars, cyclists = ways(city.connections), ways(city.cycle_connections)
+    assert cyclists <= cars, "with the signal of their direction"
     cycle = [lane for lane in city.lanes if lane.kind is LaneKind.CYCLE]
     wide = {lane.edge for lane in cycle}
-    assert pairs(city.cycle_connections) == {pair for pair in pairs(city.connections) if wide & {*pair}}
+    assert {way[:2] for way in cyclists} == {way[:2] for way in cars if wide & {*way[:2]}}
     for lane in cycle:
         assert not lane.civilian_allowed
         assert not lane.emergency_allowed
         right = city.neighbour(lane, -1)
         assert right is not None
         assert right.kind is LaneKind.SIDEWALK
-
-
-def test_cyclists_go_with_the_signal_of_their_direction(nets):
-    _, city = nets
-    for movement in city.cycle_connections:
-        pair = city.lanes[movement.from_lane].edge, city.lanes[movement.to_lane].edge
-        others = [
-            other.signal_link
-            for other in city.connections
-            if (city.lanes[other.from_lane].edge, city.lanes[other.to_lane].edge) == pair
-        ]
-        assert movement.signal_link in others

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
-from repository import shared_file
 
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.maps.opendrive_import import importable
@@ -132,10 +131,3 @@ def test_a_signal_without_name_or_place_is_left_out(tmp_path, name):
 def test_a_map_without_these_stays_as_it_is():
     plain = drive(road("1", 0, 0, 0, "", more=SIGNAL.format("")))
     assert importable(plain) is plain
-
-
-@pytest.mark.parametrize(("name", "lanes"), [("esm_soderleden", 12), ("esm_straight_500m_signs", 2)])
-def test_maps_of_others_that_were_refused(tmp_path, name, lanes):
-    file = shared_file("maps", "others", f"{name}.xodr")
-    network = parse_road_network(compile_map(file, tmp_path).read_bytes())
-    assert len([lane for lane in network.lanes if lane.kind == "driving"]) >= lanes

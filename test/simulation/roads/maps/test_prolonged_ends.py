@@ -26,8 +26,8 @@ def end_of(network: RoadNetwork, edge: str) -> tuple[float, float]:
 
 
 def test_short_arms_reach_as_far_as_an_episode_needs_and_the_long_one_stays(tmp_path: Path) -> None:
-    before = parse_road_network(made_net(tmp_path, CROSSING, ARMS))
-    after = prolonged(made_net(tmp_path, CROSSING, ARMS))
+    net = made_net(tmp_path, CROSSING, ARMS)
+    before, after = parse_road_network(net), prolonged(net)
     for name, direction in (("n", (0, 1)), ("e", (1, 0)), ("s", (0, -1))):
         into, out = after.edge_by_id[f"{name}_c"], after.edge_by_id[f"c_{name}"]
         for edge in (into, out):
@@ -48,12 +48,12 @@ def test_short_arms_reach_as_far_as_an_episode_needs_and_the_long_one_stays(tmp_
 
 
 def test_a_net_that_lacks_nothing_keeps_its_bytes(tmp_path: Path) -> None:
-    net = made_net(tmp_path, {name: (5.0 * x, 5.0 * y) for name, (x, y) in CROSSING.items()}, ARMS)
-    assert with_prolonged_ends(net, parse_road_network(net)) == net
-    once = with_prolonged_ends(
-        made_net(tmp_path, CROSSING, ARMS), parse_road_network(made_net(tmp_path, CROSSING, ARMS))
-    )
-    assert with_prolonged_ends(once, parse_road_network(once)) == once
+    """Its arms are long enough, or there is no junction."""
+    arms = made_net(tmp_path, CROSSING, ARMS)
+    once = with_prolonged_ends(arms, parse_road_network(arms))
+    wide = made_net(tmp_path, {name: (5.0 * x, 5.0 * y) for name, (x, y) in CROSSING.items()}, ARMS)
+    for net in (wide, once, made_net(tmp_path, {"a": (0, 0), "b": (100, 0), "d": (200, 0)}, ("a b", "b d"))):
+        assert with_prolonged_ends(net, parse_road_network(net)) == net
 
 
 def test_a_cul_de_sac_between_other_roads_stays(tmp_path: Path) -> None:
@@ -83,11 +83,6 @@ def test_roads_beside_each_other_are_both_prolonged(tmp_path: Path) -> None:
     after = prolonged(made_net(tmp_path, nodes, ("w c", "c d", "d e", "a c", "b d")))
     lengths_m = [after.edge_by_id[name].prolonged_m for name in ("a_c", "b_d")]
     assert lengths_m == pytest.approx([NEEDED_M - 60.0] * 2, abs=15.0)
-
-
-def test_a_road_without_a_junction_stays(tmp_path: Path) -> None:
-    net = made_net(tmp_path, {"a": (0, 0), "b": (100, 0), "d": (200, 0)}, ("a b", "b d"))
-    assert with_prolonged_ends(net, parse_road_network(net)) == net
 
 
 def test_the_length_counts_over_joints(tmp_path: Path) -> None:

@@ -109,19 +109,15 @@ def shoulder_rows(group: DemandGroup, start: EmvStart, signal_before: bool, from
 
 
 def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
-    """40 m before it: from the junction K at 210 m on, or from the EMV's start on."""
+    """40 m before it: from the junction K at 210 m on, or from the EMV's start on; and 50 m at least."""
     queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
     for start_m, signal_before, least_m in ((90.0, True, 250.0), (90.0, False, 130.0), (190.0, True, 250.0)):
         (row,) = shoulder_rows(queue, start_at(start_m), signal_before)
         assert row.least_m == pytest.approx(least_m)
     (late,) = shoulder_rows(queue, EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,)), signal_before=True)
     assert late.least_m == pytest.approx(70.0)
-
-
-def test_a_queue_next_to_a_shoulder_has_50_m_at_least() -> None:
-    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
-    (row,) = shoulder_rows(queue, start_at(90.0), signal_before=True, from_m=40.0)
-    assert row.anchor_m - row.least_m == pytest.approx(50.0)
+    (short,) = shoulder_rows(queue, start_at(90.0), signal_before=True, from_m=40.0)
+    assert short.anchor_m - short.least_m == pytest.approx(50.0), "at least"
 
 
 def test_a_row_begins_on_the_edge_of_the_emvs_start() -> None:
@@ -129,13 +125,6 @@ def test_a_row_begins_on_the_edge_of_the_emvs_start() -> None:
     (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE), start)
     assert [lane for lane in row.chain.lanes if lane < 9] == [B_LEFT, C_LEFT]
     assert (row.edges, row.anchor_m, row.least_m) == ((B, C), pytest.approx(100.0), pytest.approx(30.0))
-
-
-def test_ahead_of_the_emv_the_row_grows_forwards() -> None:
-    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
-    assert (row.forwards, row.anchor_m) == (True, pytest.approx(90.0))
-    (next_to,) = rows(group(Placement.OTHER_LANES, GroupAnchor.EMV))
-    assert (next_to.chain.lanes[0], next_to.anchor_m) == (A_RIGHT, pytest.approx(90.0))
 
 
 def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
@@ -226,15 +215,11 @@ def with_connection(number: int, **changed: object) -> RoadNetwork:
     return replace(NETWORK, connections=tuple(connections))
 
 
-@pytest.mark.parametrize("changed", [{"signal_id": "L"}, {"must_stop": True}])
-def test_crossing_rows_end_at_signals_and_stop_signs(changed: dict[str, object]) -> None:
-    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, **changed))
-    assert row.chain.lanes == (NEAR,)
-    assert row.edges == (N, D)
-
-
-def test_crossing_rows_go_back_straight_on_or_around_the_only_bend() -> None:
+def test_crossing_rows_go_back_straight_on_or_around_the_only_bend_up_to_signals_and_stop_signs() -> None:
     """Where a turn joins the way straight on, the row stays on this; alone the turn is the way."""
+    for control in ({"signal_id": "L"}, {"must_stop": True}):
+        (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, **control))
+        assert (row.chain.lanes, row.edges) == ((NEAR,), (N, D))
     turn = {"direction": "r"}
     joined = with_connection(6, **turn)
     (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=joined)
@@ -274,7 +259,10 @@ def test_traffic_next_to_the_emv_starts_on_the_first_third_of_its_way() -> None:
     assert (row.anchor_m, row.forwards) == (pytest.approx(90.0), True)
     assert row.most_m == pytest.approx(90.0 + (STOP_LINE_M - 90.0) / 3.0)
     (ahead,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
-    assert ahead.most_m == np.inf
+    assert (ahead.forwards, ahead.anchor_m, ahead.most_m) == (True, pytest.approx(90.0), np.inf)
+    (no_junction,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.EMV), junction=None)
+    assert (no_junction.chain.lanes[0], no_junction.forwards) == (A_RIGHT, True)
+    assert (no_junction.anchor_m, no_junction.edges) == (pytest.approx(90.0), (A, B, C))
 
 
 def test_standing_rows_do_not_lie_on_the_emvs_way() -> None:
@@ -287,12 +275,6 @@ def test_standing_rows_do_not_lie_on_the_emvs_way() -> None:
     lane_of_all = replace(joined, connections=(*joined.connections, replace(NETWORK.connections[0])))
     assert rows(queue, start, network=lane_of_all) == []
     assert rows(replace(queue, standing=False), start, network=lane_of_all) != []
-
-
-def test_on_a_road_without_junction_rows_begin_at_the_emvs_front() -> None:
-    (row,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.EMV), junction=None)
-    assert row.chain.lanes[0] == A_RIGHT
-    assert (row.anchor_m, row.forwards, row.edges) == (pytest.approx(90.0), True, (A, B, C))
 
 
 def test_of_two_adjacent_lanes_the_left_one_is_taken() -> None:
@@ -366,17 +348,11 @@ def fronts_m(vehicles: Sequence[PlannedVehicle]) -> list[float]:
     return [STARTS_M[vehicle.spot.lane] + vehicle.spot.front_m for vehicle in vehicles]
 
 
-def test_classes_are_drawn_by_their_shares_whatever_these_add_up_to() -> None:
-    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
-    rng = np.random.default_rng(1)
-    drawn = [factory.draw_class(((ActorClass.SEDAN, 6.0), (ActorClass.BUS, 2.0)), rng) for _ in range(2000)]
-    assert drawn.count(ActorClass.SEDAN) == pytest.approx(1500, abs=80)
-
-
 def test_buses_start_only_in_lanes_from_which_they_can_drive_on() -> None:
     """The right lane leads south alone, round a corner; the left one goes straight on."""
     kept = (*NETWORK.connections[:STRAIGHT], *NETWORK.connections[STRAIGHT + 1 :])
-    factory = VehicleFactory(replace(NETWORK, connections=kept), same_drivers(), DIMENSIONS)
+    network = replace(NETWORK, connections=kept)
+    factory = VehicleFactory(network, same_drivers(), DIMENSIONS)
     shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
     assert factory.suited_lanes(ActorClass.BUS, (B_RIGHT, B_LEFT)) == (B_LEFT,)
     assert factory.suited_lanes(ActorClass.SEDAN, (B_RIGHT, B_LEFT)) == (B_RIGHT, B_LEFT)
@@ -384,27 +360,14 @@ def test_buses_start_only_in_lanes_from_which_they_can_drive_on() -> None:
     drawn = {lane: {factory.draw_class(shares, rng, (lane,)) for _ in range(40)} for lane in (B_RIGHT, B_LEFT)}
     assert drawn == {B_RIGHT: {ActorClass.SEDAN}, B_LEFT: {ActorClass.SEDAN, ActorClass.BUS}}
     assert factory.draw_class(shares[1:], rng, (B_RIGHT,)) is ActorClass.BUS, "there is no other"
-
-
-def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
-    """Of a row whose second lane is a shoulder only the first counts."""
-    asked: list[tuple[int, ...]] = []
-
-    class Listening(VehicleFactory):
-        def draw_class(
-            self, shares: tuple[tuple[ActorClass, float], ...], rng: np.random.Generator, lanes: tuple[int, ...] = ()
-        ) -> ActorClass:
-            asked.append(lanes)
-            return super().draw_class(shares, rng, lanes)
-
-    lanes = list(NETWORK.lanes)
-    lanes[A_RIGHT] = replace(lanes[A_RIGHT], kind=LaneKind.SHOULDER)
-    queue = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
-    for network, expected in ((NETWORK, {A_RIGHT, B_RIGHT}), (replace(NETWORK, lanes=tuple(lanes)), {B_RIGHT})):
-        asked.clear()
-        factory = Listening(network, same_drivers(), DIMENSIONS)
-        plan_groups(network, signal_site(), start_at(90.0), template_with(queue), 0, factory, CONFIG)
-        assert [set(lanes) & {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT} for lanes in asked] == [expected] * 2
+    template = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=9, standing=True))
+    template = replace(template, demand=replace(template.demand, classes=shares))
+    lanes = list(network.lanes)
+    for kind, kinds in ((LaneKind.DRIVING, 2), (LaneKind.SHOULDER, 1)):
+        lanes[A_RIGHT] = replace(lanes[A_RIGHT], kind=kind)
+        roads = replace(network, lanes=tuple(lanes))
+        plan = plan_groups(roads, signal_site(), start_at(90.0), template, 0, factory, CONFIG)
+        assert len({vehicle.actor_class for vehicle in plan.vehicles}) == kinds, "of a shoulder they cannot drive on"
 
 
 def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() -> None:
@@ -524,6 +487,8 @@ def test_of_crossing_traffic_and_streams_one_is_enough() -> None:
     nobody = replace(crowd, first_gap_m=1000.0)
     with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
         planned(nobody)
+    for sparse in (crowd, stream):
+        assert len(planned(replace(sparse, vehicles=2, first_gap_m=7.0, spacing_m=400.0)).vehicles) == 1
 
 
 def test_crossing_rows_are_the_stage_from_behind_the_last_vehicle_on() -> None:
@@ -593,24 +558,6 @@ def test_routes_begin_at_the_lane_and_are_long_enough() -> None:
     queue = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=3, standing=True))
     assert {vehicle.route for vehicle in queue.vehicles} == {("n", "d")}
     assert NETWORK.edges[A].edge_id == "a"
-
-
-def test_of_a_stream_of_several_vehicles_one_is_enough() -> None:
-    """The group has two vehicles and one fits: the second one would be 400 m farther back."""
-    for where in ((Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), (Placement.CROSSING, GroupAnchor.STOP_LINE)):
-        assert len(planned(replace(group(*where, vehicles=2), first_gap_m=7.0, spacing_m=400.0)).vehicles) == 1
-
-
-@pytest.mark.parametrize("spread", [0.0, 0.2])
-def test_speeds_vary_to_both_sides_evenly(spread: float) -> None:
-    """From 8·(1 − spread) to 8·(1 + spread) m/s, whose middle is 8."""
-    traffic = TrafficDrivers(spacing_spread=0.0, speed_spread=spread)
-    plans = [planned(platoon(8), traffic=traffic, seed=seed) for seed in range(40)]
-    moving = [vehicle.spot.speed_mps for plan in plans for vehicle in plan.vehicles]
-    low, high = 8.0 * (1.0 - spread), 8.0 * (1.0 + spread)
-    assert min(moving) == pytest.approx(low, abs=0.1)
-    assert max(moving) == pytest.approx(high, abs=0.1)
-    assert low <= min(moving) <= max(moving) <= high
 
 
 WIDTH_M = 3.5
@@ -717,16 +664,6 @@ def test_a_fast_stream_has_left_a_small_junction_before_the_emv_comes(
     where = replace(signal_site(), connections=(NORTHBOUND_WAY,))
     ways = tuple(replace(way, yellow_s=3.0) for way in signal_crossing().connections)
     assert stays_inside(replace(signal_crossing(), connections=ways), where, stream) == stays
-
-
-def test_a_stream_in_the_emvs_only_lane_is_followed() -> None:
-    road = _Road()
-    road.edge(0.0, 100.0, (0,))
-    road.edge(100.0, 300.0, (0,))
-    road.connect(0, 1)
-    start = EmvStart(0, 10.0, (0, 1), (0,))
-    (row,) = rows_of(road, road.site((0, 1), 0, (0,)), start, load_template("S3").demand.groups[0])
-    assert row.anchor_m == pytest.approx(10.0 - 2.5), "its gap of 12.5 m becomes one of 10 m"
 
 
 @pytest.mark.parametrize("line_m", [130.0, 140.0, 300.0])

@@ -189,11 +189,8 @@ def test_where_a_lane_does_not_lead_on_the_nearest_one_does() -> None:
     assert connection_onward(NETWORK, NETWORK.lanes[B_LEFT], D) == NETWORK.connections[4]
     assert connection_onward(NETWORK, NETWORK.lanes[B_RIGHT], C) == NETWORK.connections[2]
     assert connection_onward(NETWORK, NETWORK.lanes[A_RIGHT], C) is None
-
-
-def test_a_route_that_nobody_can_drive_ends_the_chain() -> None:
     chain = along(A_LEFT, A, C)
-    assert (chain.lanes, chain.end_m) == ((A_LEFT,), pytest.approx(200.0))
+    assert (chain.lanes, chain.end_m) == ((A_LEFT,), pytest.approx(200.0)), "nobody can drive on"
     assert along(A_RIGHT, A).lanes == (A_RIGHT,)
 
 
@@ -266,11 +263,8 @@ def speeds(head: JamHead, *times_s: float) -> list[float]:
     return [head.speed_mps(round(time_s / STEP_S)) for time_s in times_s]
 
 
-def test_it_rolls_and_then_stands_for_good():
+def test_the_head_of_a_jam_stops_and_goes_in_turn_or_stands_for_good():
     head = JamHead(("a", "b"), moves=False, roll_s=6.0, roll_mps=1.5, stand_s=15.0)
     assert speeds(head, 0.0, 5.95, 6.0, 21.0, 500.0) == [1.5, 1.5, 0.0, 0.0, 0.0]
-
-
-def test_it_stops_and_goes_in_turn():
     head = JamHead(("a",), moves=True, roll_s=6.0, roll_mps=1.5, stand_s=15.0)
     assert speeds(head, 0.0, 6.0, 20.95, 21.0, 26.95, 27.0) == pytest.approx([1.5, 0.0, 0.0, 1.5, 1.5, 0.0])

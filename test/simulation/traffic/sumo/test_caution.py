@@ -116,11 +116,44 @@ def test_a_driver_waits_for_an_outside_vehicle_that_cannot_stop_any_more(turn: f
     assert way - 1.5 < caution.wait.free_m <= way
     clear_s = (15.0 + 2.0 * HALF_LENGTH + HALF_WIDTH) / 12.0
     assert 13.0 * clear_s - 0.5 * caution.wait.brake_mps2 * clear_s**2 < way
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], roads)
+    late = replace(traffic, sumo_speed_mps=np.array([13.0, 0.0]), speed_mps=np.array([0.0, 12.0]))
+    assert seen(late, roads) == (caution,), "its simulated speed counts, and the own one in SUMO"
+    braking = [Car(0, 90.0, 2.0, accel=-2.0), Car(1, 92.0, 4.0, Owner.ROS)]
+    assert cautious(braking, turn) == ()
+    assert [caution.actor_id for caution in cautious(braking, turn, waiting=(1,))] == [1], "it goes on waiting"
 
 
-def test_nobody_waits_for_who_comes_much_later_or_stays_away() -> None:
-    assert cautious([Car(0, 90.0, 12.0), Car(1, 20.0, 8.0, Owner.ROS)]) == ()
-    assert cautious([Car(0, 75.0, 10.0), Car(1, 120.0, 12.0, Owner.ROS)]) == ()
+ROS, ON_JUNCTION = Owner.ROS, TrafficFlags.ON_JUNCTION
+TOUCHING_M = 80.0 - 2.0 * HALF_LENGTH
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(
+    ("cars", "waits"),
+    [
+        *[
+            ([Car(0, 90.0, 12.0), Car(1, 20.0, 8.0, ROS)], False),
+            ([Car(0, 75.0, 10.0), Car(1, 120.0, 12.0, ROS)], False),
+        ],
+        ([Car(0, 86.0, 0.5), Car(1, 100.0, 0.5, ROS)], True),
+        ([Car(0, 93.0, 5.0), Car(1, 97.0, 6.0)], True),
+        ([Car(0, 93.0, 5.0), Car(1, 107.0, 8.0)], False),
+        ([Car(0, 93.0, 5.0), Car(1, 100.5, 0.0, flags=ON_JUNCTION)], True),
+        *[([Car(0, TOUCHING_M - 0.2, speed), Car(0, 80.0, 0.0)], True) for speed in (0.0, 0.2)],
+        *[([Car(0, TOUCHING_M - 2.5, speed), Car(0, 80.0, 0.0)], False) for speed in (0.0, 0.2)],
+        *[([Car(0, 50.0, 12.5), Car(0, 77.5, 0.0, owner)], owner is ROS) for owner in (Owner.SUMO, ROS)],
+        ([Car(0, 50.0, 12.5), Car(0, 74.0, 0.0)], True),
+    ],
+    ids=[
+        *("comes much later", "has passed", "both creep, from outside", "bodies would touch", "is past the own way"),
+        *("stands on the junction", "nearly touches", "creeps up to it", "stands 2.5 m behind", "creeps 2.5 m behind"),
+        *("SUMO's, farther than a second and 12 m", "so far, from outside", "SUMO's, nearer"),
+    ],
+)
+def test_who_waits_for_whom(turn: float, cars: list[Car], waits: bool) -> None:
+    assert [(caution.actor_id, caution.other_id) for caution in cautious(cars, turn)] == ([(1, 2)] if waits else [])
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -132,11 +165,6 @@ def test_an_inattentive_driver_sees_who_is_ahead_and_not_who_comes_across(turn: 
     assert cautious(ahead, turn, inattentive=(1,)) == cautious(ahead, turn)
     among_themselves = [Car(0, 93.0, 5.0), Car(1, 97.0, 6.0)]
     assert cautious(among_themselves, turn, inattentive=(1,)) == cautious(among_themselves, turn) != ()
-
-
-def test_an_outside_vehicle_that_stands_in_the_way_is_not_driven_into() -> None:
-    (caution,) = cautious([Car(0, 75.0, 10.0), Car(1, 102.0, 0.0, Owner.ROS)])
-    assert 100.0 - HALF_WIDTH - 75.0 - 3.0 < caution.wait.free_m < 100.0 - HALF_WIDTH - 75.0
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -179,36 +207,12 @@ def test_a_driver_lets_an_outside_vehicle_merge_and_leaves_sumos_own_ones_to_sum
     assert cautious([Car(0, 93.0, 8.0), replace(merging, owner=Owner.SUMO, flags=TrafficFlags.ON_JUNCTION)], turn) == ()
 
 
-@pytest.mark.parametrize("turn", TURNS)
-def test_among_themselves_drivers_wait_where_their_bodies_would_touch(turn: float) -> None:
-    first = Car(0, 93.0, 5.0)
-    assert [caution.actor_id for caution in cautious([first, Car(1, 97.0, 6.0)], turn)] == [1]
-    assert cautious([first, Car(1, 107.0, 8.0)], turn) == ()
-    on_junction = Car(1, 100.5, 0.0, flags=TrafficFlags.ON_JUNCTION)
-    assert [caution.actor_id for caution in cautious([first, on_junction], turn)] == [1]
-
-
-@pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("slow_in_m", [0.1, 0.4, 0.7, 1.0, 1.3])
-@pytest.mark.parametrize("fast_in_m", [1.0, 1.4, 1.8, 2.2, 2.6, 3.0])
-def test_of_two_whose_bodies_would_touch_one_waits(turn: float, slow_in_m: float, fast_in_m: float) -> None:
+def test_of_two_whose_bodies_would_touch_one_waits(slow_in_m: float) -> None:
     """Where both took the other one to be farther away than it is, both would go."""
-    fast, slow = Car(0, 100.0 - HALF_WIDTH - fast_in_m, 3.2), Car(1, 100.0 - HALF_WIDTH - slow_in_m, 1.0)
-    assert len(cautious([fast, slow], turn)) == 1
-
-
-def test_who_waits_goes_on_waiting_while_braking_for_it() -> None:
-    cars = [Car(0, 90.0, 2.0, accel=-2.0), Car(1, 92.0, 4.0, Owner.ROS)]
-    assert cautious(cars) == ()
-    assert [caution.actor_id for caution in cautious(cars, waiting=(1,))] == [1]
-
-
-@pytest.mark.parametrize("speed", [0.0, 0.2])
-def test_nobody_creeps_into_a_body_ahead(speed: float) -> None:
-    touching = 80.0 - 2.0 * HALF_LENGTH
-    (caution,) = cautious([Car(0, touching - 0.2, speed), Car(0, 80.0, 0.0)])
-    assert caution.wait.speed_mps == 0.0
-    assert cautious([Car(0, touching - 2.5, speed), Car(0, 80.0, 0.0)]) == ()
+    for fast_in_m in (1.0, 1.4, 1.8, 2.2, 2.6, 3.0):
+        fast, slow = Car(0, 100.0 - HALF_WIDTH - fast_in_m, 3.2), Car(1, 100.0 - HALF_WIDTH - slow_in_m, 1.0)
+        assert len(cautious([fast, slow], 0.5)) == 1
 
 
 class SumoVehicles:
@@ -323,37 +327,32 @@ def beside(apart_m: float, *cars: Car) -> tuple[Caution, ...]:
     return seen(traffic_of(list(cars), roads), roads)
 
 
-@pytest.mark.parametrize(("apart_m", "waits"), [(1.5, True), (3.2, False)])
-def test_where_roads_lie_over_each_other_one_waits_behind_the_other(apart_m: float, waits: bool) -> None:
-    first = Car(0, 104.0, 4.0)
-    found = beside(apart_m, first, Car(1, 96.0, 8.0))
-    assert [caution.actor_id for caution in found] == ([2] if waits else [])
+@pytest.mark.parametrize(
+    ("apart_m", "cars", "waits"),
+    [
+        *[(1.5, [Car(0, 104.0, 4.0), Car(1, 96.0, 8.0)], [2]), (3.2, [Car(0, 104.0, 4.0), Car(1, 96.0, 8.0)], [])],
+        (1.5, [Car(0, 100.0, 4.0, left=-1.1), Car(1, 96.0, 8.0)], [2]),
+        (1.5, [Car(0, 100.0, 4.0, left=-1.1, turned=-0.3), Car(1, 96.0, 8.0)], []),
+        (1.9, [Car(0, 100.0, 4.0), Car(1, 96.0, 5.0)], []),
+        (1.9, [Car(0, 100.0, 4.0, turned=0.2), Car(1, 96.0, 5.0)], [2]),
+    ],
+    ids=["near", "apart", "comes back", "points away", "goes straight on", "points there"],
+)
+def test_where_roads_lie_over_each_other_one_waits_behind_the_other(
+    apart_m: float, cars: list[Car], waits: list[int]
+) -> None:
+    """A car of 1.8 m width that points at the other road, or away from it, is taken to go there."""
+    assert [caution.actor_id for caution in beside(apart_m, *cars)] == waits
 
 
 def test_of_two_that_touch_on_such_roads_the_one_ahead_goes_on() -> None:
+    """And nobody follows one that is still beside it, free of it by 10 cm, and comes nearer."""
+    for ahead_m, stopped in ((1.0, [1]), (6.0, [])):
+        found = beside(1.5, Car(0, 100.0, 2.5, left=-0.7, turned=0.15), Car(1, 100.0 + ahead_m, 5.0))
+        assert [caution.actor_id for caution in found if caution.wait.speed_mps == 0.0] == stopped
     for ahead, behind in ((1, 2), (2, 1)):
         cars = [Car(0, 101.5 if ahead == 1 else 100.0, 0.0), Car(1, 101.5 if ahead == 2 else 100.0, 0.0)]
         assert [caution.actor_id for caution in beside(1.5, *cars)] == [behind]
-
-
-@pytest.mark.parametrize(("turned", "waits"), [(0.0, True), (-0.3, False)])
-def test_who_points_away_from_such_a_road_is_taken_to_go_there(turned: float, waits: bool) -> None:
-    """The first one drives 2.6 m beside the other one, whose body is 1.8 m wide, and is to come back to its lane."""
-    found = beside(1.5, Car(0, 100.0, 4.0, left=-1.1, turned=turned), Car(1, 96.0, 8.0))
-    assert bool(found) is waits
-
-
-@pytest.mark.parametrize(("turned", "waits"), [(0.0, False), (0.2, True)])
-def test_who_points_at_such_a_road_is_taken_to_go_there(turned: float, waits: bool) -> None:
-    found = beside(1.9, Car(0, 100.0, 4.0, turned=turned), Car(1, 96.0, 5.0))
-    assert bool(found) is waits
-
-
-@pytest.mark.parametrize(("ahead_m", "waits"), [(1.0, True), (6.0, False)])
-def test_on_such_a_road_nobody_follows_a_vehicle_that_is_still_beside_it(ahead_m: float, waits: bool) -> None:
-    """Its body is free of the other one's by 10 cm, and comes nearer."""
-    found = beside(1.5, Car(0, 100.0, 2.5, left=-0.7, turned=0.15), Car(1, 100.0 + ahead_m, 5.0))
-    assert [caution.actor_id for caution in found if caution.wait.speed_mps == 0.0] == ([1] if waits else [])
 
 
 def shifting(aside_m: float) -> RoadNetwork:
@@ -391,27 +390,6 @@ def test_riders_are_passed_and_pass_with_a_space(sumo: SumoVehicles, kind: Actor
         sumo.speeds.clear()
         CautiousDrivers(roads).apply(traffic, vehicles)
         assert bool(sumo.speeds) is waits
-
-
-@pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])
-def test_a_body_of_sumo_far_ahead_is_sumos_own_business(apart_m: float, owner: Owner, waits: bool) -> None:
-    """Farther ahead than a second of way and 12 m. Of those from outside anybody within reach counts."""
-    cars = [Car(0, 50.0, 12.5), Car(0, 50.0 + apart_m, 0.0, owner)]
-    assert apart_m > 12.5 + 12.0
-    assert bool(cautious(cars)) is waits
-    near = [Car(0, 50.0, 12.5), Car(0, 50.0 + 24.0, 0.0, Owner.SUMO)]
-    assert cautious(near)
-
-
-@pytest.mark.parametrize("turn", TURNS)
-def test_an_outside_vehicle_is_taken_to_go_at_its_simulated_speed(turn: float) -> None:
-    """SUMO's own idea of it is the mirror's, a step late or none at all."""
-    roads = network(turn)
-    traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], roads)
-    late = replace(traffic, sumo_speed_mps=np.array([13.0, 0.0]), speed_mps=np.array([0.0, 12.0]))
-    for state in (traffic, late):
-        (caution,) = seen(state, roads)
-        assert (caution.actor_id, caution.other_id) == (1, 2)
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -476,13 +454,6 @@ def test_who_need_not_wait_any_more_gets_its_own_speed_back(sumo: SumoVehicles) 
     drivers.apply(None, {2: vehicles[2]})
     drivers.apply(free, vehicles)
     assert sumo.speeds == {}, "who has left is left alone"
-
-
-@pytest.mark.parametrize("turn", TURNS)
-def test_also_the_slow_look_24_m_around(turn: float) -> None:
-    """Both creep at walking pace, 16 m from each other; the one from outside is about to cross."""
-    (caution,) = cautious([Car(0, 86.0, 0.5), Car(1, 100.0, 0.5, Owner.ROS)], turn)
-    assert (caution.actor_id, caution.other_id) == (1, 2)
 
 
 @pytest.mark.parametrize("seed", range(6))

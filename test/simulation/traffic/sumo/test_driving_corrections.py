@@ -131,11 +131,6 @@ def test_before_a_bend_one_may_be_as_fast_as_one_brakes_comfortably(drive: Calla
     assert drive("a", "b").limit_mps("a_0", at_m) == pytest.approx(before_bend_mps(at_m), rel=0.01)
 
 
-def test_on_the_way_to_a_bend_the_limit_comes_down_by_steps_that_a_driver_brakes(drive: Callable[..., Drive]) -> None:
-    limits = np.array([drive("a", "b").limit_mps("a_0", at_m) for at_m in np.arange(60.0, 100.0, 0.13)])
-    assert np.diff(limits**2).min() > -2.0 * BRAKING_MPS2 * 0.13 * 1.05
-
-
 @pytest.mark.parametrize("at_m", [4.0, 10.0, 15.0])
 def test_in_a_bend_the_lateral_acceleration_is_the_limit(drive: Callable[..., Drive], at_m: float) -> None:
     assert drive("a", "b").limit_mps("ab_0", at_m) == pytest.approx(BEND_MPS, rel=0.02)
@@ -187,14 +182,13 @@ def test_a_route_counts_from_the_edge_that_the_vehicle_is_on(
     assert (drive("a", "b").limit_mps("a_0", 90.0, index=index) < OWN_MPS) == limited
 
 
-def test_a_bend_counts_from_90_m_behind_a_lanes_end_on(drive: Callable[..., Drive]) -> None:
+def test_a_bend_counts_from_90_m_behind_a_lanes_end_on_or_from_as_far_as_it_takes_to_stop(
+    drive: Callable[..., Drive],
+) -> None:
     far = drive("z", "a", "b")
     assert far.limit_mps("z_0", 99.0) == OWN_MPS
     assert far.limit_mps("za_0", 5.0) == OWN_MPS
     assert far.limit_mps("a_0", 1.0, index=1) == pytest.approx(before_bend_mps(1.0), rel=0.01)
-
-
-def test_where_the_limit_is_high_a_bend_counts_from_as_far_as_it_takes_to_stop() -> None:
     lane = bend_ahead().lanes[0]
     assert look_ahead_m(lane) == 90.0
     assert look_ahead_m(replace(lane, speed_limit_mps=30.0)) == pytest.approx(30.0**2 / (2.0 * BRAKING_MPS2))
@@ -343,12 +337,6 @@ def test_a_lane_change_in_a_bend_goes_on_where_the_motion_leads(moved, origin, t
         assert now[[X, Y]] == pytest.approx((point[0] + OFFSET[0], point[1] + OFFSET[1]))
 
 
-def test_a_lane_change_that_stands_right_is_left_alone(moved):
-    expected = 33.0 + 8.0 / SCALE["e0_0"] * STEP_S
-    after(result_at("e0_1", 30.0), result_at("e0_0", expected + 0.03))
-    assert moved == []
-
-
 @pytest.mark.parametrize(("origin", "target"), [("e0_1", "e0_1"), ("e0_1", "e1_0"), ("e0_1", "gone")])
 def test_only_changes_to_a_lane_of_the_same_edge_are_corrected(moved, origin, target):
     now = result_at(origin, 40.0) if target == "gone" else result_at(target, 40.0)
@@ -357,8 +345,9 @@ def test_only_changes_to_a_lane_of_the_same_edge_are_corrected(moved, origin, ta
     assert moved == []
 
 
-def test_vehicles_moved_from_outside_and_places_beyond_the_lane_are_left_alone(moved):
+def test_vehicles_moved_from_outside_or_right_in_place_and_places_beyond_the_lane_are_left_alone(moved):
     after(result_at("e0_1", 30.0), result_at("e0_0", 40.0), skip=("v",))
+    after(result_at("e0_1", 30.0), result_at("e0_0", 33.0 + 8.0 / SCALE["e0_0"] * STEP_S + 0.03))
     after(result_at("e0_1", SUMO_LENGTH - 0.1, speed=30.0), result_at("e0_0", 40.0))
     assert moved == []
 
@@ -382,7 +371,7 @@ def test_of_several_vehicles_the_one_that_changed_is_corrected_also_when_another
 
 
 COMPILED, NETWORK_SIDEWAYS = load_map(None)
-PLAN = plan_s2(NETWORK_SIDEWAYS, warm_up_s=20.0)[0]
+PLAN = plan_s2(NETWORK_SIDEWAYS, warm_up_s=10.0)[0]
 
 
 @pytest.fixture
@@ -411,7 +400,7 @@ def test_the_limit_follows_the_speed_and_mirrored_vehicles_are_held(sumo: SumoSi
 def test_nobody_slides_sideways_while_standing(sumo: SumoSimulation) -> None:
     before = sumo.step(0, None)
     stood = 0
-    for step in range(1, 500):
+    for step in range(1, 150):
         state = sumo.step(step, None)
         common = np.intersect1d(state.actor_id, before.actor_id)
         now, then = np.searchsorted(state.actor_id, common), np.searchsorted(before.actor_id, common)

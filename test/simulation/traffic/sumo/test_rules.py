@@ -79,15 +79,11 @@ def test_levels_have_the_rules_of_their_privileges(setting: Setting, level: Emer
         ({"signal": TIMING}, "gap out"),
         ({"jam": JamHead(names=("a",), moves=False, roll_s=0.0, roll_mps=0.0, stand_s=1.0)}, "jam"),
         ({"duty": True}, "rescue lane"),
+        ({"riders": (None,)}, "cyclists"),
     ],
 )
 def test_a_plan_has_the_rules_of_what_it_holds(setting: Setting, change: Mapping[str, Any], rule: str) -> None:
     assert rules_of(replace(setting, plan=replace(setting.plan, **change))) == EVERYWHERE | {rule}
-
-
-def test_cyclists_have_their_rule(setting: Setting) -> None:
-    riders = setting.plan.background[:1]
-    assert rules_of(replace(setting, plan=replace(setting.plan, riders=riders))) == EVERYWHERE | {"cyclists"}
 
 
 def test_rules_act_in_the_order_of_the_table_within_their_moment(setting: Setting) -> None:
@@ -226,7 +222,7 @@ def test_who_stands_in_a_jam_is_told_a_side_but_for_emvs_and_those_driven_from_o
 STOP_AND_GO = "jam.moves=1,jam.roll_s=12,jam.roll_mps=3,jam.stand_s=8"
 
 
-def jam_with_riders(filters: bool) -> tuple[EpisodeSetup, frozenset[str]]:
+def jam_with_riders() -> tuple[EpisodeSetup, frozenset[str]]:
     """S8 with a motorcycle in the place of each sixth of the vehicles that stand beside the rescue lane."""
     setup = set_up_episode(EpisodeRequest("S8", values=STOP_AND_GO, sensors="none"))
     beside = {vehicle.spot.lane for vehicle in setup.plan.groups}
@@ -234,7 +230,7 @@ def jam_with_riders(filters: bool) -> tuple[EpisodeSetup, frozenset[str]]:
     groups = list(setup.plan.groups)
     chosen = [row for row, vehicle in enumerate(groups) if vehicle.spot.lane in beside][3::12]
     for row in chosen:
-        groups[row] = ridden(groups[row], filters=filters)
+        groups[row] = ridden(groups[row], filters=True)
     names = frozenset(groups[row].name for row in chosen)
     return replace(setup, plan=replace(setup.plan, groups=tuple(groups))), names
 
@@ -243,9 +239,8 @@ def max_position(setup: EpisodeSetup, lane: int) -> int:
     return driving_lanes(setup.network, setup.network.lanes[lane].edge)[-1].position
 
 
-@pytest.mark.parametrize("filters", [False, True])
-def test_riders_leave_the_jam_behind_the_emv(filters: bool) -> None:
-    setup, names = jam_with_riders(filters)
+def test_riders_leave_the_jam_behind_the_emv() -> None:
+    setup, names = jam_with_riders()
     actors: dict[int, ActorDescription] = {}
     for step in closed_loop(setup, 900):
         traffic = step.traffic
@@ -263,7 +258,7 @@ def test_riders_leave_the_jam_behind_the_emv(filters: bool) -> None:
     dx, dy = traffic.x_m[rows] - traffic.x_m[emv], traffic.y_m[rows] - traffic.y_m[emv]
     behind_m, aside_m = -(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)
     follows = (behind_m > KEEPS_M) & (behind_m < 60.0) & (aside_m < 1.0) & (traffic.speed_mps[rows] > 7.0)
-    assert bool(follows.any()) is filters
+    assert follows.any()
 
 
 LEFT, RIGHT, MIDDLE = 1, -1, 0
@@ -285,15 +280,14 @@ def test_who_forms_the_lane_unasked_late_or_not_at_all() -> None:
 
 
 @pytest.mark.parametrize("side", [LEFT, RIGHT])
-def test_slow_drivers_keep_to_the_side_of_their_lane(side):
+def test_slow_drivers_keep_to_the_side_of_their_lane_until_traffic_flows(side):
+    """Who comes to a jam does so at any speed."""
+    lanes, comes = sides(side, side, side), np.array([False, False, True])
     speeds = np.array([0.0, FORMS_BELOW_MPS - 0.01, FORMS_BELOW_MPS + 0.01])
-    kept = kept_sides(sides(side, side, side), sides(0, 0, 0), speeds, NOBODY)
-    assert kept.tolist() == [side, side, MIDDLE]
-
-
-def test_who_keeps_to_the_side_goes_back_when_traffic_flows():
+    assert kept_sides(lanes, sides(0, 0, 0), speeds, NOBODY).tolist() == [side, side, MIDDLE]
+    assert kept_sides(lanes, sides(0, 0, 0), np.full(3, 30.0), comes).tolist() == [MIDDLE, MIDDLE, side]
     speeds = np.array([FORMS_BELOW_MPS + 0.01, ENDS_ABOVE_MPS - 0.01, ENDS_ABOVE_MPS + 0.01])
-    assert kept_sides(sides(1, 1, 1), sides(1, 1, 1), speeds, NOBODY).tolist() == [LEFT, LEFT, MIDDLE]
+    assert kept_sides(lanes, lanes, speeds, NOBODY).tolist() == [side, side, MIDDLE]
 
 
 def test_who_changes_lanes_changes_sides_and_towns_have_none():
@@ -301,11 +295,6 @@ def test_who_changes_lanes_changes_sides_and_towns_have_none():
         LEFT,
         MIDDLE,
     ]
-
-
-def test_who_comes_to_a_jam_keeps_to_the_side_at_any_speed():
-    comes = np.array([True, False])
-    assert kept_sides(sides(LEFT, LEFT), sides(0, 0), np.array([30.0, 30.0]), comes).tolist() == [LEFT, MIDDLE]
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 120.0, 315.0])
@@ -370,14 +359,9 @@ def meeting(network: RoadNetwork, ahead_m: float, **columns: Any) -> frozenset[i
     return OncomingDrivers(network, 40.0).meeting(scene(network, ahead_m, **columns), [EMV])
 
 
-def test_a_driver_meets_an_emv_that_comes_on_the_other_side(network: RoadNetwork) -> None:
-    assert meeting(network, 39.0) == {CIVILIAN}
-    assert meeting(network, 1.0) == {CIVILIAN}
-
-
-@pytest.mark.parametrize("ahead_m", [41.0, -1.0])
-def test_a_driver_far_away_or_passed_meets_nobody(network: RoadNetwork, ahead_m: float) -> None:
-    assert meeting(network, ahead_m) == frozenset()
+@pytest.mark.parametrize(("ahead_m", "meets"), [(39.0, True), (1.0, True), (41.0, False), (-1.0, False)])
+def test_a_driver_meets_an_emv_that_comes_on_the_other_side(network: RoadNetwork, ahead_m: float, meets: bool) -> None:
+    assert meeting(network, ahead_m) == ({CIVILIAN} if meets else frozenset())
 
 
 def test_only_drivers_of_sumo_on_the_other_side_count(network: RoadNetwork) -> None:

@@ -37,20 +37,15 @@ PEOPLE = 40
 CITY = load_map(Path("city"))[1]
 
 
+def steps_with(people: int, steps: int) -> Any:
+    values = f"demand.people.pedestrians={people}"
+    return list(closed_loop(set_up_episode(EpisodeRequest("S2", map="city", sensors="none", values=values)), steps))
+
+
 @pytest.fixture(scope="module")
 def loops() -> Any:
-    """The same steps without and with people."""
-    return {
-        count: list(
-            closed_loop(
-                set_up_episode(
-                    EpisodeRequest("S2", map="city", sensors="none", values=f"demand.people.pedestrians={count}")
-                ),
-                300,
-            )
-        )
-        for count in (0, PEOPLE)
-    }
+    """The first step without people, and some with them."""
+    return {0: steps_with(0, 1), PEOPLE: steps_with(PEOPLE, 200)}
 
 
 def walkers_of(steps: Any) -> dict[int, Any]:
@@ -70,10 +65,13 @@ def test_there_are_as_many_as_asked_for_and_sumo_owns_them(loops: Any) -> None:
         assert (np.diff(step.traffic.actor_id.astype(np.int64)) > 0).all()
 
 
-def test_they_have_the_ids_after_everybody_who_was_there_before(loops: Any) -> None:
+def test_they_have_the_ids_after_everybody_who_was_there_before_and_others_drive_as_without_them(loops: Any) -> None:
     first = [loops[count][0].traffic.spawned for count in (0, PEOPLE)]
     assert first[1][: len(first[0])] == first[0]
     assert {actor.actor_class for actor in first[1][len(first[0]) :]} == {ActorClass.PEDESTRIAN}
+    alone, together = (loops[count][0].states for count in (0, PEOPLE))
+    shared = np.isin(together.actor_id, alone.actor_id)
+    np.testing.assert_array_equal(together.x_m[shared], alone.x_m)
 
 
 def test_people_walk_and_follow_sumo(loops: Any) -> None:
@@ -87,7 +85,7 @@ def test_people_walk_and_follow_sumo(loops: Any) -> None:
             assert moved.max() <= 3.0 * STEP_S
             way.update(dict(zip(states.actor_id.tolist(), moved.tolist(), strict=True)))
         before = states
-    assert np.median(list(way.values())) > 8.0  # 15 s at 1.3 m/s, some wait at signals
+    assert np.median(list(way.values())) > 5.0  # 10 s at 1.3 m/s, some wait at signals
 
 
 def test_people_keep_off_the_road_but_for_crossings(loops: Any) -> None:
@@ -101,32 +99,23 @@ def test_people_keep_off_the_road_but_for_crossings(loops: Any) -> None:
         assert not shapely.contains_xy(road, states.x_m, states.y_m).any()
 
 
-def test_others_drive_as_they_would_without_people_until_they_meet_them(loops: Any) -> None:
-    alone, together = (loops[count][0].states for count in (0, PEOPLE))
-    shared = np.isin(together.actor_id, alone.actor_id)
-    np.testing.assert_array_equal(together.x_m[shared], alone.x_m)
-
-
 @pytest.mark.parametrize(
-    ("place", "blocked"),
-    [((1.4, 0.0), True), ((3.5, 0.0), False), ((1.4, 1.5), False), ((-3.0, 0.0), False)],
+    ("place", "speed_mps", "blocked"),
+    [
+        *[((1.4, 0.0), 0.0, True), ((3.5, 0.0), 0.0, False), ((1.4, 1.5), 0.0, False), ((-3.0, 0.0), 0.0, False)],
+        *[((2.3, 0.0), 1.8, True), ((2.3, 0.0), 0.0, False)],
+    ],
 )
-def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], blocked: bool) -> None:
-    """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east."""
+def test_nobody_steps_into_a_vehicle_ahead(place: tuple[float, float], speed_mps: float, blocked: bool) -> None:
+    """A vehicle of 4 m by 1.8 m across the way, its middle at a place before somebody who looks east.
+
+    1.8 m/s take 0.65 m: a side that is 1.4 m ahead stops them.
+    """
     poses = np.array([0.0, place[0]]), np.array([0.0, 2.0 * place[1]]), np.array([0.0, np.pi / 2.0])
     sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
-    found, comes = steps_into(np.array([0, -1]), (poses, sizes), np.zeros(2))
+    found, comes = steps_into(np.array([0, -1]), (poses, sizes), np.array([speed_mps, 0.0]))
     assert found.tolist() == [blocked, False]
     assert not comes.any()
-
-
-def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
-    """1.8 m/s take 0.65 m: a vehicle whose side is 1.4 m ahead stops them, those who stand it does not."""
-    poses = np.array([0.0, 2.3]), np.array([0.0, 0.0]), np.array([0.0, np.pi / 2.0])
-    sizes = np.array([0.0, 4.0]), np.array([0.0, 1.8])
-    for speed_mps, stops in ((1.8, True), (0.0, False)):
-        found, _ = steps_into(np.array([0]), (poses, sizes), np.array([speed_mps, 0.0]))
-        assert found.tolist() == [stops]
 
 
 @pytest.mark.parametrize(
@@ -148,20 +137,9 @@ def test_fast_walkers_look_as_far_as_they_need_to_stop() -> None:
         (3.0, 1.0, 0.2, 0.5 * np.pi, 0.0, False),
     ],
     ids=[
-        "comes nearer",
-        "goes away",
-        "far enough",
-        "in the way",
-        "it can stop",
-        "it leaves",
-        "behind it",
-        "walking pace",
-        "stands and does not set off",
-        "stands far enough",
-        "stands, and its driver has to see it",
-        "stands, and its driver has the time",
-        "stands until it has rolled past",
-        "stands, and so does the vehicle",
+        *("comes nearer", "goes away", "far enough", "in the way", "it can stop", "it leaves", "behind it"),
+        *("walking pace", "stands and does not set off", "stands far enough", "stands, and its driver has to see it"),
+        *("stands, and its driver has the time", "stands until it has rolled past", "stands, and so does the vehicle"),
     ],
 )
 def test_people_keep_away_from_a_vehicle_that_cannot_stop(
@@ -256,7 +234,7 @@ def test_people_of_the_last_state_are_known_with_their_crossings(monkeypatch: py
     with SumoSimulation(setup.compiled_map, setup.network, setup.plan, setup.level, seed=0) as simulation:
         simulation.step(0, None)
         (walkers,) = made
-        for step in range(1, 400):
+        for step in range(1, 150):
             state, people = simulation.step(step, ActorStates.empty(step - 1)), walkers.people
             rows = np.searchsorted(state.actor_id, people[6])
             np.testing.assert_array_equal(people[:2], (state.x_m[rows], state.y_m[rows]))
@@ -354,9 +332,11 @@ def test_people_wait_or_hurry_where_a_siren_comes(
     walkers, states = at_a_crossing(sumo, distance_m, notice_m, speed_mps, behind=behind)
     walkers.heed(states, {}, np.array([1], np.uint32))
     assert sumo.told_mps == pytest.approx(paces)
+    assert walkers.waiting == (("kerb",) if paces else ()), "for whom SUMO's drivers do not wait, else both would"
     sumo.told_mps.clear()
     walkers.heed(states, {}, np.empty(0, np.uint32))  # the siren is off
     assert sumo.told_mps == dict.fromkeys(paces, 1.3)
+    assert walkers.waiting == ()
 
 
 @pytest.mark.parametrize(("behind_m", "paces"), [(0.25, {}), (0.35, {"kerb": 0.3 * 1.3, "crosses": 0.3 * 1.3})])
@@ -366,16 +346,6 @@ def test_sumo_waits_for_those_whom_it_has_left_behind(
     walkers, states = at_a_crossing(sumo, 90.0, 0.0, 2.0, behind=False)
     walkers.heed(replace(states, residual_m=np.full(3, behind_m)), {}, np.empty(0, np.uint32))
     assert sumo.told_mps == pytest.approx(paces)
-
-
-def test_those_who_wait_for_an_emv_are_named(sumo: SumoPeople) -> None:
-    """SUMO's drivers do not wait for them: else both would wait, with the EMV behind them."""
-    walkers, states = at_a_crossing(sumo, 30.0, 40.0, 10.0)
-    siren = np.array([1], np.uint32)
-    walkers.heed(states, {}, siren)
-    assert walkers.waiting == ("kerb",)
-    walkers.heed(states, {}, siren[:0])  # the siren is off
-    assert walkers.waiting == ()
 
 
 def test_who_stands_again_is_kept_at_the_new_place(sumo: SumoPeople) -> None:

@@ -140,6 +140,9 @@ def test_connections_chain_all_internal_lanes_and_leave_pedestrians_out(network)
 def test_stop_signs_bind_by_link_state(state, stops):
     network = parse_road_network(NET.replace('dir="l" state="w"', f'dir="l" state="{state}"').encode())
     assert network.connections[0].must_stop is stops
+    signal = NET.replace('dir="l" state="w"', f'tl="j" linkIndex="3" dir="l" state="{state}"')
+    connection = parse_road_network(signal.encode()).connections[0]
+    assert (connection.signal_id, connection.signal_link, connection.must_stop) == ("j", 3, False)
 
 
 @pytest.mark.parametrize(
@@ -160,12 +163,6 @@ def test_a_signal_alternates_where_its_programme_has_red_and_green_and_its_longe
     )
     first = next(way for way in parse_road_network(signal.encode()).connections if way.signal_id == "T")
     assert (first.alternates, first.yellow_s) == (alternates, yellow_s)
-
-
-def test_a_signal_is_no_stop_sign():
-    signal = NET.replace('dir="l" state="w"', 'tl="j" linkIndex="3" dir="l" state="w"')
-    connection = parse_road_network(signal.encode()).connections[0]
-    assert (connection.signal_id, connection.signal_link, connection.must_stop) == ("j", 3, False)
 
 
 @pytest.mark.parametrize(

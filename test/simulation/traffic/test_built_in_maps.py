@@ -34,26 +34,6 @@ def test_what_the_town_has(town):
     assert "t" not in {connection.direction for connection in town.connections}
 
 
-def test_every_block_can_be_reached_from_every_entry(town):
-    graph = EdgeGraph.of(town)
-
-    def reached_from(start):
-        reached, front = set(), [start]
-        while front:
-            new = [way for way in graph.successors[front.pop()] if way not in reached]
-            reached.update(new)
-            front += new
-        return reached
-
-    roads = [edge.index for edge in town.edges if driving_lanes(town, edge.index)]
-    blocks = {edge for edge in roads if edge in reached_from(edge)}
-    entries = [edge for edge in graph.endless_edges if edge in roads and not graph.predecessors[edge]]
-    assert len(entries) == 9
-    assert len(blocks) == 22
-    for entry in entries:
-        assert blocks <= reached_from(entry)
-
-
 def test_signal_programs_never_give_green_to_two_crossing_straight_movements(compiled, town):
     programs = {
         logic.get("id"): [(float(phase.get("duration")), phase.get("state")) for phase in logic.iterfind("phase")]

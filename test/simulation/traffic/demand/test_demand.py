@@ -70,28 +70,13 @@ def everyone(traffic: TrafficPlan) -> tuple[PlannedVehicle, ...]:
     return (*traffic.emvs, *traffic.groups, *traffic.background, *traffic.reserve)
 
 
-def test_same_seed_same_plan_other_seed_other_plan(network: RoadNetwork) -> None:
+def test_same_seed_same_plan_at_every_level_other_seed_other_plan(network: RoadNetwork) -> None:
     assert plan(network, 3) == plan(network, 3)
     assert plan(network, 3).background != plan(network, 4).background
-
-
-def test_level_changes_nothing(network: RoadNetwork) -> None:
-    template, site = s2(network)
-    plans = [
-        plan_traffic(network, site, replace(template, level=level), 1, load_drivers(), DIMENSIONS)
-        for level in EmergencyLevel
-    ]
-    assert all(other == plans[0] for other in plans)
-
-
-def test_volume_and_platoon_are_the_templates(network: RoadNetwork) -> None:
-    traffic, template = plan_s2(network)
-    volume = [vehicle for vehicle in (*traffic.groups, *traffic.background) if "district" not in vehicle.name]
-    assert len(volume) == template.demand.background_vehicles
-    assert len(traffic.groups) + len(traffic.background) == traffic.civilians
-    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
-    assert len(platoon) == template.demand.groups[0].vehicles
-    assert len({vehicle.name for vehicle in everyone(traffic)}) == len(everyone(traffic))
+    traffic, template = plan_s2(network, 3)
+    other = replace(template, level=EmergencyLevel.L0)
+    assert other.level is not template.level
+    assert plan_traffic(network, s2(network)[1], other, 3, load_drivers(), DIMENSIONS) == traffic
 
 
 def test_routes_follow_the_roads_and_begin_at_the_spot(network: RoadNetwork) -> None:
@@ -159,6 +144,8 @@ def test_every_template_has_its_volume_and_distinct_places(map_name: str, name: 
     traffic, template, _ = plan_of(name, named_map(map_name)[1])
     near = [vehicle for vehicle in traffic.background if vehicle.name.startswith("background")]
     assert len(traffic.groups) + len(near) == template.demand.background_vehicles
+    assert len(traffic.groups) + len(traffic.background) == traffic.civilians
+    assert len({vehicle.name for vehicle in everyone(traffic)}) == len(everyone(traffic))
     assert all(gap_m > 0.4 for gap_m in gaps_m((*traffic.emvs, *traffic.groups)))
 
 
@@ -283,15 +270,6 @@ def test_the_first_vehicle_of_the_platoon_is_chosen(town: Any) -> None:
     network, plan = town
     assert choose_av(network, plan) == "platoon0"
     assert choose_av(network, replace(plan, groups=plan.groups[::-1])) == "platoon0"
-
-
-def test_without_a_platoon_it_is_the_nearest_ahead_on_the_way(town: Any) -> None:
-    network, plan = town
-    others = tuple(vehicle for vehicle in plan.groups if not vehicle.name.startswith("platoon"))
-    chosen = next(vehicle for vehicle in others if vehicle.name == choose_av(network, replace(plan, groups=others)))
-    emv = plan.emvs[0]
-    fronts_m = [vehicle.spot.front_m for vehicle in others if vehicle.route[0] == emv.route[0]]
-    assert chosen.spot.front_m == min(front_m for front_m in fronts_m if front_m > emv.spot.front_m)
 
 
 def test_a_template_without_vehicles_around_its_emv_is_refused(town: Any) -> None:

@@ -229,12 +229,6 @@ def test_who_is_moved_from_outside_has_no_limit(drive: Callable[..., Drive]) -> 
     assert moved.limit_mps("unknown_0", 5.0) == OWN_MPS
 
 
-@pytest.mark.parametrize("scale", [0.5, 1.5])
-def test_sumos_lengths_stretch_places_and_speeds_alike(drive: Callable[..., Drive], scale: float) -> None:
-    limit = drive("a", "b", scale=scale).limit_mps("a_0", 40.0 * scale)
-    assert limit == pytest.approx(scale * before_bend_mps(40.0), rel=0.01)
-
-
 def test_sumo_is_told_of_changes_that_matter(drive: Callable[..., Drive]) -> None:
     """On lanes that are half as long for SUMO a metre of the centre line changes the limit by 0.04 m/s."""
     slow = drive("a", "b", scale=0.5)

@@ -304,17 +304,13 @@ def test_a_vehicle_that_left_takes_its_binding_with_it(sumo: FakeVehicles) -> No
     sumo.settings.update(settings_in_mirror(SpeedFactor=1.1))
     drive(Owner.SUMO, Mode.NOMINAL)
     assert sumo.settings == settings_in_mirror(SpeedFactor=1.1)
-
-
-def test_a_vehicle_that_left_while_ros_drove_it_is_not_handed_back(sumo: FakeVehicles) -> None:
-    drive = Driver()
     drive(Owner.ROS, Mode.YIELD_PULL_OVER)
     drive.mirror.forget(NAME)
+    assert NAME not in drive.mirror.places
     sumo.settings.update(Speed=3.0)
     drive(Owner.SUMO, Mode.NOMINAL)
-    assert sumo.settings == settings_in_mirror(Speed=3.0)
+    assert sumo.settings == settings_in_mirror(SpeedFactor=1.1, Speed=3.0), "it is not handed back"
     assert sumo.previous_speed_mps == 10.0, "of the step in which ROS drove"
-    assert NAME not in drive.mirror.places
 
 
 def placed(sumo: FakeVehicles, **state: float) -> tuple[float, float, float]:

@@ -225,18 +225,13 @@ STOP_AND_GO = "jam.moves=1,jam.roll_s=12,jam.roll_mps=3,jam.stand_s=8"
 def jam_with_riders() -> tuple[EpisodeSetup, frozenset[str]]:
     """S8 with a motorcycle in the place of each sixth of the vehicles that stand beside the rescue lane."""
     setup = set_up_episode(EpisodeRequest("S8", values=STOP_AND_GO, sensors="none"))
-    beside = {vehicle.spot.lane for vehicle in setup.plan.groups}
-    beside -= {lane for lane in beside if setup.network.lanes[lane].position < max_position(setup, lane) - 1}
-    groups = list(setup.plan.groups)
-    chosen = [row for row, vehicle in enumerate(groups) if vehicle.spot.lane in beside][3::12]
+    groups, lanes = list(setup.plan.groups), [setup.network.lanes[vehicle.spot.lane] for vehicle in setup.plan.groups]
+    leftmost = [driving_lanes(setup.network, lane.edge)[-1].position for lane in lanes]
+    chosen = [row for row, lane in enumerate(lanes) if lane.position >= leftmost[row] - 1][3::12]
     for row in chosen:
         groups[row] = ridden(groups[row], filters=True)
     names = frozenset(groups[row].name for row in chosen)
     return replace(setup, plan=replace(setup.plan, groups=tuple(groups))), names
-
-
-def max_position(setup: EpisodeSetup, lane: int) -> int:
-    return driving_lanes(setup.network, setup.network.lanes[lane].edge)[-1].position
 
 
 def test_riders_leave_the_jam_behind_the_emv() -> None:

@@ -190,21 +190,6 @@ def test_followers_keep_the_headway_where_the_approach_has_to_be_prolonged(town:
     assert np.linalg.norm(points[0] - points[1]) < headway_m + 60.0
 
 
-def test_an_emv_that_starts_behind_the_sites_edge_arrives_once_although_its_way_comes_back(town: RoadNetwork) -> None:
-    network, template = town, load_template("S2")
-    site = next(
-        one
-        for one in find_sites(network, template.site_kind)
-        if len(one.stretch) > 2 and one.stretch[0] == one.site_edge
-    )
-    length_m = network.lanes[network.edges[site.site_edge].lanes[0]].length_m
-    start = emv_start(network, site, length_m + 10.0)
-    assert start.route[0] == site.stretch[1]
-    back = replace(start, route=(*start.route, site.site_edge))
-    once, again = (arrival_s(network, site, one, site.stretch[-1], template.emv) for one in (start, back))
-    assert again == once > 0.0
-
-
 NETWORK = streets()
 
 
@@ -238,6 +223,14 @@ def test_starts_beyond_the_sites_edge_are_on_the_way_on() -> None:
         emv_start(NETWORK, signal_site(), 330.0)
     with pytest.raises(MapError, match="more of road"):
         emv_start(NETWORK, signal_site(), -211.0)
+
+
+def test_an_emv_that_starts_behind_the_sites_edge_arrives_once_although_its_way_comes_back() -> None:
+    """70 m are left of the second edge, and the third one has 200 m."""
+    road = {"site_edge": A, "site_position": 0, "stretch": (A, B, C), "approach_lane": A_LEFT, "junction": None}
+    site, start = replace(signal_site(), **road), EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,))
+    for one in (start, replace(start, route=(B, C, A))):
+        assert arrival_s(NETWORK, site, one, C, emv_demand(0.0)) == pytest.approx(7.0 + 20.0)
 
 
 def edges_of(traffic: TrafficPlan, network: RoadNetwork = NETWORK) -> set[str]:

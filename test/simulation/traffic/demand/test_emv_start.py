@@ -51,6 +51,7 @@ from siren_ros.simulation.traffic.demand import plan as plan_module
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import (
     EMV_ACCEL_MPS2,
+    EmvStart,
     approach_to,
     arrival_s,
     behind_queue_mps,

@@ -69,9 +69,6 @@ def test_kinds_follow_permissions_and_types(network):
         "in_0": LaneKind.SIDEWALK, "in_1": LaneKind.KERB, "in_2": LaneKind.SHOULDER, "in_3": LaneKind.DRIVING,
         "in_4": LaneKind.DRIVING, "out_0": LaneKind.SIDEWALK, "out_1": LaneKind.DRIVING,
     }  # fmt: skip
-
-
-def test_only_the_shoulder_and_bus_lane_are_closed_to_civilians_alone(network):
     lanes = network.lane_by_id
     assert [lanes[f"in_{k}"].emergency_allowed for k in range(5)] == [False, False, True, True, True]
     assert [lanes[f"in_{k}"].civilian_allowed for k in range(5)] == [False, False, False, False, True]

@@ -63,7 +63,7 @@ def motorway() -> RoadNetwork:
     return network_of_map(Path("motorway"))
 
 
-def test_lanes_and_limits(motorway):
+def test_lanes_and_limits_of_the_motorway_and_that_nobody_waits_there(motorway):
     for lane in motorway.lanes:
         edge = motorway.edges[lane.edge]
         if lane.kind is LaneKind.SHOULDER:
@@ -73,9 +73,6 @@ def test_lanes_and_limits(motorway):
             assert round(lane.speed_limit_mps * 3.6) == (80 if "ramp" in edge.edge_id else 130)
     counts = {len(driving_lanes(motorway, edge.index)) for edge in motorway.edges if not edge.internal}
     assert counts == {1, 2, 3, 4}
-
-
-def test_nobody_waits_for_anybody(motorway):
     assert {junction.kind for junction in motorway.junctions.values()} == {JunctionKind.PRIORITY, JunctionKind.DEAD_END}
     assert {connection.direction for connection in motorway.connections} == {"s"}
     assert not any(connection.must_stop or connection.signal_id for connection in motorway.connections)

@@ -56,6 +56,12 @@ def sumo(town: Town) -> Iterator[SumoSimulation]:
         yield simulation
 
 
+def pose(actor_id: int, place: Any, yaw: float, speed_mps: float) -> dict[str, float]:
+    x, y = map(float, place)
+    motion = {"vx_mps": speed_mps * np.cos(yaw), "vy_mps": speed_mps * np.sin(yaw)}
+    return {"actor_id": actor_id, "x_m": x, "y_m": y, "yaw_rad": yaw, **motion}
+
+
 class Follower:
     """Drives an actor along a curve at a speed, sideways by an offset: the simulated world in its simplest form."""
 
@@ -68,18 +74,8 @@ class Follower:
         self.left_m = float(path.project([state.sumo_x_m[row], state.sumo_y_m[row]])[1])
 
     def row(self, owner: Owner = Owner.ROS, mode: Mode = Mode.ROUTE_FOLLOW) -> dict[str, float]:
-        x, y = self.path.offset_points(self.arc_m, self.left_m)
-        yaw = float(self.path.heading_rad(self.arc_m))
-        return {
-            "actor_id": self.actor_id,
-            "x_m": float(x),
-            "y_m": float(y),
-            "yaw_rad": yaw,
-            "vx_mps": self.speed_mps * np.cos(yaw),
-            "vy_mps": self.speed_mps * np.sin(yaw),
-            "owner": int(owner),
-            "mode": int(mode),
-        }
+        place, yaw = self.path.offset_points(self.arc_m, self.left_m), float(self.path.heading_rad(self.arc_m))
+        return {**pose(self.actor_id, place, yaw, self.speed_mps), "owner": int(owner), "mode": int(mode)}
 
     def advance(self, accel_mps2: float = 0.0, left_mps: float = 0.0, top_mps: float = 12.0) -> None:
         self.arc_m += self.speed_mps * STEP_S
@@ -124,18 +120,8 @@ def following(state: TrafficState, lagging: int = 0, by_m: float = 0.0) -> Actor
     for row, actor in enumerate(state.actor_id.tolist()):
         yaw, speed = float(state.sumo_yaw_rad[row]), float(state.sumo_speed_mps[row])
         behind = by_m if actor == lagging else 0.0
-        rows.append(
-            {
-                "actor_id": actor,
-                "x_m": float(state.sumo_x_m[row]) - behind * np.cos(yaw),
-                "y_m": float(state.sumo_y_m[row]) - behind * np.sin(yaw),
-                "yaw_rad": yaw,
-                "vx_mps": speed * np.cos(yaw),
-                "vy_mps": speed * np.sin(yaw),
-                "residual_m": behind,
-                "owner": int(Owner.SUMO),
-            }
-        )
+        place = state.sumo_x_m[row] - behind * np.cos(yaw), state.sumo_y_m[row] - behind * np.sin(yaw)
+        rows.append({**pose(actor, place, yaw, speed), "residual_m": behind, "owner": int(Owner.SUMO)})
     return states_of(state.step, rows)
 
 

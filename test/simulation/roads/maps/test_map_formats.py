@@ -247,26 +247,15 @@ def signs(tmp_path_factory):
     return compiled(tmp_path_factory.mktemp("maps"), SIGNS.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(
-    ("junction", "kind", "edges"),
-    [
-        ("10", JunctionKind.PRIORITY_STOP, {"101#0", "-101#1"}),
-        ("13", JunctionKind.ALL_WAY_STOP, {"101#1", "103#0", "-103#1"}),
-    ],
-)
-def test_stop_signs_bind_their_approaches_and_at_the_junction_itself_all(signs, junction, kind, edges):
-    assert signs[1].junctions[junction].kind is kind
-    assert stopping(signs[1], junction) == edges
-
-
-def test_a_give_way_sign_lowers_the_priority_of_its_approach(signs):
-    priority = {edge.get("id"): edge.get("priority") for edge in fromstring(signs[0]).iterfind("edge")}
-    assert int(priority["102"] or 0) < int(priority["-102"] or 0), "the sign stands for traffic towards the main road"
-    assert int(priority["102"] or 0) < min(int(priority[edge] or 0) for edge in ("100#0", "-100#1"))
-
-
-def test_limits_and_one_way_streets_are_those_of_the_map(signs):
-    network = signs[1]
+def test_signs_limits_and_one_way_streets_are_those_of_the_map(signs):
+    """Stop signs bind their approaches, and at the junction itself all; a give-way sign binds who comes to it."""
+    net_of_signs, network = signs
+    kinds = JunctionKind.PRIORITY_STOP, JunctionKind.ALL_WAY_STOP
+    assert [network.junctions[name].kind for name in ("10", "13")] == [*kinds]
+    assert stopping(network, "10") == {"101#0", "-101#1"}
+    assert stopping(network, "13") == {"101#1", "103#0", "-103#1"}
+    priority = {edge.get("id"): int(edge.get("priority") or 0) for edge in fromstring(net_of_signs).iterfind("edge")}
+    assert priority["102"] < min(priority[edge] for edge in ("-102", "100#0", "-100#1"))
     limits = {network.edges[lane.edge].edge_id: lane.speed_limit_mps for lane in network.lanes if lane.civilian_allowed}
     assert limits["100#1"] == pytest.approx(50.0 / 3.6, abs=0.01)
     assert limits["101#0"] == pytest.approx(30.0 / 3.6, abs=0.01)

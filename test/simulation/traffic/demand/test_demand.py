@@ -173,21 +173,7 @@ def test_a_signal_that_is_never_red_for_the_emv_is_left_alone(network: RoadNetwo
     assert plan_s2(replace(network, connections=steady))[0].signal is None
 
 
-def test_the_signal_at_the_end_of_the_road_of_s2_turns_red_behind_the_emv(network: RoadNetwork) -> None:
-    traffic, template = plan_s2(network)
-    site, (emv,) = require_site(network, template.site_kind), traffic.emvs
-    edges = [network.edge_by_id[edge].index for edge in emv.route]
-    at = edges.index(site.stretch[-1])
-    movement = civilian_movements(network, *edges[at : at + 2])[-1]
-    assert traffic.signal is not None
-    assert template.signal is not None
-    assert (traffic.signal.signal_id, traffic.signal.link) == (movement.signal_id, movement.signal_link)
-    arrival_s = (site.length_m - emv.spot.front_m) / template.emv.speed_mps
-    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s, abs=3.0)
-    assert traffic.signal.red_from_s > arrival_s + 10.0
-
-
-def test_the_signals_behind_that_road_turn_red_behind_the_emv_too(network: RoadNetwork) -> None:
+def test_the_signals_at_the_end_of_the_road_of_s2_and_behind_it_turn_red_behind_the_emv(network: RoadNetwork) -> None:
     traffic, template = plan_s2(network)
     (emv,), signal, demand = traffic.emvs, traffic.signal, template.signal
     assert signal is not None
@@ -199,6 +185,11 @@ def test_the_signals_behind_that_road_turn_red_behind_the_emv_too(network: RoadN
         {(way.signal_id, way.signal_link) for way in civilian_movements(network, *pair)} for pair in pairwise(edges)
     ]
     assert traffic.signals_behind
+    at_end = edges.index(s2(network)[1].stretch[-1])
+    movement = civilian_movements(network, *edges[at_end : at_end + 2])[-1]
+    assert (signal.signal_id, signal.link) == (movement.signal_id, movement.signal_link)
+    assert signal.red_from_s == pytest.approx(arrivals_s[at_end] - demand.red_before_arrival_s, abs=3.0)
+    assert signal.red_from_s > arrivals_s[at_end] + 10.0
     for timing in traffic.signals_behind:
         place = next(n for n, link in enumerate(links) if (timing.signal_id, timing.link) in link)
         assert timing.red_from_s == pytest.approx(arrivals_s[place] - demand.red_before_arrival_s, abs=3.0)
@@ -384,19 +375,6 @@ def test_with_riders_as_many_lead_the_emv_as_take_turns_in_the_episode() -> None
     assert leaders == [5, 3, 2]
 
 
-def test_no_cyclist_starts_on_the_road_to_the_site(network: RoadNetwork) -> None:
-    _, site = s2(network)
-    edges = {
-        kind: {
-            network.lanes[rider.spot.lane].edge for rider in with_riders(network).riders if rider.actor_class is kind
-        }
-        for kind in (ActorClass.BICYCLE, ActorClass.MOTORCYCLE)
-    }
-    cycled = {lane.edge for lane in network.lanes if lane.kind is LaneKind.CYCLE}
-    assert not edges[ActorClass.BICYCLE] & set(site.stretch) - cycled
-    assert edges[ActorClass.BICYCLE]
-
-
 def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwork) -> None:
     traffic = with_riders(network)
     assert traffic.riders_kept == {ActorClass.BICYCLE: 8, ActorClass.MOTORCYCLE: 3}
@@ -408,6 +386,10 @@ def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwo
         assert not any(area.from_m <= rider.spot.front_m for area in stage), "nor ahead of its vehicles"
         driving = load_drivers().classes[rider.actor_class]
         assert replace(rider.driver.driving, min_gap_m=driving.min_gap_m) == driving
+    cycled = {lane.edge for lane in network.lanes if lane.kind is LaneKind.CYCLE}
+    cyclists = (rider for rider in traffic.riders if rider.actor_class is ActorClass.BICYCLE)
+    starts = {network.lanes[rider.spot.lane].edge for rider in cyclists}
+    assert not starts & {*s2(network)[1].stretch} - cycled, "none on the road to the site"
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -28,12 +28,14 @@ from made_streets import (
 )
 from traffic_helpers import DIMENSIONS, load_map
 
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, comes_from_the_side
 from siren_ros.simulation.roads.site_finder import find_sites, require_site
 from siren_ros.simulation.roads.sites import Site, SiteKind
+from siren_ros.simulation.scenario.driver_parameters import EmvDriver
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.scenario import (
@@ -264,6 +266,19 @@ def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> Non
     assert start_m_of(NETWORK, road_site(), emv_demand(-150.0)) == pytest.approx(-50.0)
     # The approach of 210 m is used from its beginning, of which the EMV's body takes 8 m.
     assert [start_m_of(NETWORK, road_site(), emv_demand(m)) for m in (-500.0, -2000.0)] == pytest.approx([-202.0] * 2)
+
+
+def test_in_a_bend_the_lateral_acceleration_is_the_limit() -> None:
+    """A quarter circle of 40 m."""
+    angle = np.linspace(0.0, 0.5 * np.pi, 200)
+    lanes = list(NETWORK.lanes)
+    bend = Polyline.through(40.0 * np.stack((np.sin(angle), 1.0 - np.cos(angle)), axis=-1))
+    lanes[A_LEFT] = replace(lanes[A_LEFT], centre=bend)
+    network, start = replace(NETWORK, lanes=tuple(lanes)), EmvStart(A_LEFT, 10.0, (A,), (A_LEFT,))
+    mps = (40.0 * EmvDriver().driving.lateral_accel_mps2) ** 0.5
+    fast = emv_demand(0.0, 30.0)
+    assert depart_speed_mps(network, start, fast) == pytest.approx(mps, rel=0.02)
+    assert unhindered_arrival_s(network, start, fast) == pytest.approx((20.0 * np.pi - 10.0) / mps, rel=0.04)
 
 
 def test_departing_and_arriving_on_a_straight_way() -> None:

@@ -90,6 +90,10 @@ def test_a_queue_grows_backwards_from_the_stop_line() -> None:
     (next_to,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE))
     assert [lane for lane in next_to.chain.lanes if lane < 9] == [A_RIGHT, B_RIGHT, C_RIGHT]
     assert (next_to.anchor_m, next_to.least_m) == (pytest.approx(STOP_LINE_M), 0.0)
+    # It begins on the edge of the EMV's start.
+    (late,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE), EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,)))
+    assert [lane for lane in late.chain.lanes if lane < 9] == [B_LEFT, C_LEFT]
+    assert (late.edges, late.anchor_m, late.least_m) == ((B, C), pytest.approx(100.0), pytest.approx(30.0))
 
 
 def shoulder_rows(group: DemandGroup, start: EmvStart, signal_before: bool, from_m: float = 0.0) -> list[GroupRow]:
@@ -118,13 +122,6 @@ def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
     assert late.least_m == pytest.approx(70.0)
     (short,) = shoulder_rows(queue, start_at(90.0), signal_before=True, from_m=40.0)
     assert short.anchor_m - short.least_m == pytest.approx(50.0), "at least"
-
-
-def test_a_row_begins_on_the_edge_of_the_emvs_start() -> None:
-    start = EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,))
-    (row,) = rows(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE), start)
-    assert [lane for lane in row.chain.lanes if lane < 9] == [B_LEFT, C_LEFT]
-    assert (row.edges, row.anchor_m, row.least_m) == ((B, C), pytest.approx(100.0), pytest.approx(30.0))
 
 
 def test_a_stream_comes_to_the_stop_line_together_with_the_emv() -> None:
@@ -164,14 +161,6 @@ def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
     # 18.85 m at 6 m/s, and before it braking from 12 m/s with 1.5 m/s²: (12² − 6²) / 3 = 36 m in 4 s.
     expected_m = 18.85 + 36.0 + (12.0 - 18.85 / 6.0 - 4.0) * 12.0
     assert way_m == pytest.approx(expected_m, abs=3.0)
-
-
-def test_crossing_rows_reach_back_over_plain_junctions() -> None:
-    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE))
-    assert [lane for lane in row.chain.lanes if lane < 9] == [FAR, NEAR]
-    assert row.anchor_m == pytest.approx(190.0 + 10.0 + 100.0)
-    assert row.edges == (M, N, D)
-    assert (row.forwards, row.movement) == (False, CROSSING)
 
 
 def crossing(vehicles: int, spacing_m: float = 3.0) -> DemandGroup:
@@ -217,6 +206,10 @@ def with_connection(number: int, **changed: object) -> RoadNetwork:
 
 def test_crossing_rows_go_back_straight_on_or_around_the_only_bend_up_to_signals_and_stop_signs() -> None:
     """Where a turn joins the way straight on, the row stays on this; alone the turn is the way."""
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE))
+    assert [lane for lane in row.chain.lanes if lane < 9] == [FAR, NEAR]
+    assert (row.edges, row.anchor_m) == ((M, N, D), pytest.approx(190.0 + 10.0 + 100.0))
+    assert (row.forwards, row.movement) == (False, CROSSING)
     for control in ({"signal_id": "L"}, {"must_stop": True}):
         (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, **control))
         assert (row.chain.lanes, row.edges) == ((NEAR,), (N, D))

@@ -133,12 +133,9 @@ def attentive(vehicles: tuple[PlannedVehicle, ...]) -> list[bool]:
     return [vehicle.attentive for vehicle in vehicles]
 
 
-def test_by_default_everybody_is_attentive() -> None:
-    drawn = with_responses(plan(30), responding(), 0)
-    assert replace(drawn, attention=plan(30).attention) == plan(30)
-
-
 def test_the_share_is_met_and_the_emv_is_not_drawn() -> None:
+    usual = with_responses(plan(30), responding(), 0)
+    assert replace(usual, attention=plan(30).attention) == plan(30), "by default everybody is attentive"
     drawn = with_responses(plan(2000, 5), responding(0.3, 0.7), 0)
     assert 0.26 < sum(attentive(drawn.background)) / 2000 < 0.34
     assert 0.66 < sum(vehicle.oncoming_share == 0.6 for vehicle in drawn.background) / 2000 < 0.74

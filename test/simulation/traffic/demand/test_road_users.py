@@ -186,18 +186,14 @@ def test_an_arc_has_its_radius(radius_of_bend_m: float, side: float) -> None:
     assert tightest_radius_m(Polyline.through(bend)) == pytest.approx(radius_of_bend_m, rel=0.01)
 
 
-@pytest.mark.parametrize("reverse", [False, True])
-def test_a_bend_at_either_end_counts(reverse: bool) -> None:
-    """20 m straight on and then 6 m, the length of the measure, with a radius of 8 m; also driven the other way."""
-    points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 6.0 / 8.0)))
-    assert tightest_radius_m(Polyline.through(points[::-1] if reverse else points)) == pytest.approx(8.0, rel=0.01)
-
-
-def test_half_a_measure_of_bend_is_a_bend_of_twice_the_radius() -> None:
-    points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 3.0 / 8.0)))
-    assert tightest_radius_m(Polyline.through(points)) == pytest.approx(16.0, rel=0.01)
-    short = arc(8.0, 0.0, 2.0 / 8.0)
-    assert tightest_radius_m(Polyline.through(short)) == pytest.approx(8.0, rel=0.02), "shorter than the measure"
+@pytest.mark.parametrize(("straight_m", "bend_m", "radius_m"), [(20.0, 6.0, 8.0), (20.0, 3.0, 16.0), (0.0, 2.0, 8.0)])
+def test_a_bend_at_either_end_counts_over_6_m_or_over_the_whole_path(
+    straight_m: float, bend_m: float, radius_m: float
+) -> None:
+    """A radius of 8 m: half a measure of bend is a bend of twice the radius."""
+    points = np.concatenate((np.array([(-straight_m, 0.0)]), arc(8.0, 0.0, bend_m / 8.0)[int(straight_m == 0.0) :]))
+    for way in (points, points[::-1]):
+        assert tightest_radius_m(Polyline.through(way)) == pytest.approx(radius_m, rel=0.02)
 
 
 @pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])

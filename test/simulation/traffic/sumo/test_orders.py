@@ -47,22 +47,17 @@ PHASES = (
 )
 
 
-def test_red_interval_runs_on_over_the_end_of_the_cycle() -> None:
+def test_red_interval_runs_on_over_the_end_of_the_cycle_and_links_without_change_have_none() -> None:
     assert red_interval_s(PHASES, 0) == (38.0, 17.0)
     assert red_interval_s(PHASES, 1) == (13.0, 27.0)
-
-
-def test_of_several_reds_of_a_link_the_longest_counts_wherever_it_stands() -> None:
     durations = (4.0, 9.0, 6.0, 5.0, 7.0, 2.0)
     phases = [SignalPhase(seconds, letter) for seconds, letter in zip(durations, "GrGrGr", strict=True)]
-    assert red_interval_s(phases, 0) == (4.0, 9.0)
+    assert red_interval_s(phases, 0) == (4.0, 9.0), "of several reds the longest counts wherever it stands"
     assert red_interval_s(phases[::-1], 0) == (20.0, 9.0)
-
-
-def test_links_without_change_have_no_red_interval() -> None:
-    assert red_interval_s((SignalPhase(5.0, "r"), SignalPhase(5.0, "r")), 0) is None
-    assert red_interval_s((SignalPhase(5.0, "G"), SignalPhase(5.0, "g")), 0) is None
-    assert crossing_first([SignalPhase(5.0, "G")], 0, ()) == [SignalPhase(5.0, "G")]
+    for letters in ("rr", "Gg", "G"):
+        phases = [SignalPhase(5.0, letter) for letter in letters]
+        assert red_interval_s(phases, 0) is None
+        assert crossing_first(phases, 0, ()) == phases
 
 
 def test_place_before_the_red_and_within_it() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, CAR_M, NEAR, group, same_drivers, signal_site, streets, template_with
-from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map, plan_of, plan_s2, responding
+from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map, plan_of, plan_s2
 
 from siren_ros.base.numerics.geometry import Polyline, footprint_corners, separation_m
 from siren_ros.running.generation.closed_loop import closed_loop
@@ -19,7 +19,7 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
-from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, load_drivers, with_responses
+from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, load_drivers
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import population as population_module
 from siren_ros.simulation.traffic.sumo.population import (
@@ -142,21 +142,6 @@ def test_nobody_overlaps_when_the_episode_begins(name: str) -> None:
     corners = footprint_corners(state.sumo_x_m, state.sumo_y_m, state.sumo_yaw_rad, size[:, 0], size[:, 1])
     first, second = np.triu_indices(len(corners), k=1)
     assert separation_m(corners[first], corners[second]).min() > 0.0
-
-
-def test_sumo_too_lets_inattentive_drivers_overlook_an_emv_on_the_junction() -> None:
-    compiled, network = load_map(None)
-    plan = with_responses(plan_of("S6", network, 1)[0], responding(0.5), 3)
-    with SumoSimulation(compiled, network, plan, EmergencyLevel.L1, seed=1) as simulation:
-        simulation.step(0, None)
-        ignored = {
-            vehicle.name: libsumo.vehicle.getParameter(vehicle.name, "junctionModel.ignoreTypes")
-            for vehicle in (*plan.emvs, *plan.groups)
-        }
-    attentive = {vehicle.name: vehicle.attentive for vehicle in (*plan.emvs, *plan.groups)}
-    assert set(attentive.values()) == {True, False}
-    assert {name for name, types in ignored.items() if types} == {name for name, sees in attentive.items() if not sees}
-    assert {types for types in ignored.values() if types} == {type_id(plan.emvs[0])}
 
 
 OFFSET = (500.0, -200.0)
@@ -343,7 +328,8 @@ def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driv
     fast = replace(vehicle("b", A_RIGHT, 100.0), spot=Spot(A_RIGHT, 100.0, 99.0), attentive=False)
     population(fast).refill((), 1)
     assert streets_sumo.parameters["b"]["departSpeed"] == repr(NETWORK.lanes[A_RIGHT].speed_limit_mps)
-    assert ("b", "junctionModel.ignoreTypes") in streets_sumo.parameters
+    overlooked = type_id(PLAN_OF_STREETS.emvs[0])
+    assert streets_sumo.parameters["b", "junctionModel.ignoreTypes"] == overlooked, "who looks at nobody"
     assert ("a", "junctionModel.ignoreTypes") not in streets_sumo.parameters
 
 

@@ -277,7 +277,7 @@ def test_in_a_bend_the_lateral_acceleration_is_the_limit() -> None:
     network, start = replace(NETWORK, lanes=tuple(lanes)), EmvStart(A_LEFT, 10.0, (A,), (A_LEFT,))
     mps = (40.0 * EmvDriver().driving.lateral_accel_mps2) ** 0.5
     fast = emv_demand(0.0, 30.0)
-    assert depart_speed_mps(network, start, fast) == pytest.approx(mps, rel=0.02)
+    assert depart_speed_mps(network, start, fast) == pytest.approx(mps, rel=0.03)
     assert unhindered_arrival_s(network, start, fast) == pytest.approx((20.0 * np.pi - 10.0) / mps, rel=0.04)
 
 

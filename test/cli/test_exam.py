@@ -44,37 +44,19 @@ def test_a_driver_of_a_recorded_episode_gets_a_certificate(siren, bag, driver, t
 
 
 def test_names_of_others_reach_neither_a_terminal_nor_a_file_as_they_are(siren, bag, driver, tmp_path):
-    """A folder's name that is no UTF-8, with an escape code in it."""
+    """A folder's name that is no UTF-8, with an escape code in it; and a rulebook's that a shell would run."""
     named, out = tmp_path / os.fsdecode(b"S2\x1b[31m_\xe9"), tmp_path / "exam"
     named.symlink_to(bag)
-    printed = siren(
-        ["exam", str(named), "--actor", driver, "--out", str(out), "--workers", "1", "--driver", "a\x1b"], code=1
-    )
+    book = tmp_path / "$(touch ran).yaml"
+    shutil.copy(params_dir() / "rulebooks" / "california.yaml", book)
+    words = ["exam", str(named), "--actor", driver, "--out", str(out), "--workers", "1", "--driver", "a\x1b"]
+    printed = siren([*words, "--rulebook", str(book)], code=1)
     files = [(out / f"certificate.{kind}").read_text(encoding="utf-8") for kind in ("json", "xml", "html")]
     for text in (printed.out, *files):
         assert text.replace("\n", "").isprintable()
+    assert f"--rulebook '{book}'" in html.unescape(files[2])
     (episode,) = json.loads(files[0])["episodes"]
     assert episode["bag"] == f"{tmp_path}/S2\\x1b[31m_\\udce9"
-
-
-def test_the_command_on_a_certificate_is_quoted_for_a_shell(siren, bag, driver, tmp_path):
-    book = tmp_path / "$(touch ran).yaml"
-    shutil.copy(params_dir() / "rulebooks" / "california.yaml", book)
-    out = tmp_path / "exam"
-    siren(["exam", str(bag), "--actor", driver, "--rulebook", str(book), "--out", str(out), "--workers", "1"], code=1)
-    assert f"--rulebook '{book}'" in html.unescape((out / "certificate.html").read_text(encoding="utf-8"))
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ([], "an AV under test, or --actor"),
-        (["--actor", "1"], "a civilian vehicle"),
-        (["--rulebook", "atlantis"], "one of base, california, germany, international"),
-    ],
-)
-def test_what_cannot_be_graded_is_refused(siren, bag, words, said):
-    assert said in siren(["exam", str(bag), "--workers", "1", *words], code=2).err
 
 
 EPISODES = ["--levels", "L3", "--seeds", "0:2", "--duration-s", "2", "--workers", "1"]
@@ -123,19 +105,13 @@ def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, 
     assert (out / "certificate.json").read_bytes() == certificate
 
 
-def test_the_papers_driver_is_graded_where_the_av_would_be(siren, tmp_path):
-    out = tmp_path / "exam"
-    siren(["exam", "--driver", "siren", *MATRIX, "--out", str(out)], code=1)
-    episode = json.loads((out / "certificate.json").read_bytes())["episodes"][0]
-    record = read_episode(Path(episode["bag"]))
-    assert record.actors[episode["actor_id"]].name == "platoon0"
-    assert episode["others"] == {}
-
-
-def test_two_certificates_are_compared(siren, tmp_path):
-    for driver in ("siren", "idm"):
-        siren(["exam", "--driver", driver, *MATRIX, "--alone", "--out", str(tmp_path / driver)], code=1)
+def test_two_certificates_are_compared_and_the_papers_driver_is_graded_where_the_av_would_be(siren, tmp_path):
+    for driver, alone in (("siren", []), ("idm", ["--alone"])):
+        siren(["exam", "--driver", driver, *MATRIX, *alone, "--out", str(tmp_path / driver)], code=1)
     files = [str(tmp_path / driver / "certificate.json") for driver in ("siren", "idm")]
+    episode = json.loads(Path(files[0]).read_bytes())["episodes"][0]
+    assert read_episode(Path(episode["bag"])).actors[episode["actor_id"]].name == "platoon0"
+    assert episode["others"] == {}
     printed = siren(["exam", "compare", *files]).out
     assert "siren and idm, by the rulebook international" in printed
     assert "violated: Touches nobody" in printed
@@ -144,14 +120,17 @@ def test_two_certificates_are_compared(siren, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["BAG"], "an AV under test, or --actor"),
+        (["BAG", "--actor", "1"], "a civilian vehicle"),
+        (["BAG", "--rulebook", "atlantis"], "one of base, california, germany, international"),
         ([], "bags, --driver or --av"),
         (["--driver", "nobody", "--out", "x"], "lawful-california"),
         (["--driver", "idm"], "a folder for the episodes"),
         (["--driver", "idm", "--av", "true", "--out", "x"], "no --driver with it"),
     ],
 )
-def test_an_exam_that_cannot_be_made_is_refused(siren, words, said):
-    assert said in siren(["exam", *words], code=2).err
+def test_an_exam_that_cannot_be_made_is_refused(siren, bag, words, said):
+    assert said in siren(["exam", *(str(bag) if word == "BAG" else word for word in words)], code=2).err
 
 
 def test_a_program_that_cannot_be_started_is_an_episode_without_a_result(siren, tmp_path):

@@ -24,11 +24,9 @@ def asked(*words: str) -> Balance:
 
 def test_without_options_it_is_the_papers_set() -> None:
     assert asked() == Balance((74, 25, 6), 15)
-
-
-def test_fewer_videos_keep_the_papers_shares() -> None:
-    assert asked("--templates", "S4", "S6", "--per-template", "21") == Balance((30, 10, 2), 21)
+    assert asked("--templates", "S4", "S6", "--per-template", "21") == Balance((30, 10, 2), 21), "of fewer, its shares"
     assert asked("--templates", "S6", "--balance", "0,0,50") == Balance((0, 0, 50), 50)
+    assert asked("--balance", "126,112,63", "--within-templates") == Balance((126, 112, 63), 43, within=True)
 
 
 @pytest.mark.parametrize(
@@ -86,13 +84,8 @@ def test_labels_are_derived_again(tmp_path: Path, siren) -> None:
     assert other.thresholds.time_to_collision_s == 0.8
     assert other.videos["S6_005"].file == "../videos/S6_005.mp4"
     assert main(["label", str(tmp_path), "--time-to-collision-s", "-1"]) == 2
-
-
-def test_a_definition_sets_all_thresholds(tmp_path: Path, siren) -> None:
-    write_set(small_video_set(tmp_path))
-    words = ["label", str(tmp_path), "--near-miss", "near_crash", "--gap-m", "7", "--out", str(tmp_path / "other")]
-    siren(words)
-    assert read_set(tmp_path / "other").thresholds == replace(DEFINITIONS["near_crash"], gap_m=7.0)
+    siren(["label", str(tmp_path), "--near-miss", "near_crash", "--gap-m", "7", "--out", str(tmp_path / "third")])
+    assert read_set(tmp_path / "third").thresholds == replace(DEFINITIONS["near_crash"], gap_m=7.0)
 
 
 def test_the_table_of_thresholds_changes_nothing(tmp_path: Path, siren) -> None:
@@ -102,8 +95,3 @@ def test_the_table_of_thresholds_changes_nothing(tmp_path: Path, siren) -> None:
     (row,) = [line.split() for line in lines if line.startswith("time_to_collision_s") and " 0.75 " in line]
     assert row[1:] == ["0.75", "5", "0", "1", "2"]
     assert (tmp_path / "videos.json").read_bytes() == before
-
-
-def test_templates_with_one_balance() -> None:
-    words = ["generate", "risk", "--out", "x", "--balance", "126,112,63", "--within-templates"]
-    assert balance_of(parser().parse_args(words)) == Balance((126, 112, 63), 43, within=True)

@@ -1,4 +1,4 @@
-"""The command line as a whole: exit codes, interrupts, and what ``--help`` prints."""
+"""The command line as a whole: exit codes, interrupts, and its options."""
 
 import argparse
 import os
@@ -7,20 +7,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_documents import PRIVATE_WORDS
 
-import siren_ros
-from siren_ros import cli
 from siren_ros.cli import bags
-from siren_ros.cli.command import Command
 from siren_ros.cli.main import VERBS, command_lines, main
-from siren_ros.simulation.roads.maps.map_compiler import BUILT_IN_MAPS
-from siren_ros.simulation.scenario.episode import EpisodeRequest
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +37,6 @@ def test_info_tells_the_episode(bag: Path, siren) -> None:
     assert "yield_completed × 4" in out
 
 
-def test_verify_passes_a_sound_episode(bag: Path, siren) -> None:
-    out = siren(["verify", str(bag)]).out
-    assert f"{bag}: holds" in out
-    assert "FAIL" not in out
-
-
 def test_verify_names_what_fails(failing_bag: Path, siren) -> None:
     out = siren(["verify", "--quiet", str(failing_bag)], 1).out
     assert f"{failing_bag}: FAILS" in out
@@ -60,7 +48,8 @@ def test_verify_names_what_fails(failing_bag: Path, siren) -> None:
 
 def test_verify_goes_on_after_a_bag_that_cannot_be_read(bag, tmp_path, siren) -> None:
     captured = siren(["verify", str(tmp_path / "none"), str(bag)], 2)
-    assert "holds" in captured.out
+    assert f"{bag}: holds" in captured.out
+    assert "FAIL" not in captured.out
     assert captured.err.count("\n") == 1
     assert "none" in captured.err
 
@@ -75,24 +64,24 @@ def test_memory_that_is_not_enough_is_one_line(monkeypatch, siren) -> None:
     assert captured.err.count("\n") == 1
 
 
-def test_names_of_others_reach_a_terminal_without_control_characters(bag, tmp_path, siren) -> None:
+def test_names_of_others_reach_a_terminal_without_control_characters(bag, tmp_path, siren, capsys) -> None:
     named, absent = (tmp_path / os.fsdecode(name) for name in (b"\x1b[31m_\xe9", b"none_\x1b[31m_\xe9"))
     named.symlink_to(bag)
     captured = siren(["verify", str(named), str(absent)], 2)
     assert captured.out.startswith(f"{tmp_path}/\\x1b[31m_\\udce9: holds")
     assert captured.err.startswith(f"siren verify: bag: '{tmp_path}/none_\\x1b[31m_\\udce9'")
     assert (captured.out + captured.err).replace("\n", "").isprintable()
-
-
-def test_words_of_a_command_line_that_cannot_be_used_are_printable(capsys) -> None:
     with pytest.raises(SystemExit):
         main(["verify", "--quiet", "x", "--\x1b[31m"])
     assert capsys.readouterr().err.endswith("--\\x1b[31m\n")
 
 
-@pytest.mark.parametrize(
+BY_SIGNALS = pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
+
+
+@BY_SIGNALS
 def test_a_signal_waits_until_a_verb_is_loaded_and_is_one_line(number, code, word, monkeypatch, siren) -> None:
     loaded = []
 
@@ -105,9 +94,7 @@ def test_a_signal_waits_until_a_verb_is_loaded_and_is_one_line(number, code, wor
     assert loaded == ["whole"]
 
 
-@pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
-)
+@BY_SIGNALS
 def test_an_error_that_a_library_makes_of_a_signal_is_no_error(number, code, word, monkeypatch, siren) -> None:
     """As extension modules do while they are loaded."""
 
@@ -123,16 +110,13 @@ def test_an_error_that_a_library_makes_of_a_signal_is_no_error(number, code, wor
 
 
 def test_export_writes_both_formats(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plot", str(bag), "--out", str(tmp_path / "a.png")]) == 0
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert main(["export", "csv", str(bag), "--out", str(tmp_path / "csv")]) == 0
     assert main(["export", "kitti", "--layout", "paper", str(bag), "--out", str(tmp_path / "kitti")]) == 0
     assert (tmp_path / "csv" / "trajectory.csv").read_text().startswith("step,timestamp")
     assert len(list((tmp_path / "kitti" / "label_2").iterdir())) == 160
     assert "160 frames" in capsys.readouterr().out
-
-
-def test_plot_writes_a_picture(bag: Path, tmp_path: Path) -> None:
-    assert main(["plot", str(bag), "--out", str(tmp_path / "a.png")]) == 0
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -155,26 +139,11 @@ def test_a_wrong_command_line_is_exit_code_2(arguments: list[str], capsys: pytes
     assert "siren" in capsys.readouterr().err
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--version"])
-    assert capsys.readouterr().out == f"siren {siren_ros.__version__}\n"
-
-
 def test_a_reader_that_goes_away_is_not_an_error_message(bag: Path) -> None:
     command = f"{sys.executable} -m siren_ros.cli.main info {bag} | head -n 1"
     done = subprocess.run(["bash", "-c", command], capture_output=True, check=True, text=True)
     assert done.stdout.startswith("bag")
     assert done.stderr == ""
-
-
-HERE = Path(cli.__file__).parent
-MODULES = {file.stem for file in HERE.glob("[a-z]*.py")} - {"options", "command"} | {"evaluation"}
-"""The modules of commands, and the folder of those that score."""
-
-
-def test_every_module_of_commands_is_reached() -> None:
-    assert {add.partition(".")[0] for _, add in VERBS.values()} == MODULES
 
 
 @pytest.mark.parametrize(
@@ -196,73 +165,21 @@ def test_help_brings_no_library_along() -> None:
 
 
 LINES = {line.prog: line for line in command_lines()}
-
-
-@pytest.mark.parametrize("prog", LINES)
-def test_every_command_and_option_says_what_it_does(prog: str) -> None:
-    line = LINES[prog]
-    unclear = [
-        action.option_strings[0] if action.option_strings else action.dest
-        for action in line.arguments()
-        if action.help != argparse.SUPPRESS
-        and not re.match(r"[^\W\d_(]", re.sub(r"^\(.*?\)\s*", "", action.help or ""))
-    ]
-    assert not unclear
-    assert (line.description or "").endswith(".")
-
-
-@pytest.mark.parametrize("prog", LINES)
-def test_help_is_written_for_somebody_new(prog: str) -> None:
-    text = LINES[prog].format_help()
-    assert not PRIVATE_WORDS.findall(text)
-    assert "%%" not in text
-
-
 FORMER = {"--jobs": "--workers", "--time": "--time-s", "--start": "--start-s", "--playback-duration": "--duration-s"}
 """Spellings that still work, and the one that the help shows in every command."""
 
 
-def known(line: Command) -> dict[str, argparse.Action]:
-    """Its options, also those that the help does not show."""
-    return {option: action for action in line.arguments() for option in action.option_strings}
-
-
-def shown(line: Command) -> dict[str, argparse.Action]:
-    return {option: action for option, action in known(line).items() if action.help != argparse.SUPPRESS}
-
-
 @pytest.mark.parametrize("prog", LINES)
-def test_what_is_the_same_has_one_name_in_every_command(prog: str) -> None:
-    options = shown(LINES[prog])
+def test_every_option_says_what_it_does_and_has_one_name_in_every_command(prog: str) -> None:
+    line = LINES[prog]
+    shown = [action for action in line.arguments() if action.help != argparse.SUPPRESS]
+    unclear = [one for one in shown if not re.match(r"[^\W\d_(]", re.sub(r"^\(.*?\)\s*", "", one.help or ""))]
+    assert not unclear
+    assert (line.description or "").endswith(".")
+    assert not PRIVATE_WORDS.findall(line.format_help())
     others = {*FORMER, "--processes", "--begin", "--duration", "--timeout", "--output"}
-    assert not others & set(options)
-    if "--workers" in options:
-        assert options["--workers"].help == "processes (default: one for each processor)"
-    if "--sensors" in options:
-        assert "suite" in str(options["--sensors"].help)
-    for name in {"--maps", "--map"} & set(options):
-        assert all(built_in in str(options[name].help) for built_in in BUILT_IN_MAPS)
-
-
-@pytest.mark.parametrize("prog", LINES)
-def test_former_names_lead_to_the_same_option(prog: str) -> None:
-    options = known(LINES[prog])
+    assert not others & {option for action in shown for option in action.option_strings}
+    options = {option: action for action in line.arguments() for option in action.option_strings}
     for former in set(FORMER) & set(options):
         assert options[former].dest == options[FORMER[former]].dest
     assert ("--jobs" in options) == ("--workers" in options)
-
-
-def test_former_names_work(siren, tmp_path) -> None:
-    words = ["sense", str(tmp_path / "none"), "--out", str(tmp_path / "a.png")]
-    for name in ("--time", "--time-s"):
-        assert "none" in siren([*words, name, "3"], 2).err
-    with pytest.raises(SystemExit):
-        main(words)
-    for name in ("--sensors", "--show"):
-        assert "none" in siren(["view", str(tmp_path / "none"), name, "all"], 2).err
-    assert "jobs" not in siren(["exam", str(tmp_path / "none"), "--jobs", "0"], 2).err
-
-
-def test_the_parameter_of_a_map_names_the_built_in_ones() -> None:
-    (meaning,) = [field.metadata["description"] for field in fields(EpisodeRequest) if field.name == "map"]
-    assert all(name in meaning for name in BUILT_IN_MAPS)

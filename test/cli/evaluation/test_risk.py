@@ -82,24 +82,6 @@ def test_a_model_behind_a_server_is_asked_and_scored(films: Path, siren) -> None
     assert main(["evaluate", "risk", str(films), "--predictions", f"m={out / 'answers_org_m.json'}"]) == 0
 
 
-def test_a_bad_reply_ends_the_run_in_one_line_and_is_asked_again(films, siren) -> None:
-    pytest.importorskip("openai", reason="the extra vlm is not installed")
-    message = {"role": "assistant", "content": '{"class": "Normal"}'}
-    bad = json.dumps({"choices": [{"message": message}], "usage": {"prompt_tokens": "12"}}).encode()
-    with chat_server(lambda _, number: Behaviour(body=bad) if number == 3 else Behaviour()) as server:
-        words = ["evaluate", "risk", str(films), "--base-url", server.url, "--model", "m", "--concurrency", "1"]
-        lines = [line for line in siren(words, 1).err.splitlines() if line.startswith("siren ")]
-        assert lines == [
-            "siren evaluate: m: the server's answer is not of the protocol: a number of tokens that is none"
-        ]
-        kept = sorted(films.joinpath("replies").iterdir())
-        for path in kept[:2]:  # as an earlier version left them
-            path.write_text(json.dumps({**json.loads(path.read_text()), "text": [{"type": "text", "text": "a"}]}))
-        printed = siren(words).out
-        assert "0 answers unreadable" in printed
-        assert f"12 questions, {len(kept) - 2} of them answered before" in printed
-
-
 def test_what_a_model_needs(films: Path, siren, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("openai", reason="the extra vlm is not installed")
     words = ["evaluate", "risk", str(films), "--model", "m"]

@@ -64,34 +64,22 @@ def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: P
     assert repeat_episode(record) is None
 
 
-def test_options_of_a_reset_hold_for_one_episode() -> None:
-    env, other = parallel_env(**SHORT), parallel_env(**{**SHORT, "template": "S4"})
-    wanted, _ = other.reset(seed=7)
-    other.close()
-    changed, _ = env.reset(seed=7, options={"template": "S4"})
-    env.close()
-    assert all(np.array_equal(changed[agent], wanted[agent]) for agent in env.possible_agents)
-
-
-@pytest.mark.parametrize(
-    ("actions", "names"),
-    [
+def test_actions_and_seats_that_cannot_be_used_change_nothing() -> None:
+    env = parallel_env(**SHORT)
+    env.reset(seed=7)
+    for actions, names in (
         ({"emv": 0}, "actions: 'emv'"),
         ({"emv": 0, "civilian": 0, "pilot": 0}, "actions: 'pilot'"),
         ({"emv": 0, "civilian": 9}, "action: 9"),
-    ],
-)
-def test_actions_that_cannot_be_used_change_nothing(actions: dict[str, int], names: str) -> None:
-    env = parallel_env(**SHORT)
-    env.reset(seed=7)
-    with pytest.raises(InputError, match=names):
-        env.step(actions)
+    ):
+        with pytest.raises(InputError, match=names):
+            env.step(actions)
+    infos = env.step({"emv": 0, "civilian": 0})[4]
+    assert infos["emv"]["time_s"] == pytest.approx(0.2)
+    env.reset(seed=7, options={"decision_s": 0.5})
     infos = env.step({"emv": 0, "civilian": 0})[4]
     env.close()
-    assert infos["emv"]["time_s"] == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize("seats", [(), ("emv", "emv"), ("pilot",)])
-def test_seats_that_do_not_exist_are_named(seats: tuple[str, ...]) -> None:
-    with pytest.raises(InputError, match="drivers"):
-        parallel_env(drivers=seats)
+    assert infos["emv"]["time_s"] == pytest.approx(0.5), "options hold for one episode"
+    for seats in ((), ("emv", "emv"), ("pilot",)):
+        with pytest.raises(InputError, match="drivers"):
+            parallel_env(drivers=seats)

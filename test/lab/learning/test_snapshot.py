@@ -12,7 +12,7 @@ from pathlib import Path
 
 from recorded_episode import quick_template
 
-from siren_ros.errors import EpisodeError, InputError
+from siren_ros.errors import EpisodeError
 from siren_ros.lab.learning import snapshot as snapshots
 from siren_ros.lab.learning.environment import YieldEnv
 from siren_ros.lab.learning.snapshot import drop_snapshot, run_of, take_snapshot
@@ -119,8 +119,3 @@ def test_an_environment_with_snapshots_takes_no_turns_with_another_one(recwarn) 
     one.close()
     other.close()
     assert not recwarn.list
-
-
-def test_fewer_than_no_snapshots_are_refused() -> None:
-    with pytest.raises(InputError, match="snapshots: -1"):
-        YieldEnv(snapshots=-1)

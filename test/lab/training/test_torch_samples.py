@@ -31,14 +31,6 @@ def test_samples_become_tensors(packed, task):
             assert value.numpy().tolist() == samples[0][name].tolist()
 
 
-def test_samples_in_memory_serve_as_well(packed):
-    samples = PackedSamples(first_file(packed("prediction")))
-    memory = SamplesInMemory(samples.columns, [samples[number] for number in range(4)])
-    dataset = SampleDataset(memory)
-    assert len(dataset) == 4
-    assert torch.equal(dataset[2]["future"], SampleDataset(samples)[2]["future"])
-
-
 def test_batches_stack_what_has_one_shape(packed):
     loader = DataLoader(SampleDataset(first_file(packed("detection"))), batch_size=2, collate_fn=collated)
     batch = next(iter(loader))
@@ -65,11 +57,12 @@ def test_ranks_and_workers_share_the_samples(packed, workers):
     assert sorted(seen(0, 2, 0) + seen(1, 2, 0)) == sorted(whole)
     assert seen(0, 1, 0) == whole
     assert seen(0, 1, 1) != whole
-
-
-def test_a_rank_that_is_not_there_is_refused(packed):
     with pytest.raises(InputError, match="rank"):
-        SampleStream([first_file(packed("prediction"))], rank=2, ranks=2)
+        SampleStream([file], rank=2, ranks=2)
+    samples = PackedSamples(file)
+    memory = SampleDataset(SamplesInMemory(samples.columns, [samples[number] for number in range(4)]))
+    assert len(memory) == 4
+    assert torch.equal(memory[2]["future"], SampleDataset(samples)[2]["future"])
 
 
 @pytest.mark.parametrize("task", TASKS)

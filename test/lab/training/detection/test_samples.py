@@ -53,14 +53,11 @@ def test_a_corner_stays_the_corner(angle_rad: float, mirrored: bool, side: float
     velocity = (frame.points[0, :2] - frame.points[1, :2]) / 0.5
     assert velocity == pytest.approx(frame.boxes[0, 7:9], abs=1e-4)
     assert np.hypot(*frame.boxes[0, 7:9]) == pytest.approx(1.04 * np.hypot(5.0, 1.0), rel=1e-5)
-
-
-def test_variants_differ_and_leave_the_frame_alone() -> None:
     frame, random = _frame(), np.random.default_rng(3)
     first, second = varied(frame, random), varied(frame, random)
     assert abs(_in_box(first)) == pytest.approx([1.0, 1.0, 1.0], abs=1e-4)
     assert not np.allclose(first.points, second.points)
-    assert np.array_equal(frame.boxes, BOX)
+    assert np.array_equal(frame.boxes, BOX), "variants leave the frame alone"
 
 
 GRID = PillarGrid(half_width_m=16.0, cells=64)
@@ -124,14 +121,11 @@ def _draws(seed: int = 0) -> FrameDraws:
     return FrameDraws([made_episode(1, 4), made_episode(2, 3)], SMALL_GRID, seed, 2)
 
 
-def test_every_frame_comes_once_in_each_turn() -> None:
+def test_every_frame_comes_once_in_each_turn_and_a_step_is_the_same_whenever_it_is_asked_for() -> None:
     draws = _draws()
     rows = [row for step in range(7) for row in draws.rows(step)]
     assert sorted(rows[:7]) == sorted(rows[7:]) == list(range(7))
     assert rows[:7] != rows[7:]
-
-
-def test_a_step_is_the_same_whenever_it_is_asked_for() -> None:
     (pillars, target), _ = _draws().batch_of(5)
     (again, same), _ = _draws().batch_of(5)
     assert np.array_equal(pillars.points, again.points)

@@ -1,7 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from made_training_data import hand_made_film
 
@@ -65,9 +64,5 @@ def test_the_same_seed_gives_the_same_weights() -> None:
     other = fitted_film_network(films, films, replace(CONFIG, seed=1), lambda _: None).onnx
     assert first == same
     assert first != other
-
-
-def test_films_without_a_collision_train_too() -> None:
-    films = [labelled(hand_made_film(RiskClass.NORMAL), CONFIG)]
-    assert fitted_film_network(films, films, CONFIG, lambda _: None).parameters > 0
-    assert np.isfinite(films[0].film.frames).all()
+    normal = [film for film in films if film.film.episode.label.risk is RiskClass.NORMAL]
+    assert fitted_film_network(normal, normal, CONFIG, lambda _: None).parameters > 0, "without a collision, too"

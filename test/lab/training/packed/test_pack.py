@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from recorded_episode import tracked_recording
 
-from siren_ros.cli.main import main
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError
 from siren_ros.lab.training.packed import pack, prediction
@@ -32,22 +31,14 @@ def column(sample, name, columns=prediction.COLUMNS):
     return dict(zip(columns[name].names, np.moveaxis(sample[name], -1, 0), strict=True))
 
 
-def test_samples_are_those_of_the_evaluation(drives):
-    record = read_episode(drives[0])
-    wanted = samples_of(record, HistoryWindow(), Population.REGION)
-    got = list(prediction_samples(record))
-    assert [(item["step"], item["actor_id"]) for item in got] == list(
-        zip(wanted.batch.sample_step, wanted.batch.actor_id, strict=True)
-    )
-    assert len(got) > 50
-
-
-def test_everything_is_in_the_frame_of_the_target(drives):
+def test_samples_are_those_of_the_evaluation_in_the_frame_of_the_target(drives):
     """The road leads along x at constant heading, so that places are differences."""
     record = read_episode(drives[0])
     wanted = samples_of(record, HistoryWindow(), Population.REGION)
+    assert len(wanted) > 50
     for item, row in zip(prediction_samples(record), range(len(wanted)), strict=True):
         batch = wanted.batch
+        assert (item["step"], item["actor_id"]) == (batch.sample_step[row], batch.actor_id[row])
         states = column(item, "history")
         assert (states["x_m"][0, -1], states["y_m"][0, -1]) == (0.0, 0.0)
         assert (states["cos_yaw"][0, -1], states["sin_yaw"][0, -1]) == (1.0, 0.0)
@@ -55,16 +46,9 @@ def test_everything_is_in_the_frame_of_the_target(drives):
         np.testing.assert_allclose(item["history"][0, :, :2], (own - own[-1]) * item["observed"][0, :, None], atol=1e-4)
         np.testing.assert_allclose(item["future"], wanted.future_xy_m[row] - own[-1], atol=1e-4)
         assert states["vx_mps"][0, -1] == pytest.approx(batch.speed_mps[row], abs=1e-5)
-
-
-def test_flags_say_who_is_there_and_who_is_an_emergency_vehicle(drives):
-    record = read_episode(drives[0])
-    for item in prediction_samples(record):
         flags = column(item, "flags")
         there = int(flags["there"].sum())
-        assert not item["history"][there:].any()
-        assert not item["size_m"][there:].any()
-        assert not item["flags"][there:].any()
+        assert not any(item[name][there:].any() for name in ("history", "size_m", "flags"))
         assert flags["is_emv"][0] == record.actors[int(item["actor_id"])].is_emv
         if there > 1 and not flags["is_emv"][0]:
             assert flags["is_emv"][1]
@@ -160,10 +144,3 @@ def test_a_set_is_not_packed_twice(video_set_folder, tmp_path):
     with pytest.raises(InputError, match="without a video in common"):
         pack_risk(RiskPack((video_set_folder, video_set_folder), tmp_path / "out"))
     assert not (tmp_path / "out").exists()
-
-
-def test_the_speed_of_reading_is_printed(drives, tmp_path, capsys):
-    assert main(["pack", "prediction", str(drives[0]), "--out", str(tmp_path / "out"), "--split", "val"]) == 0
-    text = capsys.readouterr().out
-    assert "val.parquet:" in text
-    assert "samples a second" in text

@@ -39,12 +39,14 @@ def test_no_map_and_seed_serves_two_splits() -> None:
     assert all(not places[first] & places[second] for first, second in combinations(Split, 2))
     trained = {episode.request.seed for episode in of(Split.TRAIN)}
     assert not trained & {episode.request.seed for split in Split if split is not Split.TRAIN for episode in of(split)}
-
-
-def test_the_held_out_map_only_judges() -> None:
     assert {episode.request.map for episode in of(Split.TEST_MAP)} == set(HELD_OUT)
     others = [episode for episode in PLAN if episode.split is not Split.TEST_MAP]
     assert {episode.request.map for episode in others} == set(MAPS)
+    assert all(episode.split is split_of(episode.identity) for episode in others)
+    assert len({(episode.split, episode.name) for episode in PLAN}) == len(PLAN)
+    for maps, held_out in ((["maps/Town07.xodr"], []), (["", "a.xodr"], ["a.xodr"])):
+        with pytest.raises(InputError, match="maps"):
+            plan_episodes(maps, held_out, PlanSize())
 
 
 def test_every_template_is_there_as_often_as_asked_for() -> None:
@@ -59,23 +61,6 @@ def test_training_has_all_levels_and_the_others_the_templates_own() -> None:
     assert levels.count("") == len(levels) / 2
     assert sum(is_ordinary(episode.request) for episode in of(Split.TRAIN)) == len(levels) / 5
     assert {episode.request.level for episode in PLAN if episode.split is not Split.TRAIN} == {""}
-
-
-def test_names_tell_episodes_apart() -> None:
-    names = [(episode.split, episode.name) for episode in PLAN]
-    assert len(set(names)) == len(names)
-    assert PLAN[0].name.startswith("S1_own_town_seed1")
-
-
-def test_every_episode_is_in_the_split_that_is_fixed_for_it() -> None:
-    fixed = {planned: split_of(planned.identity) for planned in PLAN if planned.split is not Split.TEST_MAP}
-    assert all(planned.split is split for planned, split in fixed.items())
-
-
-@pytest.mark.parametrize(("maps", "held_out"), [(["maps/Town07.xodr"], []), (["", "a.xodr"], ["a.xodr"])])
-def test_a_map_that_judges_does_not_train(maps, held_out) -> None:
-    with pytest.raises(InputError, match="maps"):
-        plan_episodes(maps, held_out, PlanSize())
 
 
 def test_own_bags_are_in_the_splits_that_are_fixed_for_them(tmp_path, write_bag) -> None:
@@ -102,12 +87,6 @@ def test_what_is_written_is_read_again(tmp_path) -> None:
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["one.npz"]
 
 
-def test_the_truth_is_seen_from_the_vehicle() -> None:
-    truth_m = features_of_record(made_record(1), Split.TEST_SEED).truth_m
-    assert (truth_m[:, -1, 0] > 0.0).all()
-    assert truth_m[..., 1] == pytest.approx(0.0, abs=1e-4)
-
-
 def test_reference_errors_are_those_of_the_protocol() -> None:
     record = made_record(2)
     errors_m = features_of_record(record, Split.TEST_SEED).reference_ade_m
@@ -117,19 +96,16 @@ def test_reference_errors_are_those_of_the_protocol() -> None:
     assert set(errors_m) == {"cv", "idm"}
 
 
-def test_training_draws_the_same_samples_every_time() -> None:
-    first, again = (features_of_record(made_record(3), Split.TRAIN) for _ in range(2))
-    assert (first.features.target == again.features.target).all()
-    assert first.reference_ade_m == {}
-
-
 def test_each_drawn_sample_comes_without_errors_and_with_those_of_a_tracker() -> None:
     """Of the vehicles at constant heading 0, those with a noisy heading see the truth turned."""
-    drawn = features_of_record(made_record(3), Split.TRAIN)
+    drawn, again = (features_of_record(made_record(3), Split.TRAIN) for _ in range(2))
+    assert (drawn.features.target == again.features.target).all(), "they are the same every time"
     turned = np.abs(drawn.truth_m[:, -1, 1]) > 1e-3
     assert turned.mean() == pytest.approx(0.5, abs=0.02)
     assert len(drawn) % 2 == 0
-    assert not (np.abs(features_of_record(made_record(3), Split.VAL).truth_m[:, -1, 1]) > 1e-3).any()
+    truth_m = features_of_record(made_record(3), Split.VAL).truth_m
+    assert truth_m[..., 1] == pytest.approx(0.0, abs=1e-4)
+    assert (truth_m[:, -1, 0] > 0.0).all()
 
 
 def test_samples_stand_in_the_order_of_their_files(episode_files) -> None:

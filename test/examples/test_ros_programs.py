@@ -23,9 +23,8 @@ runpy.run_path(path, run_name="__main__")
 
 
 @pytest.mark.parametrize("name", ["av_listener", "av_policy", "lawful_stack", "live_predictor"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_them_without_a_word(name: str, number: signal.Signals) -> None:
+def test_a_signal_ends_them_without_a_word(name: str) -> None:
     program = REPOSITORY / "examples" / f"{name}.py"
-    command = [sys.executable, "-c", SIGNALLED, str(program), str(int(number))]
+    command = [sys.executable, "-c", SIGNALLED, str(program), str(int(signal.SIGTERM))]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=100)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

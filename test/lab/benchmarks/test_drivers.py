@@ -11,20 +11,15 @@ from siren_ros.reports.exam.examinee import PAPER
 from siren_ros.reports.exam.grading import load_rulebook
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
-SHORT_S = 4.0
 
-
-def test_every_driver_sits_in_the_same_episode() -> None:
-    request = EpisodeRequest(quick_template("S2"), "L2", 3, sensors="none", duration_s=SHORT_S)
+def test_every_driver_sits_in_the_same_episode_and_the_papers_drives_what_is_the_av_elsewhere() -> None:
+    request = EpisodeRequest(quick_template("S2"), "L2", 3, sensors="none", duration_s=2.0)
     sittings = sittings_in(request, ["idm", "lawful-international"], load_rulebook("international"))
     assert [*sittings] == [PAPER, "idm", "lawful-international"]
     assert len({sitting.episode for sitting in sittings.values()}) == 1
     assert sittings[PAPER].others == {}
     assert {*sittings["idm"].others} == {"emv_delay_s", "braked_hard"}
 
-
-def test_the_papers_driver_drives_the_vehicle_that_is_the_av_elsewhere() -> None:
-    request = EpisodeRequest(quick_template("S2"), "L2", 3, sensors="none", duration_s=SHORT_S)
     (paper, paper_id), (other, av_id) = record_with(PAPER, request), record_with("idm", request)
     assert paper.actors[paper_id].name == other.actors[av_id].name
     assert other.description.av_id == av_id
@@ -34,31 +29,11 @@ def test_the_papers_driver_drives_the_vehicle_that_is_the_av_elsewhere() -> None
 
 def test_an_episode_that_cannot_be_made_is_left_out(tmp_path, capsys) -> None:
     requests = requests_of(["S2", "S99"], ["L2"], [0], ["town", "other.xodr"])
-    assert [(one.template, one.map) for one in requests] == [
-        ("S2", ""),
-        ("S99", ""),
-        ("S2", "other.xodr"),
-        ("S99", "other.xodr"),
-    ]
+    asked = {("S2", ""), ("S99", ""), ("S2", "other.xodr"), ("S99", "other.xodr")}
+    assert {(one.template, one.map) for one in requests} == asked
     file = tmp_path / "figures.json"
-    main(
-        [
-            "idm",
-            "--templates",
-            "S3",
-            "S99",
-            "--levels",
-            "L2",
-            "--seeds",
-            "0",
-            "--duration-s",
-            "4",
-            "--jobs",
-            "1",
-            "--json",
-            str(file),
-        ]
-    )
+    matrix = "idm --templates S3 S99 --levels L2 --seeds 0 --duration-s 2 --jobs 1 --json"
+    main([*matrix.split(), str(file)])
     assert "1 of 2 episodes" in capsys.readouterr().out
     figures = json.loads(file.read_text())
     assert figures["episodes"] == 1

@@ -10,17 +10,10 @@ from siren_ros.lab.benchmarks import learning
 
 
 def test_the_ratios_are_those_of_the_rates(tmp_path, monkeypatch):
-    class Others:
-        """Stands for highway-env, which is an extra."""
-
-        def reset(self, seed):
-            return seed
-
-        def step(self, action):
-            return action, 0.0, sum(range(20_000)) < 0, False, {}
-
+    ended = lambda: sum(range(20_000)) < 0  # noqa: E731 - it takes its time
+    others = SimpleNamespace(reset=lambda seed: seed, step=lambda action: (action, 0.0, ended(), False, {}))
     asked = []
-    monkeypatch.setattr(learning, "highway_environment", lambda vehicles: asked.append(vehicles) or Others())
+    monkeypatch.setattr(learning, "highway_environment", lambda vehicles: asked.append(vehicles) or others)
     file = tmp_path / "speed.json"
     assert learning.main(["--background", "12", "--steps", "8", "--rounds", "1", "--json", str(file)]) == EXIT_OK
     row = json.loads(file.read_text())["12"]

@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,26 +56,13 @@ def test_it_prints_each_model_and_the_whole(tmp_path, write_bag, capsys) -> None
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition(":")[0] for line in lines[:3]] == ["read 1 bags", "cv", "idm"]
     assert lines[3].startswith("100 samples of 2 bags with cv, idm: ")
+    assert evaluation_main([str(write_bag(tmp_path / "short", duration_s=1.0)), "--jobs=1"]) == 2, "without samples"
 
 
-def test_bags_without_samples(tmp_path, write_bag, capsys) -> None:
-    assert evaluation_main([str(write_bag(tmp_path / "short", duration_s=1.0)), "--jobs=1"]) == 2
-    assert "no samples" in capsys.readouterr().out
-
-
-@pytest.fixture(scope="module")
-def bags(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> list[Path]:
-    folder = tmp_path_factory.mktemp("bags")
-    return [write_bag(folder / f"{civilians}", duration_s=1.0, civilians=civilians, lidar=True) for civilians in (2, 3)]
-
-
-def test_an_export_is_timed_with_its_episodes(bags: list[Path]) -> None:
+def test_an_export_is_timed_with_one_row_for_each_format(write_bag, tmp_path, capsys) -> None:
+    bags = [write_bag(tmp_path / f"{number}", duration_s=1.0, civilians=number, lidar=True) for number in (2, 3)]
     wall_s, simulated_s = export_time_s("openpcdet", bags, 1)
-    assert wall_s > 0.0
-    assert simulated_s == 2.0
-
-
-def test_one_row_for_each_format(bags: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert (wall_s > 0.0, simulated_s) == (True, 2.0)
     assert exports_main([*map(str, bags), "--formats", "openpcdet"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["format", "one", "bag", "two", "bags", "loops", "share"]
@@ -99,20 +85,13 @@ def test_a_client_reads_a_whole_episode_and_the_ratios_are_printed(tmp_path, mon
     for module in (episode, live_view):
         monkeypatch.setattr(module, "subprocess", PRELOADING)
     file = tmp_path / "figures.json"
-    assert (
-        live_view.main(["duration_s:=2.0", f"template:={quick_template('S2')}", "--rounds", "1", "--json", str(file)])
-        == EXIT_OK
-    )
+    words = ["duration_s:=1.0", f"template:={quick_template('S2')}", "--rounds", "1", "--json", str(file)]
+    assert live_view.main(words) == EXIT_OK
     figures = json.loads(file.read_text())["live_view"]
     round_, ratios = capsys.readouterr().out.splitlines()[-2:]
     assert float(round_.split("read ")[1].split()[0]) > 0.1
     assert f"wall {figures['wall']:.3f}" in ratios
     assert figures["processor"] == pytest.approx(float(ratios.split()[-1]), abs=5e-4)
-
-
-def test_times_are_given_for_a_round_number_of_samples() -> None:
-    cells = Taken(SAMPLES // 4, 2.0, 3.0).row("cv").split()
-    assert cells == ["cv", str(SAMPLES // 4), "2.0", "3.0", "8.0", "12.0"]
 
 
 def test_bags_are_predicted_until_there_were_enough_samples(tmp_path, write_bag, capsys) -> None:
@@ -124,6 +103,8 @@ def test_bags_are_predicted_until_there_were_enough_samples(tmp_path, write_bag,
     assert rounds > 1
     assert [row[:2] for row in models] == [[name, str(rounds * int(there))] for name in ("cv", "idm")]
     assert all(len(row) == 6 for row in rows)
+    cells = Taken(SAMPLES // 4, 2.0, 3.0).row("cv").split()
+    assert cells == ["cv", str(SAMPLES // 4), "2.0", "3.0", "8.0", "12.0"]
 
 
 def test_a_template_with_more_vehicles_is_the_same_otherwise(tmp_path):

@@ -53,11 +53,6 @@ def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tupl
     return EpisodeFigures("S1", seed, holds=holds, failing=failing, way_m=np.array(way_m), cv_ade_m=1.0)
 
 
-def test_travel_times_compare_the_way_that_both_cover() -> None:
-    slow, fast = figures(0, [1.0, 2.0, 3.0, 4.0]), figures(0, [2.0, 4.0, 6.0, 8.0])
-    assert travel_times_s(slow, fast) == pytest.approx((0.15, 0.05))
-
-
 def test_levels_are_compared_by_the_way_in_the_same_time_with_an_interval() -> None:
     """Gains of 100 %, 50 % and 0 %: the interval is Student's with two degrees of freedom."""
     first = [figures(seed, [1.0, 2.0, 4.0]) for seed in (7, 8, 9)]
@@ -70,6 +65,8 @@ def test_levels_are_compared_by_the_way_in_the_same_time_with_an_interval() -> N
     assert row["not_farther"] == [9]
     assert "L2 against L1" in compared_text(row)
     assert "+50 %" in compared_text(row).replace("%", " %")
+    slow, fast = figures(0, [1.0, 2.0, 3.0, 4.0]), figures(0, [2.0, 4.0, 6.0, 8.0])
+    assert travel_times_s(slow, fast) == pytest.approx((0.15, 0.05)), "over the way that both cover"
     lost = compared_row("S2", ("L1", "L2"), ([EpisodeFigures("S2", 0, error="no site")], second[:1]))
     assert (lost["seeds"], lost["failed"]) == (0, 1)
     assert compared_text(lost).endswith("no episode ran")
@@ -82,14 +79,16 @@ def test_rows_count_what_holds_and_failures_are_named() -> None:
         EpisodeFigures("S1", 2, error="SUMO teleported"),
     ]
     assert row_of("S1", episodes).split()[:3] == ["S1", "1/3", "1"]
+    row = json_row("S1", episodes)
+    assert (row["holds"], row["episodes"], row["failed"], row["arrival_s"]) == ("1/3", 3, 1, None)
+    assert json_row("S1", [EpisodeFigures("S1", 0, error="no site")])["holds"] == "–"
     lines = list(details_of(episodes))
     assert any("seed 1" in line and "holding" in line for line in lines)
     assert any("seed 2: failed, SUMO teleported" in line for line in lines)
 
 
 def test_seeds_are_a_range_or_a_number() -> None:
-    assert seeds_of_option("3:5") == (3, 4)
-    assert seeds_of_option("7") == (7,)
+    assert (seeds_of_option("3:5"), seeds_of_option("7")) == ((3, 4), (7,))
     for text in ("a", "5:5", "1:b"):
         with pytest.raises(argparse.ArgumentTypeError):
             seeds_of_option(text)
@@ -116,12 +115,6 @@ def test_the_spread_of_seeds_is_printed_with_its_standard_deviation() -> None:
     assert "queue 2.0 +- 1.6" in text
     assert "yielding 3.0 +- 0.0" in text
     assert "no episode ran" in spread_of([EpisodeFigures("S1", 0, error="failed")])
-
-
-def test_the_json_row_has_the_numbers_of_the_printed_one() -> None:
-    row = json_row("S1", [figures(0, [1.0], holds=True), figures(1, [1.0]), EpisodeFigures("S1", 2, error="died")])
-    assert (row["holds"], row["episodes"], row["failed"], row["arrival_s"]) == ("1/3", 3, 1, None)
-    assert json_row("S1", [EpisodeFigures("S1", 0, error="no site")])["holds"] == "–"
 
 
 PREDICATE = {"name": "rescue_lane", "thresholds": dict(load_template("S8").predicate.thresholds)}
@@ -219,18 +212,12 @@ def image_of(one):
 OWN = step((1.0, 4.0), (3.0, -2.0))
 
 
-def test_a_mirror_image_is_not_apart():
+def test_distances_events_and_actors_of_a_mirror_image():
     found = compare_mirrored([OWN, OWN], [image_of(OWN), image_of(OWN)])
     assert (found.apart_m, found.events_differ) == (0.0, False)
-
-
-def test_the_largest_distance_of_all_steps_counts():
     moved = image_of(step((1.0, 4.3), (3.0, -1.6)))
-    assert compare_mirrored([OWN, OWN], [moved, image_of(OWN)]).apart_m == pytest.approx(0.5)
+    assert compare_mirrored([OWN, OWN], [moved, image_of(OWN)]).apart_m == pytest.approx(0.5), "the largest of all"
     assert compare_mirrored([OWN], [OWN]).apart_m == pytest.approx(6.0), "not mirrored"
-
-
-def test_other_events_and_other_actors():
     other = image_of(step((1.0, 4.0), (3.0, -2.0), events=(replace(EVENT, actor_id=6),)))
     assert compare_mirrored([OWN], [other]).events_differ
     assert compare_mirrored([OWN], [image_of(step((1.0, 4.0), (3.0, -2.0), ids=(1, 6)))]).apart_m == float("inf")
@@ -259,10 +246,7 @@ def test_a_follower_agrees_with_the_formula() -> None:
     assert agreement.drac_mps2.max() < 1e-9
     assert agreement.least_ttc_s.tolist() == pytest.approx([0.0], abs=1e-9)
     assert lines_of(agreement)[0].startswith("1 pairs that follow each other, 20 moments")
-
-
-def test_a_leader_at_the_side_is_missed_by_the_footprints() -> None:
-    agreement = agreement_of(compare(run_of(track(15.0, 10.0, y_m=2.0))))
+    agreement = agreement_of(compare(run_of(track(15.0, 10.0, y_m=2.0))))  # the footprints miss it
     assert (agreement.moments, agreement.missed, len(agreement.ttc_s), len(agreement.least_ttc_s)) == (20, 20, 0, 0)
     assert len(lines_of(agreement)) == 1
 

@@ -39,6 +39,7 @@ def test_batches_stack_what_has_one_shape(packed):
     assert [len(points) for points in uneven["points"]] == [2, 3]
 
 
+@pytest.mark.filterwarnings("ignore:This DataLoader will create 2 worker processes")  # on one processor
 @pytest.mark.parametrize("workers", [0, 2])
 def test_ranks_and_workers_share_the_samples(packed, workers):
     file = first_file(packed("prediction"))

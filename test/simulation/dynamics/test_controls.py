@@ -328,6 +328,17 @@ def test_the_pace_follows_how_far_the_centre_moves_within_what_a_vehicle_can_dri
     assert after.pace[0] == pytest.approx(kept + (1.0 - kept) * pace)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_a_turn_nobody_is_faster_than_the_grip_allows(side):
+    """Out of town wheels may be turned as far as all of the grip allows; SUMO's vehicle is faster."""
+    speed = 15.0
+    at_grip = side * np.arctan(VEHICLE.wheelbase_m * steering_grip(speed) / speed**2)
+    controls, _ = tracked(right=side * 9.0, speed=speed, sumo=18.0, steer_rad=row(at_grip))
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
+    expected = led(resistance(speed) / (GAINS.drive_factor * drive), 0.0, VEHICLE.throttle_lag_s)
+    assert controls.throttle[0] == pytest.approx(expected, abs=1e-6)
+
+
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize(("way_m", "aside"), [(0.009, 0.25), (0.009, -0.25), (0.011, 0.25), (0.011, -0.25)])
 def test_who_hardly_moves_has_the_course_of_its_heading(turn, way_m, aside):
@@ -342,10 +353,8 @@ def test_who_hardly_moves_has_the_course_of_its_heading(turn, way_m, aside):
 
 
 LAWS = {
-    "far behind": {"behind": 50.0},
-    "far ahead": {"behind": -50.0},
-    "a turn at the limit of grip": {"behind": 1.0, "right": 9.0, "speed": 5.0},
-    "a turn to the left at the limit of grip": {"behind": 1.0, "right": -9.0, "speed": 5.0},
+    "far behind": {"behind": 50.0, "speed": 11.0},
+    "far ahead": {"behind": -50.0, "speed": 5.0},
     "behind in a left bend": {"behind": 0.3, "right": 0.1, "turned": 0.05, "swerve": 0.03, "accel": 0.4},
     "ahead in a right bend": {"behind": -0.2, "right": -0.1, "turned": -0.04, "swerve": -0.03, "accel": -0.6},
     "slower than SUMO's": {"speed": 6.0, "sumo": 8.0, "throttle": row(0.3), "accel": 0.8, "pace": 0.95},

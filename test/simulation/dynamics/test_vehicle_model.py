@@ -133,6 +133,7 @@ CASES = {
     "turns left": Case(9.0, 0.1, 0.2, 0.5, 0.06, 0.2, 0.0, (0.3, 0.0, 0.07)),
     "turns right": Case(9.0, -0.1, -0.2, 0.5, -0.06, 0.2, 0.0, (0.3, 0.0, -0.07)),
     "steers as fast as it can": Case(7.0, steer=-0.1, asked=(0.0, 0.0, 0.5)),
+    "steers no farther than to its lock": Case(3.0, steer=0.605, asked=(0.0, 0.0, 2.0)),
     "steers back as fast as it can": Case(7.0, steer=0.1, asked=(0.0, 0.0, -2.0), quickness=3.0),
     "front tyres slide": Case(18.0, 0.0, 0.1, -1.0, 0.45, 0.0, 0.1, (0.0, 0.1, 0.45)),
     "front tyres slide to the right": Case(18.0, 0.0, -0.1, -1.0, -0.45, 0.0, 0.1, (0.0, 0.1, -0.45)),

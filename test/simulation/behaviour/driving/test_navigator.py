@@ -82,14 +82,11 @@ def test_free_way_ends_at_the_first_contact_and_names_the_blocker():
     assert limit.blocker_id == 3
     assert limit.speed_mps == pytest.approx(math.sqrt(2.0 * 2.5 * (way.free_m - 1.0)))
     assert limit.brake_mps2 == 0.0
-
-
-def test_free_way_without_contact_is_infinite():
-    way = straight(boxes((12, 2.5, 0, 2, 1)))
-    assert math.isinf(way.free_m)
-    limit = way.limit(8.0, SQUEEZES, 1.0, 2.5)
-    assert math.isinf(limit.speed_mps)
-    assert limit.blocker_id == NO_ACTOR
+    near = straight(boxes((10, 0, 0, 2, 1)))
+    assert near.limit(8.0, SQUEEZES, 1.0, 2.5).brake_mps2 == pytest.approx(8.0**2 / (2.0 * (near.free_m - 1.0)))
+    apart = straight(boxes((12, 2.5, 0, 2, 1)))
+    assert math.isinf(apart.free_m)
+    assert apart.limit(8.0, SQUEEZES, 1.0, 2.5) == SpeedLimit()
 
 
 def test_tight_places_are_approached_at_the_speed_that_their_margin_allows():
@@ -98,11 +95,6 @@ def test_tight_places_are_approached_at_the_speed_that_their_margin_allows():
     assert free == pytest.approx(10.0, abs=0.5)
     assert way.limit(8.0, SQUEEZES, 1.0, 2.5).speed_mps == pytest.approx(math.sqrt(4.0**2 + 2.0 * 2.5 * free))
     assert straight(boxes((0, 2.1, 0, 2, 1))).limit(8.0, SQUEEZES, 1.0, 2.5).speed_mps == pytest.approx(1.0)
-
-
-def test_brakes_harder_where_the_way_is_short():
-    way = straight(boxes((10, 0, 0, 2, 1)))
-    assert way.limit(8.0, SQUEEZES, 1.0, 2.5).brake_mps2 == pytest.approx(8.0**2 / (2.0 * (way.free_m - 1.0)))
 
 
 def test_brakes_hard_for_contact_and_gently_for_a_place_that_is_only_too_tight():

@@ -340,6 +340,7 @@ def test_entered_after_three_seconds_stopped_behind_a_blocker(lab):
     unit, events = run(unit, view, 1)
     assert unit.gap_escape_active
     assert (kinds(events), events[0].other_id) == (["gap_escape_entered"], 2)
+    assert not run(EmvUnit(1), view_at(lab), 200)[0].gap_escape_active, "nobody blocks"
 
 
 def test_stop_timer_starts_again_after_moving(lab):
@@ -360,10 +361,6 @@ def test_the_gap_escape_comes_before_the_corridor_and_begins_at_l3_alone(lab):
         state, _, _ = steps(world, cars, 59, advice=stands)
         _, _, events = steps(world, cars, 1, state, 59, advice={**stands, "rescue_count": 1})
         assert kinds(events)[:2] == expected
-
-
-def test_not_entered_without_a_blocker(lab):
-    assert not run(EmvUnit(1), view_at(lab), 200)[0].gap_escape_active
 
 
 def test_the_time_without_a_blocker_begins_again_with_each_blocker(lab):

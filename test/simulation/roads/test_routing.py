@@ -162,6 +162,7 @@ def test_the_leftmost_of_several_lanes_is_one_for_driving(town):
     (several,) = edges(town, "main_e_1")
     found = [lane for lane in town.edges[several].lanes if routing.is_leftmost_of_several(town, lane)]
     assert names(town, found) == "main_e_1_3"
+    assert [lane.position for lane in routing.driving_lanes(town, several)] == [2, 3], "no shoulder and no sidewalk"
     single = [edge for edge in town.edges if len(routing.driving_lanes(town, edge.index)) < 2]
     assert single
     assert not any(routing.is_leftmost_of_several(town, lane) for edge in single for lane in edge.lanes)

@@ -32,6 +32,7 @@ from siren_ros.simulation.roads.road_network import Connection, Edge, JunctionKi
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, route_path
 from siren_ros.simulation.roads.sites import (
     REQUIREMENTS,
+    Control,
     Site,
     SiteKind,
     is_reversal,
@@ -205,7 +206,15 @@ def test_only_signals_and_only_stop_signs():
     assert list(stop_junctions(GRAPH)) == []
     signs = with_connections(NETWORK, [STRAIGHT, STRAIGHT_LEFT], signal_id=None, must_stop=True)
     (site,) = stop_junctions(EdgeGraph.of(signs))
-    assert (site.site_edge, site.route) == (B, (A, B, C))
+    assert (site.site_edge, site.route, site.control) == (B, (A, B, C), Control.TWO_WAY_STOP)
+    every = with_connections(signs, [CROSSING], signal_id=None, must_stop=True)
+    stronger = between(list(stop_junctions(EdgeGraph.of(every))), B, C)
+    assert (stronger.control, stronger.score - site.score) == (Control.ALL_WAY_STOP, pytest.approx(30.0))
+    mixed = with_connections(signs, [STRAIGHT], must_stop=False, gives_way=True)
+    (weaker,) = stop_junctions(EdgeGraph.of(mixed))
+    assert (weaker.control, site.score - weaker.score) == (Control.GIVE_WAY, pytest.approx(30.0))
+    yielding = with_connections(signs, [CROSSING], gives_way=True)
+    assert [one.site_edge for one in stop_junctions(EdgeGraph.of(yielding))] == [N], "who comes from there waits"
     one_lane = with_connections(signs, [STRAIGHT], must_stop=False)
     assert list(stop_junctions(EdgeGraph.of(one_lane))) == [], "a stop sign for one of the lanes is none"
     priority = replace(NETWORK, junctions={"J": replace(NETWORK.junctions["J"], kind=JunctionKind.PRIORITY)})
@@ -218,6 +227,18 @@ def test_a_queued_approach_reaches_back_over_plain_junctions():
     assert site.length_m == pytest.approx(310.0)
     # 310 m of approach and 200 m of way on; the whole stretch has as many lanes as lead on.
     assert site.score == pytest.approx(2.0 + 1.0 + WHOLE_M / 700.0 + 4.0 + 2.0 + 2.0)
+
+
+def test_turning_lanes_are_no_plain_road():
+    """A third lane joins on the second edge; 75 m of road before it are plain."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    for lane, y_m in ((0, -5.25), (A_LEFT, -1.75)):
+        lanes[lane] = replace(lanes[lane], centre=Polyline.through([(-185.0, y_m), (-110.0, y_m)]))
+    extra = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2)
+    edges[B] = replace(edges[B], lanes=(*edges[B].lanes, extra.index))
+    (site,) = queued_approaches(EdgeGraph.of(replace(NETWORK, lanes=(*lanes, extra), edges=tuple(edges))))
+    route = 2.0 + 1.0 + (WHOLE_M - 125.0) / 700.0
+    assert site.score == pytest.approx(route + 4.0 * 185.0 / 250.0 + 2.0 + 2.0 * 75.0 / 150.0)
 
 
 def test_a_short_queue_is_no_site():

@@ -116,20 +116,6 @@ def test_a_lane_change_at_the_line_does_not_hide_the_crossing() -> None:
     assert tried > 5
 
 
-def test_the_letter_is_the_one_of_the_movement_that_was_taken() -> None:
-    """Where two movements leave a lane, each has its own link."""
-    for lane, movements in NETWORK.connections_from.items():
-        links = {connection.signal_link for connection in movements}
-        if len(links) < 2 or any(connection.signal_id is None or not connection.via for connection in movements):
-            continue
-        for connection in movements:
-            letters = "".join("r" if link == connection.signal_link else "G" for link in range(60))
-            _, (crossed,) = events_on(lane, connection.via[0], signals={str(connection.signal_id): letters})
-            assert (crossed.detail["signal_state"], crossed.detail["direction"]) == ("r", connection.direction)
-        return
-    pytest.fail("no lane with two movements")
-
-
 def test_a_lane_change_on_the_road_crosses_nothing() -> None:
     edge = next(edge for edge in NETWORK.edges if len(edge.lanes) > 1 and not edge.internal)
     assert events_on(*edge.lanes[:2])[1] == ()

@@ -1,7 +1,6 @@
 """Vehicles that are put into SUMO, which replacements enter, and who leaves the stage."""
 
 import math
-from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +12,6 @@ from made_streets import A_LEFT, A_RIGHT, B_LEFT, CAR_M, NEAR, group, same_drive
 from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map, plan_of, plan_s2
 
 from siren_ros.base.numerics.geometry import Polyline, footprint_corners, separation_m
-from siren_ros.running.generation.closed_loop import closed_loop
-from siren_ros.running.generation.episode_setup import set_up_episode
-from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement
 from siren_ros.simulation.traffic.demand.demand import plan_traffic
@@ -28,7 +24,7 @@ from siren_ros.simulation.traffic.sumo.population import (
     type_id,
     vehicle_types_xml,
 )
-from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass
+from siren_ros.simulation.world.actors import ActorClass
 
 
 def test_those_in_the_ring_around_every_point_try_to_enter_in_their_order() -> None:
@@ -109,26 +105,6 @@ def test_two_wheels_have_sumos_own_classes() -> None:
     assert (bicycle.get("latAlignment"), bicycle.get("lcSpeedGain")) == ("right", "0")
     assert motorcycle.get("latAlignment") == "center"
     assert [float(element.get("accel")) for element in (bicycle, motorcycle, car)] == [1.2, 2.5, 2.4]
-
-
-def test_riders_are_kept_in_the_network_beside_the_other_civilians() -> None:
-    cyclists, motorcycles = 12, 4
-    values = f"demand.people.cyclists={cyclists},demand.people.motorcycles={motorcycles}"
-    counts = {}
-    for text in ("", values):
-        setup = set_up_episode(EpisodeRequest("S2", map="city", values=text, sensors="none"))
-        kinds: dict[int, ActorClass] = {}
-        for step in closed_loop(setup, 60):
-            kinds |= {actor.actor_id: actor.actor_class for actor in step.traffic.spawned}
-            for actor_id in step.traffic.removed.tolist():
-                del kinds[actor_id]
-        counts[text] = Counter(kind if kind in TWO_WHEELED else None for kind in kinds.values())
-    assert set(counts[""]) == {None}
-    riding = counts[values]
-    # one who has just left is followed by another one where a spot is free
-    assert cyclists - 1 <= riding[ActorClass.BICYCLE] <= cyclists
-    assert motorcycles - 1 <= riding[ActorClass.MOTORCYCLE] <= motorcycles
-    assert abs(riding[None] - counts[""][None]) <= 1
 
 
 @pytest.mark.parametrize("name", MAPS)

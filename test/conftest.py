@@ -1,8 +1,5 @@
 """Fixtures that several folders of tests share: messages without ROS, and a synthetic episode; who runs the tests."""
 
-from first_worker import begin_turn, end_turn  # before anything that takes time to load
-
-# isort: split
 import siren_ros  # noqa: F401 - the arithmetic of the library, before numpy is loaded
 
 # isort: split
@@ -53,23 +50,16 @@ def pytest_xdist_setupnodes(config: pytest.Config) -> None:
     """A run of all tests begins with an episode that several folders read, while the workers collect.
 
     Where nothing is compiled yet, this one process compiles the loops that most tests run; otherwise each of a dozen
-    processes would, which takes each of them a minute. The first worker collects before the others.
+    processes would, which takes each of them a minute.
     """
     if config.args_source is pytest.Config.ArgsSource.TESTPATHS:
         folders: pytest.TempPathFactory = config._tmp_path_factory  # type: ignore[attr-defined] # xdist's way to it
-        begin_turn(folders.getbasetemp() / "first_worker")
         _FIRST.submit(sensed_recording, folders)
 
 
 def pytest_xdist_node_collection_finished() -> None:
     """No test begins before that; if it fails, the tests that read it say why."""
-    end_turn()
     _FIRST.shutdown()
-
-
-def pytest_testnodedown() -> None:
-    """Also a worker that has died ends its turn."""
-    end_turn()
 
 
 LONG_FOLDERS = {"nodes", "guides", "studies", "training", "cli"}

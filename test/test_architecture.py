@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
 from repository import REPOSITORY
 
 LIBRARY = REPOSITORY / "siren_ros"
@@ -165,18 +164,3 @@ def test_no_test_looks_for_the_shared_folder_by_itself() -> None:
         for node in ways_out_of_the_repository(ast.parse(path.read_text(encoding="utf-8")))
     ]
     assert offenders == []
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ('path = REPOSITORY.parent / "other"', 1),
-        ('path = folder / "shared" / "maps"', 1),
-        ('path = "../shared/maps/Town07.xodr"', 1),
-        ("from repository import _SHARED\npath = _SHARED", 1),
-        ('path = shared_file("maps", "Town07.xodr")', 0),
-        ('path = tmp_path / "shared.json"', 0),
-    ],
-)
-def test_such_a_path_is_seen(source: str, found: int) -> None:
-    assert len(list(ways_out_of_the_repository(ast.parse(source)))) == found

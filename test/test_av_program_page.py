@@ -27,10 +27,3 @@ def test_the_topics_that_need_transient_local_are_the_latched_ones() -> None:
     assert named == {topic.name for topic in (AV_ROUTE, EPISODE, MAP, EPISODE_END, TF_STATIC)}
     assert all(topic.latched for topic in (AV_ROUTE, EPISODE, MAP, EPISODE_END, TF_STATIC))
     assert not AV_CONTROL.latched
-
-
-def test_odometry_has_the_frames_of_the_page() -> None:
-    policy = (REPOSITORY / "examples" / "av_policy.py").read_text(encoding="utf-8")
-    for frame in ("av/odom", "av/base_link"):
-        assert f"`{frame}`" in PAGE
-        assert f'"{frame}"' in policy

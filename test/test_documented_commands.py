@@ -108,31 +108,3 @@ def missing_names(markdown: str) -> list[str]:
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(REPOSITORY)))
 def test_names_that_documents_import_exist(path: Path) -> None:
     assert missing_names(path.read_text(encoding="utf-8")) == []
-
-
-def test_a_name_that_does_not_exist_is_found() -> None:
-    text = "```python\nfrom siren_ros.errors import InputError, NoSuchError\n```"
-    assert missing_names(text) == ["siren_ros.errors.NoSuchError"]
-
-
-@pytest.mark.parametrize(
-    ("text", "fault"),
-    [
-        ("    ./env siren nothing BAG", "siren has no command nothing"),
-        (
-            "```\n./env --with models siren train prediction --out x --turbo\n```",
-            "siren train prediction has no option --turbo",
-        ),
-        ("Use `siren evaluate weather BAG`.", "siren evaluate has no weather"),
-        (
-            "    ROS_DOMAIN_ID=7 ./env ros2 run siren_ros cosim --ros-args -p tmplate:=S2",
-            "cosim has no parameter tmplate",
-        ),
-        ("    ./env ros2 run siren_ros sensor", "there is no node sensor"),
-        ("    ./env python examples/none.py", "examples/none.py does not exist"),
-        ("    bash examples/none.sh", "examples/none.sh does not exist"),
-        ("```\nsiren export nuscenes a \\\n    --colour red\n```", "siren export nuscenes has no option --colour"),
-    ],
-)
-def test_a_command_that_does_not_exist_is_found(text: str, fault: str) -> None:
-    assert [fault for words in commands(text) for fault in faults_of(words)] == [fault]

@@ -12,8 +12,6 @@ from docsite.documents import documents_of, figure_of, figures_by_hand, sources_
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.lab.reproduction.make import read_parts
 from siren_ros.lab.reproduction.results import PartResult, read_results
-from siren_ros.running.ros.node_configs import CosimConfig
-from siren_ros.running.ros.parameters import defaults_of
 from siren_ros.scoring.judging.verify import verify_episode
 
 DOCUMENTS: Final = documents_of(REPOSITORY)
@@ -56,22 +54,6 @@ def test_every_part_of_the_results_is_a_part_of_the_reproduction(results: dict[s
     parts = read_parts(REPOSITORY / "params" / "reproduction.yaml", REPOSITORY)
     assert set(results) <= set(parts)
     assert set(parts) - set(results) <= NO_FIGURES | NOT_RUN
-
-
-def parameters_of_cosim() -> dict[str, str]:
-    """The default that the page of the episode shows for each parameter in its table of ``cosim``."""
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in TABLES["cosim"]().splitlines()[2:]]
-    return {name.strip("`"): default.strip("`") for name, default, meaning in cells if meaning}
-
-
-def test_the_page_of_the_episode_has_every_parameter_of_cosim() -> None:
-    assert set(parameters_of_cosim()) == set(defaults_of(CosimConfig))
-
-
-def test_the_page_of_the_episode_has_the_defaults_of_cosim() -> None:
-    defaults = {name: str(value).lower() for name, value in defaults_of(CosimConfig).items() if value not in ("", [])}
-    said = {name: default.lower() for name, default in parameters_of_cosim().items() if default}
-    assert said == defaults
 
 
 def test_the_page_of_the_recording_has_every_check_of_verify(record_of: Callable[..., EpisodeRecord]) -> None:

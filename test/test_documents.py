@@ -157,20 +157,3 @@ def test_packages_introduce_themselves_without_private_words(folder: str) -> Non
         for path in (REPOSITORY / folder).rglob("__init__.py")
     }
     assert not [name for name, text in introductions.items() if not text or PRIVATE_WORDS.search(text)]
-
-
-def test_the_search_for_headings_can_fail() -> None:
-    anchors = anchors_of("# A `b.py`, c: D-e\n```\n# no heading\n```\n### Frames of `/av/odom`\n")
-    assert anchors == {"a-bpy-c-d-e", "frames-of-avodom"}
-
-
-def test_the_search_for_files_can_fail() -> None:
-    assert is_there("siren_ros/errors.py")
-    assert is_there("docs/")
-    assert is_there("errors.py")
-    assert is_there("siren_msgs/StepDone")
-    assert not is_there("siren_ros/no_such_file.py")
-    assert not is_there("no_such_file.py")
-    assert list(quoted("a `b.py` c\n```\n`d`\n```\n`e/f`")) == ["b.py", "e/f"]
-    assert PRIVATE_WORDS.search("there is room beside it")
-    assert not PRIVATE_WORDS.search("footprint, bathroom, carrier")

@@ -48,13 +48,6 @@ def test_what_the_system_refuses_is_an_error_of_the_input(kind: str, parameter: 
     assert raised.value.allowed == f"a {kind} that can be written (Not a directory)"
 
 
-def test_what_was_written_stays(tmp_path: Path) -> None:
-    file = tmp_path / "file"
-    with writing(file):
-        file.write_text("whole", encoding="utf-8")
-    assert file.read_text(encoding="utf-8") == "whole"
-
-
 @given(st.text(max_size=2 * LONGEST_TEXT))
 def test_what_is_shown_is_one_printable_line_of_bounded_length(text: str) -> None:
     shown = shown_text(text)

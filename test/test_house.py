@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-import yaml
 from repository import REPOSITORY
 
-from docsite.house import Size, grown, record_sizes, recorded_sizes, sizes_of, sizes_table
+from docsite.house import Size, grown, record_sizes, recorded_sizes, sizes_of
 from siren_ros.simulation.scenario import driver_parameters
 from siren_ros.simulation.scenario.scenario import VARIETY
 
@@ -179,16 +178,6 @@ def test_sizes_are_those_of_wings_with_all_their_folders(tmp_path: Path) -> None
     assert recorded_sizes(tmp_path / "sizes.json") == {"wing": Size(3, 6, 2)}
 
 
-def test_the_table_of_sizes_ends_with_their_sum(tmp_path: Path) -> None:
-    record = tmp_path / "sizes.json"
-    record.write_text('{"a": {"files": 1, "lines": 2000, "classes": 3}, "b": {"files": 4, "lines": 5, "classes": 6}}')
-    assert sizes_table(record).splitlines()[2:] == [
-        "| `a` | 1 | 2,000 | 3 |",
-        "| `b` | 4 | 5 | 6 |",
-        "| all | 5 | 2,005 | 9 |",
-    ]
-
-
 def test_the_library_has_few_folders_at_its_top() -> None:
     assert len(sizes_of(LIBRARY)) <= MOST_TOP_FOLDERS
 
@@ -238,59 +227,7 @@ def test_every_number_of_drivers_has_a_name_for_users() -> None:
     assert reached == declared
 
 
-def test_parameters_of_nodes_stand_in_their_file() -> None:
-    written = yaml.safe_load((REPOSITORY / "params" / "nodes.yaml").read_text(encoding="utf-8"))
-    keys = {key for node in written.values() for key in node["ros__parameters"]}
-    tree = ast.parse((LIBRARY / "running" / "ros" / "node_configs.py").read_text(encoding="utf-8"))
-    kinds = [kind for kind in tree.body if isinstance(kind, ast.ClassDef) and kind.name.endswith("Config")]
-    declared = {ast.unparse(part.target) for kind in kinds for part in kind.body if isinstance(part, ast.AnnAssign)}
-    assert declared <= keys
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ("class AConfig:\n    x_m: float = 1.0\n    y_m: float = parameter(1.0, 'length')", ["AConfig.x_m"]),
-        (
-            "class AConfig(NamedTuple):\n    part: B = field(default_factory=B)\n    z_m: float",
-            ["AConfig.part", "AConfig.z_m"],
-        ),
-        ("class A:\n    x_m: float = 1.0\nclass BConfig:\n    X: Final = 1\n    y = 2", ["BConfig.X"]),
-    ],
-)
-def test_fields_that_nobody_can_set_are_seen(source: str, found: list[str]) -> None:
-    assert list(fields_not_set(ast.parse(source))) == found
-
-
 def test_tests_know_no_more_private_names() -> None:
     texts = (path.read_text(encoding="utf-8") for path in sorted((REPOSITORY / "test").rglob("*.py")))
     trees = (ast.parse(text) for text in texts if re.search(r"""[\s.'"]_[A-Za-z]""", text))
     assert_within(sum(1 for tree in trees for _ in private_names(tree)), MOST_PRIVATE_NAMES)
-
-
-@pytest.mark.parametrize(
-    ("source", "columns", "anys"),
-    [
-        ("def f(a: Any, n: int) -> Any: return a[n, 3]", 1, 2),
-        ("def f(a: tuple[Any, ...], *, b: Any = 0): return a[3], a[n, :], a[n, -i], a[SPEED, n]", 0, 2),
-        ("def f(a: Array): return a[i, j, 0] + a[i][0, 1] + a[2, n]", 3, 0),
-    ],
-)
-def test_what_a_compiled_function_hides_is_seen(source: str, columns: int, anys: int) -> None:
-    (function,) = compiled_in(ast.parse(f"@compiled\n{source}\ndef g(a: Any): return a[n, 1]"))
-    assert (numbered_columns(function), any_in_signature(function)) == (columns, anys)
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ("from module import _name, other", ["_name"]),
-        ("module._name(other.public)", ["_name"]),
-        ('monkeypatch.setattr(module, "_name", 1)', ["_name"]),
-        ('monkeypatch.setattr("package.module._name", 1)', ["_name"]),
-        ("class A:\n    def _own(self): self._mine = 1\nA()._own(); A()._mine", []),
-        ("value._replace(a=1); value.__dict__; _ = 1", []),
-    ],
-)
-def test_private_names_of_others_are_seen(source: str, found: list[str]) -> None:
-    assert list(private_names(ast.parse(source))) == found

@@ -1,13 +1,12 @@
 """Episodes run as a user runs them: the program cosim in a process of its own, with its own DDS domain."""
 
-import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from faulty_episodes import Episode, Start
-from live_episodes import Domain, Run, finish, wait_until
+from live_episodes import Domain, Run
 
 DOMAIN = Domain(subprocess.Popen)
 FAULTY_DOMAIN = Domain()
@@ -16,12 +15,7 @@ FAULTY_DOMAIN = Domain()
 @pytest.fixture(scope="session")
 def cosim() -> Callable[..., Run]:
     """Runs an episode to its end."""
-
-    def run(*parameters: str, cwd: Path | None = None, timeout_s: float = 300.0) -> Run:
-        with DOMAIN.episode(*parameters, cwd=cwd) as process:
-            return finish(process, timeout_s)
-
-    return run
+    return DOMAIN.run
 
 
 @pytest.fixture
@@ -36,16 +30,3 @@ def start(tmp_path: Path) -> Iterator[Start]:
     yield begin
     for episode in started:
         episode.kill_all()
-
-
-@pytest.fixture(scope="session")
-def stopped_cosim() -> Callable[..., Run]:
-    """Runs an episode and sends it a signal when it has come far enough."""
-
-    def run(*parameters: str, cwd: Path, number: signal.Signals, when: Callable[[], bool]) -> Run:
-        with FAULTY_DOMAIN.episode(*parameters, cwd=cwd) as process:
-            wait_until(when, process)
-            process.send_signal(number)
-            return finish(process, timeout_s=60.0)
-
-    return run

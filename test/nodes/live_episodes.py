@@ -105,7 +105,7 @@ class Domain:
     def run(self, *parameters: str, cwd: Path | None = None) -> Run:
         """An episode from its start to its end."""
         with self.episode(*parameters, cwd=cwd) as process:
-            return finish(process)
+            return finish(process, timeout_s=300.0)
 
 
 def without_waiting(lines: Sequence[str]) -> list[str]:

@@ -2,7 +2,6 @@
 
 import os
 import pty
-import resource
 import shutil
 import signal
 import subprocess
@@ -11,25 +10,21 @@ import time
 from pathlib import Path
 
 import pytest
-from faulty_episodes import ANSWER_S, Start, mounted, next_episode_starts
+from faulty_episodes import Start, mounted, next_episode_starts
 from live_episodes import Domain, cosim, recording, wait_until
 
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.recover import recover_bag
 
 DOMAIN = Domain()
-NODES = ("sumo_bridge", "sensor_sim", "recorder")
-"""A node that others wait for at each step, one that trails the step, and the one that writes the bag.
-
-SUMO runs within ``sumo_bridge``: to kill that process is to kill SUMO.
-"""
 
 
-@pytest.mark.parametrize("node", NODES)
+@pytest.mark.parametrize("node", ["sumo_bridge", "recorder"])
 def test_a_killed_node_ends_the_episode_by_name(node: str, start: Start) -> None:
+    """The one in which SUMO runs, which others wait for at each step, and the one that writes the bag."""
     episode = start("processes:=true")
     episode.wait_until_recorded()
-    episode.fault(lambda: os.kill(episode.process_of(node), signal.SIGKILL))
+    os.kill(episode.process_of(node), signal.SIGKILL)
     episode.wait_until_gone()
     assert episode.error == f"cosim: {node}: its process ended early (killed by SIGKILL)"
     if node == "recorder":
@@ -39,11 +34,12 @@ def test_a_killed_node_ends_the_episode_by_name(node: str, start: Start) -> None
     assert episode.saved_steps >= 20
 
 
-@pytest.mark.parametrize("processes", ["false", "true"])
-def test_a_second_ctrl_c_at_once_changes_nothing(processes: str, start: Start) -> None:
-    episode = start(f"processes:={processes}")
+def test_a_second_ctrl_c_at_once_changes_nothing(start: Start) -> None:
+    episode = start("processes:=true")
     episode.wait_until_recorded()
-    episode.fault(lambda: [(episode.process.send_signal(signal.SIGINT), time.sleep(0.1)) for _ in range(3)])
+    for _ in range(3):
+        episode.process.send_signal(signal.SIGINT)
+        time.sleep(0.1)
     episode.wait_until_gone()
     assert episode.error == "cosim: stopped by SIGINT"
     assert episode.saved_steps >= 20
@@ -53,7 +49,7 @@ def test_a_second_ctrl_c_at_once_changes_nothing(processes: str, start: Start) -
 def test_who_waits_is_told_for_what_and_may_stop_before_the_first_step(start: Start) -> None:
     episode = start("av:=civilian")
     episode.wait_until_told("cosim: waiting for av_controller to publish /av/control_cmd, at most 120 s (")
-    episode.fault(lambda: episode.process.send_signal(signal.SIGINT))
+    episode.process.send_signal(signal.SIGINT)
     episode.wait_until_gone()
     assert episode.process.returncode == 1
     assert episode.error == "cosim: stopped by SIGINT"
@@ -62,13 +58,12 @@ def test_who_waits_is_told_for_what_and_may_stop_before_the_first_step(start: St
     assert list(episode.folder.rglob("*bag*")) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_before_anything_is_loaded(number: signal.Signals, start: Start) -> None:
+def test_a_signal_before_anything_is_loaded(start: Start) -> None:
     episode = start(programs=subprocess.Popen)
     episode.wait_until_it_catches(signal.SIGTERM)
-    episode.process.send_signal(number)
+    episode.process.send_signal(signal.SIGTERM)
     assert episode.process.wait(90.0) == 1
-    assert episode.error == f"cosim: stopped by {number.name}"
+    assert episode.error == "cosim: stopped by SIGTERM"
     assert episode.out.splitlines()[-1] == "exit code 1: the episode was interrupted"
     assert list(episode.folder.rglob("*bag*")) == []
 
@@ -84,7 +79,7 @@ def test_a_closed_terminal_ends_the_episode_in_order(tmp_path: Path) -> None:
         wait_until(recording(tmp_path, 150_000), process)
         os.close(terminal)
         process.send_signal(signal.SIGHUP)
-        assert process.wait(timeout=ANSWER_S + 30.0) == 1
+        assert process.wait(timeout=60.0) == 1
     finally:
         process.kill()
         process.wait()
@@ -97,7 +92,7 @@ def test_a_closed_terminal_ends_the_episode_in_order(tmp_path: Path) -> None:
 def test_a_killed_episode_leaves_its_record_and_nothing_else(start: Start) -> None:
     episode = start()
     episode.wait_until_recorded()
-    episode.fault(episode.process.kill)
+    episode.process.kill()
     episode.wait_until_gone()
     assert recover_bag(episode.bag).steps >= 20
     assert not episode.working.exists()
@@ -109,7 +104,7 @@ def test_a_node_that_is_stopped_does_not_outlive_a_killed_episode(start: Start) 
     episode = start("processes:=true")
     episode.wait_until_recorded()
     os.kill(episode.process_of("vehicle_dynamics"), signal.SIGSTOP)
-    episode.fault(episode.process.kill)
+    episode.process.kill()
     episode.wait_until_gone()
     for node in ("recorder", "vehicle_dynamics"):
         assert f"{node}: stopped by the end of the program that started it" in episode.err
@@ -122,8 +117,8 @@ def test_a_node_that_hangs_is_named(start: Start) -> None:
     """The one that writes the bag; that others are named which the step waits for, an AV that does not answer shows."""
     episode = start("processes:=true", "step_timeout_s:=3.0")
     episode.wait_until_recorded()
-    episode.fault(lambda: os.kill(episode.process_of("recorder"), signal.SIGSTOP))
-    episode.wait_until_gone(3.0 + ANSWER_S)
+    os.kill(episode.process_of("recorder"), signal.SIGSTOP)
+    episode.wait_until_gone()
     assert episode.error.startswith("cosim: recorder: did not finish step ")
     assert episode.error.endswith(" within 3 s")
     recover_bag(episode.working)
@@ -141,8 +136,7 @@ EmvController.on_step = lambda node, step, inputs: time.sleep(1000) if step == 5
 def test_a_node_that_hangs_in_the_one_process_is_named(start: Start) -> None:
     episode = start("step_timeout_s:=3.0", prelude=HANGING_CONTROLLER)
     episode.wait_until_recorded()
-    episode.fault(lambda: None)
-    episode.wait_until_gone(50 * 0.025 + 3.0 + ANSWER_S)
+    episode.wait_until_gone()
     assert episode.error.startswith("cosim: emv_controller: did not finish step 50 within 3 s; ")
     assert episode.out.splitlines()[-1] == "exit code 1: the episode failed"
     assert recover_bag(episode.bag).steps >= 20
@@ -152,34 +146,21 @@ def test_a_full_disk_is_named_and_the_bag_on_it_is_readable(start: Start, tmp_pa
     disk = tmp_path / "bags"
     disk.mkdir()
     if not mounted(disk, "4m"):
-        pytest.skip("a small disk needs the right to mount one; the limit on the size of files stands in for it")
+        pytest.skip("a small disk needs the right to mount one")
     try:
         episode = start("realtime_factor:=0.0", sensors="lidar")
         episode.wait_until_recorded()
-        episode.fault(lambda: None)
-        episode.wait_until_gone(20.0)
+        episode.wait_until_gone()
         assert "the disk is full" in episode.error
         assert episode.saved_steps >= 2
     finally:
         subprocess.run(["umount", str(disk)], check=True)
 
 
-def test_a_file_that_may_not_grow_is_named(start: Start) -> None:
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
-
-    episode = start("realtime_factor:=0.0", sensors="lidar", programs=subprocess.Popen, preexec_fn=limit)
-    episode.wait_until_recorded()
-    episode.fault(lambda: None)
-    episode.wait_until_gone(20.0)
-    assert "recorder: the bag bags/bag cannot be written: the limit on the size of files" in episode.error
-    assert episode.saved_steps >= 2
-
-
 def test_a_bag_that_is_taken_away_is_named_and_saved(start: Start, tmp_path: Path) -> None:
     episode = start()
     episode.wait_until_recorded()
-    episode.fault(lambda: shutil.rmtree((tmp_path / "bags").rename(tmp_path / "taken")))
+    shutil.rmtree((tmp_path / "bags").rename(tmp_path / "taken"))
     episode.wait_until_gone()
     assert "its folder has disappeared" in episode.error
     assert episode.saved_steps >= 20

@@ -39,35 +39,19 @@ def _alone(suite: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
     return digest(folder)
 
 
-def test_the_example_is_short() -> None:
-    assert len(Path(LISTENER).read_text(encoding="utf-8").splitlines()) < 64
-
-
-def test_listeners_change_nothing_also_when_they_hang(
-    domain: Domain, alone: dict[str, str], suite: str, tmp_path: Path
+def test_a_participant_hears_every_step_and_listeners_change_nothing_also_when_they_hang(
+    alone: dict[str, str], suite: str, tmp_path: Path
 ) -> None:
-    with (
-        domain.running(LISTENER, cwd=tmp_path) as awake,
-        domain.running(LISTENER, cwd=tmp_path) as asleep,
-        domain.episode(*short(suite), cwd=tmp_path) as episode,
-    ):
-        wait_until(recording(tmp_path), episode)
-        asleep.send_signal(signal.SIGSTOP)
-        run = finish(episode)
-        assert run.code == 0, run.err
-        heard = finish(awake)
-        assert asleep.poll() is None
-    assert digest(tmp_path) == alone
-    assert heard.code == 0, heard.err
-
-
-def test_a_participant_hears_every_step(alone: dict[str, str], suite: str, tmp_path: Path) -> None:
     domain = Domain(subprocess.Popen)
     with (
+        domain.running(LISTENER, cwd=tmp_path) as asleep,
         domain.episode(*short(suite, "external:=[my_stack]"), cwd=tmp_path) as episode,
         domain.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
     ):
+        wait_until(recording(tmp_path), episode)
+        asleep.send_signal(signal.SIGSTOP)
         run, heard = finish(episode), finish(stack)
+        assert asleep.poll() is None
     assert run.code == 0, run.err
     assert "my_stack" in run.out
     assert digest(tmp_path) == alone

@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from live_episodes import Domain, cosim, digest, finish, recording, wait_until
+from live_episodes import Domain, cosim, finish, recording, wait_until
 
 from siren_ros.running.ros.transport.dds import LARGEST_DOMAIN
 
-HERE, ELSEWHERE = Domain(), Domain()
+HERE = Domain()
 SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")
 LONGER = ("sensors:=none", "duration_s:=2.0", "bag:=bag", "realtime_factor:=1.0", "step_timeout_s:=600.0")
 
@@ -69,13 +69,3 @@ def test_episodes_without_a_chosen_domain_take_one_each(tmp_path: Path) -> None:
     assert other.returncode == 0, other.stderr
     (line,) = [line for line in other.stderr.splitlines() if "ROS_DOMAIN_ID" in line]
     assert re.fullmatch(r"cosim: lower DDS domains are in use .* ROS_DOMAIN_ID=[1-9]\d*", line)
-
-
-def test_episodes_in_two_domains_run_side_by_side(tmp_path: Path) -> None:
-    first, second = tmp_path / "first", tmp_path / "second"
-    first.mkdir()
-    second.mkdir()
-    with HERE.episode(*SHORT, cwd=first) as here, ELSEWHERE.episode(*SHORT, cwd=second) as elsewhere:
-        runs = [finish(here), finish(elsewhere)]
-    assert [run.code for run in runs] == [0, 0], [run.err for run in runs]
-    assert digest(first) == digest(second)

@@ -8,7 +8,6 @@ import pytest
 from hand_made_record import NORTHBOUND, SOUTHBOUND, Driven, at_speed
 from hypothesis import given
 from hypothesis import strategies as st
-from repository import REPOSITORY
 from seen_on_crossing import sight_at
 
 from siren_ros.running.seat.policy import (
@@ -107,10 +106,6 @@ def test_every_number_stays_within_its_bounds(own_m: float, own_mps: float, emv_
     assert vector.shape == (VECTOR_SIZE,)
     assert vector.dtype == np.float32
     assert (np.abs(vector) <= 1.0).all()
-
-
-def test_the_page_has_the_size() -> None:
-    assert f"Box(-1, 1, ({VECTOR_SIZE},), float32)" in (REPOSITORY / "docs" / "learning.md").read_text(encoding="utf-8")
 
 
 VEHICLES = load_vehicle_parameters()

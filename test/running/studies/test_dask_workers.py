@@ -92,21 +92,21 @@ def test_a_scheduler_that_does_not_answer_is_refused() -> None:
         connected("carrier-pigeon://home")
 
 
-def test_a_worker_that_is_lost_is_noted_by_the_next_one(cluster: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("note", "reasons"),
+    [
+        (b'{"run": "now", "workers": ["tcp://gone"]}', ("worker tcp://gone was lost",)),
+        (b"[" * 200_000, ()),
+    ],
+    ids=["lost", "damaged"],
+)
+def test_a_worker_that_is_lost_is_noted_by_the_next_one(
+    cluster: Any, tmp_path: Path, note: bytes, reasons: tuple[str, ...]
+) -> None:
     episode = plan_study(Study(("S2",), duration_s=0.5))[0]
     folder = LocalFolder(tmp_path)
-    folder.write(f"begun/{episode.group}/{episode.name}.json", b'{"run": "now", "workers": ["tcp://gone"]}')
+    folder.write(f"begun/{episode.group}/{episode.name}.json", note)
     with client_of(cluster) as client:
         content = client.submit(make_on_worker, episode, folder, WorkerOptions(), "now", pure=False).result()
     row = EpisodeRow.from_json(content)
-    assert row.attempts == 2
-    assert row.retry_reasons == ("worker tcp://gone was lost",)
-
-
-def test_a_damaged_note_names_no_worker(cluster: Any, tmp_path: Path) -> None:
-    episode = plan_study(Study(("S2",), duration_s=0.5))[0]
-    folder = LocalFolder(tmp_path)
-    folder.write(f"begun/{episode.group}/{episode.name}.json", b"[" * 200_000)
-    with client_of(cluster) as client:
-        content = client.submit(make_on_worker, episode, folder, WorkerOptions(), "now", pure=False).result()
-    assert EpisodeRow.from_json(content).attempts == 1
+    assert (row.attempts, row.retry_reasons) == (1 + len(reasons), reasons)

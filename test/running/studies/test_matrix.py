@@ -104,34 +104,11 @@ def test_values_go_to_their_own_parameters() -> None:
     assert 12.45 < max(speeds) <= 12.5
     assert set(counts) == {16.0, 17.0, 18.0}
     assert np.corrcoef(speeds, counts)[0, 1] < 0.5, "each has numbers of its own"
-
-
-def test_a_range_of_one_value_is_that_value() -> None:
-    draws = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={"emv.speed_mps": (13.0, 13.0)}), S2)
-    assert draws == ({"emv.speed_mps": 13.0},) * 3
+    (same,) = draws_of(DrawPlan(Method.RANDOM, samples=1, ranges={"emv.speed_mps": (13.0, 13.0)}), S2)
+    assert same == {"emv.speed_mps": 13.0}
 
 
 STUDY = Study(("S1", "S2"), ("L0", "own"), seeds=(0, 1, 2))
-
-
-def test_the_matrix_has_every_cell_once() -> None:
-    planned = plan_study(STUDY)
-    names = [episode.name for episode in planned]
-    assert len(set(names)) == len(names) == 12
-    assert "S1_L3_seed2" in names
-    assert {episode.request.level for episode in planned} == {"L0", "L2", "L3"}
-    assert len({episode.inputs_sha256 for episode in planned}) == 12
-    assert planned == plan_study(STUDY)
-
-
-def test_draws_are_part_of_the_request() -> None:
-    study = replace(STUDY, draws=DrawPlan(Method.RANDOM, samples=2, ranges={"emv.speed_mps": (12.0, 14.0)}))
-    planned = plan_study(study)
-    assert len(planned) == 24
-    assert {episode.draw for episode in planned} == {0, 1}
-    assert planned[0].name.endswith("_draw0")
-    same = {episode.request.values for episode in planned if episode.draw == 1 and episode.request.template == "S1"}
-    assert len(same) == 1, "all levels and seeds of a draw share its values"
 
 
 def test_values_are_those_of_every_request_as_they_were_typed() -> None:
@@ -255,6 +232,9 @@ seeds: [0:3, 7]
 maps: [town, some.xodr]
 sites: [drawn, a..b]
 preset: realistic
+sensors: lidar
+look: night
+duration_s: 30
 risk_videos: 2
 values: demand.background_vehicles=20,duration_s=40
 draw:
@@ -278,16 +258,13 @@ def test_a_file_says_what_the_command_line_says(tmp_path: Path) -> None:
         maps=("town", "some.xodr"),
         sites=("drawn", "a..b"),
         preset="realistic",
+        sensors="lidar",
+        look="night",
+        duration_s=30.0,
         risk_videos=2,
         values="demand.background_vehicles=20,duration_s=40",
         draws=DrawPlan(Method.LATIN_HYPERCUBE, samples=16, ranges=ranges_of(["emv.speed_mps=12:15.5"])),
     )
-
-
-def test_a_grid_and_a_single_word(tmp_path: Path) -> None:
-    text = "templates: S3\nseeds: 4\ndraw: {method: grid, values: {emv.speed_mps: [12, 13]}}\n"
-    study = read_study(written(tmp_path, text))
-    assert study == Study(("S3",), seeds=(4,), draws=grid_of(["emv.speed_mps=12,13"]))
 
 
 @pytest.mark.parametrize(
@@ -331,12 +308,22 @@ def test_the_benchmark_is_a_study_of_the_seven_base_episodes() -> None:
     assert {episode.request.sensors for episode in planned} == {"full"}
 
 
-def test_every_key_has_its_place_and_others_are_as_always(tmp_path: Path) -> None:
-    assert read_study(written(tmp_path, "templates: [S1]")) == Study(("S1",))
-    text = "templates: [S1]\nsensors: lidar\nlook: night\nduration_s: 30\ndraw: {method: random, samples: 5, seed: 9}"
-    study = read_study(written(tmp_path, text))
-    assert (study.sensors, study.look, study.duration_s) == ("lidar", "night", 30.0)
-    assert study.draws == DrawPlan(Method.RANDOM, samples=5, seed=9)
+@pytest.mark.parametrize(
+    ("text", "study"),
+    [
+        ("templates: [S1]", Study(("S1",))),
+        (
+            "templates: S3\nseeds: 4\ndraw: {method: grid, values: {emv.speed_mps: [12, 13]}}",
+            Study(("S3",), seeds=(4,), draws=grid_of(["emv.speed_mps=12,13"])),
+        ),
+        (
+            "templates: S1\ndraw: {method: random, samples: 5, seed: 9}",
+            Study(("S1",), draws=DrawPlan(Method.RANDOM, samples=5, seed=9)),
+        ),
+    ],
+)
+def test_single_words_and_other_draws(tmp_path: Path, text: str, study: Study) -> None:
+    assert read_study(written(tmp_path, text)) == study
 
 
 @pytest.mark.parametrize(("word", "seeds"), [("0", (0,)), ("3", (3,)), ("2:5", (2, 3, 4)), ("4:5", (4,))])
@@ -361,15 +348,6 @@ def test_the_city_has_people_in_every_template() -> None:
         assert people.pedestrians >= 30
         assert people.cyclists >= 10
         assert people.motorcycles >= 5
-
-
-def test_people_are_drawn_only_where_a_study_names_them() -> None:
-    path = "demand.people.cyclists"
-    template = load_template("S2")
-    assert path in template.ranges
-    assert all(path not in values for values in draws_of(DrawPlan(Method.RANDOM, samples=3), template))
-    named = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={path: (5.0, 9.0)}), template)
-    assert all(5.0 <= values[path] <= 9.0 for values in named)
 
 
 def test_a_template_with_its_own_map_is_made_on_it_unless_another_one_is_named() -> None:

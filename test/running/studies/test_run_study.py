@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from recorded_episode import quick_template
+from synthetic_episode import NET_XML
 
 from siren_ros.base.processes.process_pool import CrashError, ProcessPool
 from siren_ros.data.recording.bag_reader import read_episode
@@ -82,16 +83,7 @@ def test_a_study_is_resumed_by_the_hashes_of_its_bags(first_run: tuple[StudyResu
     assert file.read_bytes() == content, "an episode that is made again has the same bytes"
 
 
-def test_a_study_is_resumed_without_its_table(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
-    before, folder, root = first_run
-    (root / MANIFEST).unlink()
-    workers = Counted()
-    assert run_study(STUDY, folder, workers).kept == len(before.rows)
-    assert workers.asked == []
-    assert len(read_table(folder)) == len(before.rows)
-
-
-def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(first_run) -> None:
+def test_a_study_without_its_table_keeps_all_but_a_damaged_row_and_what_killed_processes_left_goes(first_run) -> None:
     before, folder, root = first_run
     (root / MANIFEST).unlink()
     damaged = before.rows[0]
@@ -100,6 +92,7 @@ def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes
     workers = Counted()
     again = run_study(STUDY, folder, workers)
     assert workers.asked == [damaged.episode]
+    assert len(read_table(folder)) == len(before.rows)
     assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
     assert not (root / ".work").exists()
 
@@ -171,7 +164,7 @@ def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(first_run, tmp
 
 def test_what_cannot_be_made_is_told_and_not_tried_again(tmp_path: Path) -> None:
     grid = tmp_path / "road.net.xml"
-    grid.write_text(ONE_ROAD, encoding="utf-8")
+    grid.write_text(NET_XML, encoding="utf-8")
     study = replace(STUDY, templates=("S4",), levels=("own",), maps=(str(grid),))
     result = run_study(study, LocalFolder(tmp_path / "out"), LocalWorkers(1))
     (row,) = result.rows
@@ -188,17 +181,6 @@ def test_an_episode_whose_process_never_answers_is_given_up(tmp_path: Path) -> N
     assert row.status is Status.CRASHED
     assert row.attempts == 2
     assert row.retry_reasons == (row.reason,)
-
-
-ONE_ROAD = """<net version="1.20">
-<location netOffset="0.00,0.00" convBoundary="0.00,-7.00,320.00,7.00" origBoundary="0,0,1,1" projParameter="!"/>
-<edge id="east" from="A" to="B" priority="1" shape="0.00,0.00 300.00,0.00">
-<lane id="east_0" index="0" speed="13.89" length="300.00" width="3.50" shape="0.00,-5.25 300.00,-5.25"/>
-</edge>
-<junction id="A" type="dead_end" x="0.00" y="0.00" incLanes="" intLanes="" shape="0,-7 0,7"/>
-<junction id="B" type="dead_end" x="300.00" y="0.00" incLanes="east_0" intLanes="" shape="300,7 300,-7"/>
-</net>
-"""
 
 
 PLANNED = PlannedEpisode("S2_L2_seed3", "S2_L2", EpisodeRequest("S2", "L2", 3), -1, "ab" * 32)
@@ -259,23 +241,6 @@ def test_a_study_that_is_stopped_leaves_no_row_of_what_was_under_way(tmp_path: P
     rows.close()
     assert not (tmp_path / "episodes" / endless[0].group).exists()
     assert not list(tmp_path.glob(".work/*"))
-
-
-PROGRAM = """
-from siren_ros.running.studies.run_study import attempt_processes
-loops = (
-    "sum(bool(getattr(one, 'signatures', 0)) for one in "
-    "vars(__import__('sys').modules['siren_ros.simulation.dynamics.fleet']).values())"
-)
-with attempt_processes(1) as pool:
-    print(pool.call(eval, loops))
-"""
-
-
-def test_processes_of_attempts_begin_with_their_loops_at_hand() -> None:
-    """In a program of its own: a process has one server for all of its pools, with what the first of them asked for."""
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
-    assert int(done.stdout) > 0
 
 
 def test_a_server_that_gets_ready_ends_with_its_program_and_leaves_no_folder(tmp_path: Path) -> None:

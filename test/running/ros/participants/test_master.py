@@ -31,41 +31,29 @@ class Graph:
         return [SimpleNamespace(node_name=name) for name in self.publishers]
 
 
-@pytest.fixture(name="graph")
-def _graph() -> Graph:
-    return Graph()
+@pytest.fixture(name="seen")
+def _seen() -> SimpleNamespace:
+    """A proxy with the graph that it sees, its reports, and what it has said."""
+    graph, reports, said = Graph(), [], []
+    proxy = AvProxy(graph, reports.append, lambda gone, what: said.append(f"{sorted(gone)}: {what}"), said.append)
+    return SimpleNamespace(proxy=proxy, graph=graph, reports=reports, said=said)
 
 
-@pytest.fixture(name="reports")
-def _reports() -> list[StepReport]:
-    return []
+def test_it_is_ready_once_when_somebody_publishes(seen: Any) -> None:
+    seen.proxy.watch()
+    assert (seen.reports, seen.proxy.called) == ([], AV_SOURCE)
+    seen.graph.publishers = ["my_stack"]
+    seen.proxy.watch()
+    seen.proxy.watch()
+    assert seen.reports == [StepReport(0, AV_SOURCE, Phase.READY)]
+    assert seen.proxy.called == f"{AV_SOURCE} (node my_stack)"
 
 
-@pytest.fixture(name="said")
-def _said() -> list[str]:
-    return []
-
-
-@pytest.fixture(name="proxy")
-def _proxy(graph: Graph, reports: list[StepReport], said: list[str]) -> AvProxy:
-    return AvProxy(graph, reports.append, lambda gone, what: said.append(f"{sorted(gone)}: {what}"), said.append)
-
-
-def test_it_is_ready_once_when_somebody_publishes(proxy: AvProxy, graph: Graph, reports: list[StepReport]) -> None:
-    proxy.watch()
-    assert (reports, proxy.called) == ([], AV_SOURCE)
-    graph.publishers = ["my_stack"]
-    proxy.watch()
-    proxy.watch()
-    assert reports == [StepReport(0, AV_SOURCE, Phase.READY)]
-    assert proxy.called == f"{AV_SOURCE} (node my_stack)"
-
-
-def test_an_answer_is_the_report_of_its_step(proxy: AvProxy, graph: Graph, reports: list[StepReport]) -> None:
-    graph.publishers = ["my_stack"]
-    graph.hear(wire.encode(topics.AV_CONTROL, to_av_control(AvControl(7, 0.5))))
-    proxy.close(9)
-    assert reports == [StepReport(7, AV_SOURCE, Phase.STEP), StepReport(8, AV_SOURCE, Phase.FINAL)]
+def test_an_answer_is_the_report_of_its_step(seen: Any) -> None:
+    seen.graph.publishers = ["my_stack"]
+    seen.graph.hear(wire.encode(topics.AV_CONTROL, to_av_control(AvControl(7, 0.5))))
+    seen.proxy.close(9)
+    assert seen.reports == [StepReport(7, AV_SOURCE, Phase.STEP), StepReport(8, AV_SOURCE, Phase.FINAL)]
 
 
 @pytest.mark.parametrize(
@@ -75,44 +63,38 @@ def test_an_answer_is_the_report_of_its_step(proxy: AvProxy, graph: Graph, repor
         (b"\x00\x01\x00\x00nonsense", "a message of 12 bytes"),
     ],
 )
-def test_what_cannot_be_used_is_an_error(
-    proxy: AvProxy, graph: Graph, reports: list[StepReport], cdr: bytes, named: str
-) -> None:
-    assert proxy.called == AV_SOURCE
-    graph.hear(cdr)
-    (report,) = reports
+def test_what_cannot_be_used_is_an_error(seen: Any, cdr: bytes, named: str) -> None:
+    assert seen.proxy.called == AV_SOURCE
+    seen.graph.hear(cdr)
+    (report,) = seen.reports
     assert report.error.startswith(topics.AV_CONTROL.name)
     assert named in report.error
 
 
-def test_a_controller_that_leaves_has_departed_and_may_come_again(
-    proxy: AvProxy, graph: Graph, reports: list[StepReport], said: list[str]
-) -> None:
+def test_a_controller_that_leaves_has_departed_and_may_come_again(seen: Any) -> None:
     for _ in range(2):
-        graph.publishers = ["my_stack"]
-        proxy.watch()
-        graph.publishers = []
-        proxy.watch()
-        proxy.watch()
-    assert reports == [StepReport(0, AV_SOURCE, Phase.READY)] * 2
-    assert said == ["['av_controller']: its publisher of /av/control_cmd is gone"] * 2
+        seen.graph.publishers = ["my_stack"]
+        seen.proxy.watch()
+        seen.graph.publishers = []
+        seen.proxy.watch()
+        seen.proxy.watch()
+    assert seen.reports == [StepReport(0, AV_SOURCE, Phase.READY)] * 2
+    assert seen.said == ["['av_controller']: its publisher of /av/control_cmd is gone"] * 2
 
 
-def test_a_second_controller_is_refused_once_the_episode_has_begun(
-    proxy: AvProxy, graph: Graph, said: list[str]
-) -> None:
+def test_a_second_controller_is_refused_once_the_episode_has_begun(seen: Any) -> None:
     def matched(total: int, current: int) -> None:
-        graph.matched(SimpleNamespace(total_count=total, current_count=current))
+        seen.graph.matched(SimpleNamespace(total_count=total, current_count=current))
 
-    graph.publishers = ["my_stack"]
+    seen.graph.publishers = ["my_stack"]
     matched(1, 1)
-    graph.publishers = []
+    seen.graph.publishers = []
     matched(1, 0)
-    graph.publishers = ["my_stack"]
+    seen.graph.publishers = ["my_stack"]
     matched(2, 1)
-    proxy.publishers.bind()
-    assert not said
-    graph.publishers = ["my_stack", "other"]
+    seen.proxy.publishers.bind()
+    assert not seen.said
+    seen.graph.publishers = ["my_stack", "other"]
     matched(3, 2)
-    (text,) = said
+    (text,) = seen.said
     assert "/av/control_cmd: 1 publisher that this episode does not know (node other)" in text

@@ -7,7 +7,6 @@ import threading
 import time
 from pathlib import Path
 
-import numba
 import pytest
 from numba.core import event
 
@@ -24,36 +23,43 @@ def state(stage: Stage, *waiting: str, step: int = -1, owing: tuple[str, ...] = 
     return LockstepState(stage, step, frozenset(waiting), frozenset(owing))
 
 
-def test_before_the_first_step() -> None:
-    everybody = state(Stage.GATHERING, *CONFIG.participants)
-    assert awaited_by(everybody, CONFIG, OWN) == (
-        "av_controller to publish /av/control_cmd, my_stack to report READY on /siren/step_done, at most 120 s"
-    )
-    assert awaited_by(state(Stage.GATHERING, "sumo_bridge"), CONFIG, OWN) == "sumo_bridge to be ready, at most 120 s"
+EVERYBODY = state(Stage.GATHERING, *CONFIG.participants)
+AT_WORK = (None, Work("recorder", Phase.READY, 0, 1.0), Work("sensor_sim", Phase.READY, 0, 1.0))
 
 
-def test_who_is_at_work_in_this_process_comes_first() -> None:
-    works = (None, Work("recorder", Phase.READY, 0, 1.0), Work("sensor_sim", Phase.READY, 0, 1.0))
-    everybody = state(Stage.GATHERING, *CONFIG.participants)
-    assert awaited_by(everybody, CONFIG, OWN, works) == "recorder to be ready, at most 120 s"
-
-
-def test_within_a_step() -> None:
-    stepping = state(Stage.STEPPING, "emv_controller", "vehicle_dynamics", "recorder", step=3)
-    assert awaited_by(stepping, CONFIG, OWN) == "emv_controller to finish step 3, at most 20 s"
-    owing = state(Stage.STEPPING, "sumo_bridge", step=3, owing=("recorder",))
-    assert awaited_by(owing, CONFIG, OWN) == "recorder to finish step 2, at most 20 s"
-
-
-def test_at_the_end() -> None:
-    assert awaited_by(state(Stage.CLOSING, "recorder", step=9), CONFIG, OWN) == "recorder to close, at most 60 s"
-    assert awaited_by(state(Stage.CLOSED, "recorder"), CONFIG, OWN) == "", "it is no longer waited for"
-
-
-def test_many_are_not_all_named() -> None:
-    config = LockstepConfig(tuple("abcde"), 1)
-    line = awaited_by(state(Stage.GATHERING, *"abcde"), config, tuple("abcde"))
-    assert line == "a, b, c and 2 more to be ready, at most 120 s"
+@pytest.mark.parametrize(
+    ("awaited", "works", "text"),
+    [
+        (
+            EVERYBODY,
+            (),
+            "av_controller to publish /av/control_cmd, my_stack to report READY on /siren/step_done, at most 120 s",
+        ),
+        (state(Stage.GATHERING, "sumo_bridge"), (), "sumo_bridge to be ready, at most 120 s"),
+        (EVERYBODY, AT_WORK, "recorder to be ready, at most 120 s"),
+        (
+            state(Stage.GATHERING, *OWN),
+            (),
+            "emv_controller, recorder, sumo_bridge and 1 more to be ready, at most 120 s",
+        ),
+        (
+            state(Stage.STEPPING, "emv_controller", "vehicle_dynamics", "recorder", step=3),
+            (),
+            "emv_controller to finish step 3, at most 20 s",
+        ),
+        (
+            state(Stage.STEPPING, "sumo_bridge", step=3, owing=("recorder",)),
+            (),
+            "recorder to finish step 2, at most 20 s",
+        ),
+        (state(Stage.STEPPING, "recorder", step=0), (), "recorder to finish step 0, at most 120 s"),
+        (state(Stage.CLOSING, "recorder", step=9), (), "recorder to close, at most 60 s"),
+        (state(Stage.CLOSED, "recorder"), (), ""),
+    ],
+)
+def test_what_the_episode_waits_for_is_named_with_the_longest_time(awaited, works, text) -> None:
+    """Whoever is at work in this process comes first."""
+    assert awaited_by(awaited, CONFIG, OWN, works) == text
 
 
 def test_the_first_step_may_take_as_long_as_the_start() -> None:
@@ -63,8 +69,6 @@ def test_the_first_step_may_take_as_long_as_the_start() -> None:
     assert overdue([Work("recorder", Phase.STEP, 1, 0.0)], CONFIG, 22.0) == (
         "recorder: did not finish step 1 within 20 s"
     )
-    stepping = state(Stage.STEPPING, "recorder", step=0)
-    assert awaited_by(stepping, CONFIG, OWN) == "recorder to finish step 0, at most 120 s"
 
 
 def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,13 +92,6 @@ def test_it_stands_from_the_first_compilation_that_begins_to_the_last_that_ends(
         assert working_s() - began_s == pytest.approx(1.0)
     now[0] += 16.0
     assert working_s() - began_s == pytest.approx(17.0)
-
-
-def test_numba_tells_it() -> None:
-    began_s, began_working_s = time.monotonic(), working_s()
-    numba.njit(lambda x: x + 1)(1)
-    wall_s, counted_s = time.monotonic() - began_s, working_s() - began_working_s
-    assert counted_s < 0.5 * wall_s
 
 
 def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path: Path) -> None:

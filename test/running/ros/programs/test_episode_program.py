@@ -49,9 +49,9 @@ def test_an_episode_that_was_not_made_never_ends_with_0(strict: bool) -> None:
     assert interrupted == (1, "exit code 1: the episode was interrupted")
 
 
-def interaction(folder: Path, judged: EpisodeOutcome, **asked: float) -> str:
+def interaction(folder: Path, judged: EpisodeOutcome, state: LockstepState | None = None, **asked: float) -> str:
     plan = plan_episode(CosimConfig(template="S2", sensors="none", bag=str(folder / "bag"), **asked))  # type: ignore[arg-type] # forwarded
-    lines = closing_summary(plan, LockstepState(steps_closed=plan.steps), judged, 1.0)
+    lines = closing_summary(plan, state or LockstepState(steps_closed=plan.steps), judged, 1.0)
     (line,) = [line for line in lines if line.startswith("interaction: ")]
     return line
 
@@ -62,15 +62,8 @@ def test_an_episode_that_was_cut_short_says_so(tmp_path: Path) -> None:
     assert interaction(tmp_path, outcome(True), duration_s=4.0) == "interaction: verified (0 passed)"
     assert interaction(tmp_path, outcome(False)) == "interaction: did not happen (0 passed)"
     assert interaction(tmp_path, outcome(False), duration_s=100.0) == "interaction: did not happen (0 passed)"
-
-
-def test_an_episode_that_failed_was_not_cut_short_by_its_duration(tmp_path: Path) -> None:
-    plan = plan_episode(CosimConfig(template="S2", sensors="none", bag=str(tmp_path / "bag"), duration_s=4.0))
-    lines = closing_summary(plan, LockstepState(end=EpisodeEnd.FAILED), outcome(False), 1.0)
-    assert "interaction: did not happen (0 passed)" in lines
-
-
-def test_where_nothing_was_measured_nothing_is_judged(tmp_path: Path) -> None:
+    failed = LockstepState(end=EpisodeEnd.FAILED)
+    assert interaction(tmp_path, outcome(False), failed, duration_s=4.0) == "interaction: did not happen (0 passed)"
     nothing = EpisodeOutcome(EpisodeEnd.INTERRUPTED, "stopped by SIGINT", 0, None)
     assert interaction(tmp_path, nothing) == "interaction: not judged"
 
@@ -100,11 +93,3 @@ def test_places_that_are_taken_are_refused_before_anything_starts(tmp_path: Path
             plan_episode(CosimConfig(template="S2", sensors="front", bag=str(tmp_path / "bag")))
         assert refused.value.parameter == parameter
         (tmp_path / name).unlink()
-
-
-def test_a_suite_that_lacks_the_camera_is_told_at_the_end(tmp_path: Path) -> None:
-    plan = plan_episode(CosimConfig(template="S2", sensors="lidar", bag=str(tmp_path / "bag")))
-    lines = closing_summary(plan, LockstepState(), None, 0.0)
-    (told,) = [line for line in lines if "KITTI" in line]
-    assert "no camera_front" in told
-    assert "-p sensors:=front" in told

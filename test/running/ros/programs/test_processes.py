@@ -40,10 +40,10 @@ print(asked.signal_name, flush=True)
 
 
 @contextmanager
-def started(same_s: float) -> "Iterator[subprocess.Popen[str]]":
+def started(word: object, program: str = PROGRAM) -> "Iterator[subprocess.Popen[str]]":
     """The program, ready for signals; it is gone afterwards."""
     process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, str(same_s)],
+        [sys.executable, "-c", program, str(word)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -80,16 +80,13 @@ def test_a_later_signal_ends_the_program_with_one_line() -> None:
 
 
 def test_a_hangup_is_ignored_where_it_was() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with started(60.0) as process:
-            process.send_signal(signal.SIGHUP)
-            time.sleep(0.05)
-            process.send_signal(signal.SIGTERM)
-            assert next_line(process.stdout) == "asked\n"
-            assert process.communicate("\n", timeout=30)[0] == "SIGTERM\n"
-    finally:
-        signal.signal(signal.SIGHUP, before)
+    ignoring = f"import signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n{PROGRAM}"
+    with started(60.0, ignoring) as process:
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        assert next_line(process.stdout) == "asked\n"
+        assert process.communicate("\n", timeout=30)[0] == "SIGTERM\n"
 
 
 def test_after_a_hangup_nothing_is_written_to_a_program_that_is_gone() -> None:
@@ -128,10 +125,7 @@ except PreparationInterruptedError as error:
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("when", ["before", "within"])
 def test_what_is_prepared_ends_at_the_first_signal(when: str) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", PREPARING, when], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert next_line(process.stdout) == "ready\n"
+    with started(when, PREPARING) as process:
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=50)
     assert (err, process.returncode) == ("stopped by SIGTERM\n", 1)
@@ -139,11 +133,7 @@ def test_what_is_prepared_ends_at_the_first_signal(when: str) -> None:
 
 def test_after_the_preparation_a_signal_is_only_remembered() -> None:
     preparation = "with asked.ending_at_once():\n    pass\n"
-    program = PROGRAM.replace('print("ready"', preparation + 'print("ready"')
-    with subprocess.Popen(
-        [sys.executable, "-c", program, "60"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert next_line(process.stdout) == "ready\n"
+    with started(60.0, PROGRAM.replace('print("ready"', preparation + 'print("ready"')) as process:
         process.send_signal(signal.SIGTERM)
         out, _ = process.communicate("\n", timeout=50)
     assert (out, process.returncode) == ("asked\nSIGTERM\n", 0)
@@ -277,9 +267,6 @@ def test_it_ends_when_its_parent_is_killed(child: str) -> None:
         wait_for(number, ("", "Z"))
 
 
-def test_without_a_parent_that_matters_nothing_is_gone() -> None:
-    assert not Parent(0).is_gone
-
-
-def test_a_parent_that_lives_is_not_gone() -> None:
-    assert not Parent(os.getppid()).is_gone
+@pytest.mark.parametrize("parent", [0, os.getppid()], ids=["none that matters", "one that lives"])
+def test_a_parent_that_lives_is_not_gone(parent: int) -> None:
+    assert not Parent(parent).is_gone

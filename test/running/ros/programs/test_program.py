@@ -92,18 +92,14 @@ def assert_refused_by_name(run: "subprocess.CompletedProcess[str]") -> None:
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("home", [None, "/nonexistent/home"])
-def test_a_program_starts_without_a_home(home: str | None) -> None:
+def test_a_program_starts_without_a_home() -> None:
     """It comes as far as the user's mistake."""
-    pytest.importorskip("rclpy", reason="needs ROS")
-    run = subprocess.run(WORDS, env=without_home(home), capture_output=True, text=True, check=False)
+    run = subprocess.run(WORDS, env=without_home(None), capture_output=True, text=True, check=False)
     assert_refused_by_name(run)
-    assert not Path("/nonexistent").exists()
 
 
 @pytest.mark.timeout(120)
 def test_a_program_starts_with_a_home_that_is_read_only(tmp_path: Path) -> None:
-    pytest.importorskip("rclpy", reason="needs ROS")
     run = in_own_mounts(f"mount -t tmpfs -o ro tmpfs '{tmp_path}'", WORDS, without_home(str(tmp_path)))
     if run is None:
         pytest.skip("mount namespaces with a small disk cannot be made here")

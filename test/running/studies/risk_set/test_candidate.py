@@ -55,10 +55,6 @@ def test_the_same_candidate_is_the_same_request() -> None:
     assert drawn("S4", RiskClass.NEAR_MISS, 7).seed != drawn("S6", RiskClass.NEAR_MISS, 7).seed
 
 
-def test_normal_episodes_keep_the_templates_own_draws() -> None:
-    assert drawn("S2", RiskClass.NORMAL, 3).values == ""
-
-
 @given(begin=st.integers(0, 50), length=st.integers(0, 600), share=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
 def test_the_window_is_inside_and_shows_the_moment(begin: int, length: int, share: float, seed: int) -> None:
     end = begin + WINDOW_STEPS + FRAME_STEPS + length

@@ -37,7 +37,7 @@ class AvPolicy(Node):
 
     def __init__(self) -> None:
         super().__init__("av_policy")
-        self.over = False
+        self.over = self.met = False
         self.control = None
         self.way = np.empty((0, 2))
         self.offset_m = 0.0
@@ -49,11 +49,15 @@ class AvPolicy(Node):
         self.create_subscription(TFMessage, "/tf", self.on_message, 8)
         self.create_subscription(Odometry, "/av/odom", self.on_message, 8)
         self.create_subscription(GroundTruth, "/av/ground_truth", self.on_message, 8)
+        self.create_subscription(TFMessage, "/tf_static", self.on_mounts, latched)  # last: see get_ready
 
     def get_ready(self) -> None:
-        """The platform takes a controller for ready as soon as it publishes: the publisher comes last."""
-        heard = all(self.count_publishers(name) for name in ("/tf", "/av/odom", "/av/ground_truth"))
-        if self.control is None and heard and len(self.way):
+        """The platform takes a controller for ready as soon as it publishes: the publisher comes last.
+
+        The node that publishes the messages of a step has met the subscriptions in their order. Since the last one has
+        its latched message, the node knows them all, and the first step is not lost.
+        """
+        if self.control is None and self.met and len(self.way):
             self.control = self.create_publisher(AvControl, "/av/control_cmd", 8)
 
     def on_route(self, path: Path) -> None:
@@ -62,6 +66,10 @@ class AvPolicy(Node):
         arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
         even = np.arange(0.0, arc[-1], 0.5)
         self.way = np.stack([np.interp(even, arc, points[:, axis]) for axis in (0, 1)], axis=1)
+
+    def on_mounts(self, _message: TFMessage) -> None:
+        """The mounts of the sensors, once and for all."""
+        self.met = True
 
     def on_end(self, _message: EpisodeEnd) -> None:
         """The episode is over."""

@@ -43,7 +43,6 @@ from siren_ros.simulation.world.commands import COMMAND_DTYPES, VehicleCommands
 
 EMV = 1
 LIDAR_TOPIC = topics.LIDAR.of_sensor("lidar", 2)
-LANE_WIDTH_M = 3.5
 RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
 LANE_CHANGE_S = 3.0
 
@@ -115,8 +114,6 @@ class Scene:
     lidar: bool = False
     level: str = "L2"
     seed: int = 0
-    jump_at: int | None = None
-    """Step at which the first civilian jumps by half a metre."""
 
 
 class SyntheticEpisode:
@@ -164,10 +161,7 @@ class SyntheticEpisode:
         paths = {EMV: self._path(10.0 + 14.0 * self.time_s, 14.0, None)}
         for number in range(self.scene.civilians):
             change = self._start_of_change_s(number) if number < self.scene.changing else None
-            path = self._path(40.0 + 15.0 * number + 6.0 * self.time_s, 6.0, change)
-            if number == 0 and self.scene.jump_at is not None:
-                path[self.scene.jump_at :, 0] += 0.5
-            paths[number + 2] = path
+            paths[number + 2] = self._path(40.0 + 15.0 * number + 6.0 * self.time_s, 6.0, change)
         return paths
 
     def _path(self, x: npt.NDArray[np.float64], vx: float, change_s: float | None) -> npt.NDArray[np.float64]:

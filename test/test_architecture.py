@@ -75,10 +75,6 @@ def test_nodes_are_thin() -> None:
     assert [path.name for path in nodes if len(path.read_text(encoding="utf-8").splitlines()) > 130] == []
 
 
-def test_every_folder_says_what_it_is() -> None:
-    assert [path for path, tree in sources() if path.endswith("__init__.py") and not ast.get_docstring(tree)] == []
-
-
 def planned_folders() -> list[str]:
     """Folders of the plan's tree, in its order."""
     planned: list[str] = []

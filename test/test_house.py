@@ -10,10 +10,9 @@ from functools import cache, reduce
 from pathlib import Path
 from typing import Final
 
-import pytest
 from repository import REPOSITORY
 
-from docsite.house import Size, grown, record_sizes, recorded_sizes, sizes_of
+from docsite.house import grown, recorded_sizes, sizes_of
 from siren_ros.simulation.scenario import driver_parameters
 from siren_ros.simulation.scenario.scenario import VARIETY
 
@@ -152,30 +151,6 @@ def test_a_wing_that_grows_much_says_why() -> None:
     growth = grown(sizes_of(LIBRARY), recorded_sizes(REPOSITORY / "docs" / "sizes.json"), GROWTH)
     silent = unexplained(growth, (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8"))
     assert silent == [], f"say in CHANGELOG.md why the wing grows, with the words 'wing `{silent[0]}`'"
-
-
-def test_growth_counts_from_the_record_and_new_wings_are_grown_ones() -> None:
-    then = {"a": Size(1, 100, 1), "b": Size(1, 100, 1), "gone": Size(1, 9, 0)}
-    now = {"a": Size(9, 102, 9), "b": Size(1, 104, 0), "new": Size(1, 10, 0)}
-    assert grown(now, then, GROWTH) == {"b": pytest.approx(0.04), "new": float("inf")}
-    text = "# Changelog\n\n## [Unreleased]\n\n* The wing `new` is new.\n\n## [0.1.0]\n\n* The wing `b` grows.\n"
-    assert unexplained(["b", "new"], text) == ["b"]
-
-
-def test_sizes_are_those_of_wings_with_all_their_folders(tmp_path: Path) -> None:
-    for name, text in {
-        "api.py": "class Beside: ...\n",
-        "wing/__init__.py": '"""A wing."""\n',
-        "wing/a.py": "class A:\n    class B: ...\n",
-        "wing/room/b.py": "def f():\n    class_ = 1\n    return class_\n",
-        "left/over/c.txt": "class C: ...\n",
-    }.items():
-        file = tmp_path / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-    assert sizes_of(tmp_path) == {"wing": Size(3, 6, 2)}
-    record_sizes(tmp_path / "sizes.json", tmp_path)
-    assert recorded_sizes(tmp_path / "sizes.json") == {"wing": Size(3, 6, 2)}
 
 
 def test_the_library_has_few_folders_at_its_top() -> None:

@@ -36,27 +36,6 @@ def test_the_description_on_a_package_index_leads_nowhere_but_to_the_web() -> No
     assert "<!--" not in text
 
 
-def test_the_lock_names_versions_and_nothing_of_the_machine_that_wrote_it() -> None:
-    lines = LOCK.splitlines()
-    assert [
-        line for line in lines if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*==[0-9][0-9a-z.]*( ; [^/@]+)?", line)
-    ] == []
-    names = [line.partition("==")[0] for line in lines]
-    assert names == sorted(set(names))
-
-
-def test_each_file_of_the_lock_has_a_hash() -> None:
-    """torch excepted: other indexes serve builds of it for one kind of machine, under the same version."""
-    hashes = (REPOSITORY / "tools" / "environment" / "hashes.txt").read_text(encoding="utf-8").replace("\\\n", "")
-    assert [
-        line
-        for line in hashes.splitlines()
-        if not re.fullmatch(r"\S+==\S+( ; [^/@]+?)?( +--hash=sha256:[0-9a-f]{64})+", line)
-    ] == []
-    hashed = [line.partition(" --hash")[0].rstrip() for line in hashes.splitlines()]
-    assert hashed == [line for line in LOCK.splitlines() if not line.startswith("torch==")]
-
-
 @pytest.mark.parametrize("extra", ["", *PROJECT["optional-dependencies"]])
 def test_the_lock_has_a_version_within_each_range(extra: str) -> None:
     packaging = pytest.importorskip("packaging.requirements")

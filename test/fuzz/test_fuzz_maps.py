@@ -105,15 +105,6 @@ def test_entities_are_refused(data, tmp_path):
             read()
 
 
-def test_a_way_through_a_junction_that_does_not_end_is_refused():
-    loop = NET.replace(
-        b'<connection from=":B_0" to="out" fromLane="0" toLane="0" dir="s" state="M"/>',
-        b'<connection from=":B_0" to="out" fromLane="0" toLane="0" via=":B_0_0" dir="s" state="M"/>',
-    )
-    with pytest.raises(MapError, match="does not end"):
-        parse_road_network(loop)
-
-
 def test_a_gzip_bomb_is_refused_in_little_memory(tmp_path):
     file = tmp_path / "map.net.xml.gz"
     with gzip.open(file, "wb", compresslevel=1) as packed:

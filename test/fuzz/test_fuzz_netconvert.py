@@ -87,12 +87,6 @@ def test_any_openstreetmap_or_opendrive_file(name, data, refusal):
     assert is_one_line_about_the_map(refusal(name, data.draw(changed(MAPS[name]))), name)
 
 
-@settings(FUZZED, max_examples=100)
-@given(data=changed(NET))
-def test_any_sumo_net(data, refusal):
-    assert is_one_line_about_the_map(refusal("town.net.xml", data), "town.net.xml")
-
-
 @pytest.mark.parametrize("name", ["--help.osm", "-c.xodr", "a b.osm", "ä'\".osm"])
 def test_a_file_name_is_no_option(name, refusal):
     assert not refusal(name, OSM.encode())

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_episodes import Domain, digest, finish, wait_until, without_waiting
+from live_episodes import Domain, digest, finish, wait_until
 from rosbags.highlevel import AnyReader
 
 from siren_ros.cli.main import main
@@ -137,61 +137,31 @@ def test_a_bag_that_exists_is_not_touched(episode: Any, cosim: Callable[..., Any
     assert digest(episode[1]) == before
 
 
-BAD_INPUTS = (
-    ("template:=S99", "template: 'S99'", "S2"),
-    ("level:=L9", "level: 'L9'", "'L0', 'L1', 'L2', 'L3'"),
-    ("sensors:=sonar", "sensors: 'sonar'", "front"),
-    ("preset:=wild", "preset: 'wild'", "paper"),
-    ("duration_s:=-3.0", "duration_s: -3.0", "a number from 0 to 3600"),
-    ("seed:=many", "seed: 'many'", "an integer from 0"),
-    ("processes:=maybe", "processes: 'maybe'", "true or false"),
-    ("map:=nowhere.xodr", "map: 'nowhere.xodr'", ""),
-    ("map:=notes.xodr", "map: ", ""),
-    ("bag:=/proc/nowhere/bag", "bag: '/proc/nowhere/bag'", "a place that can be written"),
-    ("external:=[recorder]", "external: 'recorder' cannot be used", ""),
-    ("external:=[a, a]", "external: 'a' cannot be used", ""),
-    ("external:=['no name']", "external: 'no name' cannot be used", ""),
-    ("tempalte:=S2", "tempalte: 'S2'", "one of the parameters"),
+REFUSING = Domain()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "named", "allowed"),
+    [
+        ("template:=S99", "template: 'S99'", "S2"),
+        ("duration_s:=-3.0", "duration_s: -3.0", "a number from 0 to 3600"),
+        ("processes:=maybe", "processes: 'maybe'", "true or false"),
+        ("map:=notes.xodr", "map: ", ""),
+        ("bag:=/proc/nowhere/bag", "bag: '/proc/nowhere/bag'", "a place that can be written"),
+        ("external:=[recorder]", "external: 'recorder' cannot be used", ""),
+        ("external:=[a, a]", "external: 'a' cannot be used", ""),
+        ("external:=['no name']", "external: 'no name' cannot be used", ""),
+        ("tempalte:=S2", "tempalte: 'S2'", "one of the parameters"),
+    ],
 )
-ONE_PROCESS_EACH = """
-import os, sys
-import siren_nodes.cosim as program
-for number, parameter in enumerate(sys.argv[1:]):
-    if not os.fork():
-        for stream, kind in ((1, "out"), (2, "err")):
-            os.dup2(os.open(f"../{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
-        sys.argv = ["cosim", "--ros-args", "-p", parameter]
-        sys.exit(program.main())
-    with open(f"../{number}.code", "w") as file:
-        file.write(str(os.waitstatus_to_exitcode(os.wait()[1])))
-"""
-"""Loads the program once and runs it with each parameter in a process of its own."""
-
-
-@pytest.fixture(scope="module")
-def refusals(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the program says to each bad input; it ran in ``work``."""
-    folder = tmp_path_factory.mktemp("refusals")
-    work = folder / "work"
-    work.mkdir()
-    (work / "notes.xodr").write_text("no map", encoding="utf-8")
-    with Domain().running("-c", ONE_PROCESS_EACH, *(parameter for parameter, _, _ in BAD_INPUTS), cwd=work) as process:
-        run = finish(process, timeout_s=300.0)
-    assert (run.code, run.err) == (0, "")
-    return folder
-
-
-@pytest.mark.parametrize("number", range(len(BAD_INPUTS)), ids=[parameter for parameter, _, _ in BAD_INPUTS])
-def test_bad_input_gets_one_line_that_names_it(refusals: Path, number: int) -> None:
-    _, named, allowed = BAD_INPUTS[number]
-    assert (refusals / f"{number}.code").read_text() == "2"
-    (line,) = without_waiting((refusals / f"{number}.err").read_text().splitlines())
+def test_bad_input_gets_one_line_that_names_it(parameter: str, named: str, allowed: str, tmp_path: Path) -> None:
+    (tmp_path / "notes.xodr").write_text("no map", encoding="utf-8")
+    run = REFUSING.run(parameter, cwd=tmp_path)
+    assert run.code == 2
+    (line,) = run.error_lines
     assert line.startswith(named)
     assert allowed in line
-
-
-def test_bad_input_leaves_nothing_behind(refusals: Path) -> None:
-    assert [path.name for path in (refusals / "work").iterdir()] == ["notes.xodr"]
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.xodr"]
 
 
 def test_an_interrupted_episode_leaves_a_readable_partial_bag_and_no_export(tmp_path: Path) -> None:

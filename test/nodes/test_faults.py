@@ -110,7 +110,6 @@ def test_a_node_that_is_stopped_does_not_outlive_a_killed_episode(start: Start) 
         assert f"{node}: stopped by the end of the program that started it" in episode.err
     assert not episode.working.exists()
     assert episode.saved_steps >= 20
-    next_episode_starts(episode)
 
 
 def test_a_node_that_hangs_is_named(start: Start) -> None:

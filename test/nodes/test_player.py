@@ -13,6 +13,7 @@ from live_episodes import IN_ORDER, Domain, tell, wait_until
 from program_output import next_line
 
 from siren_ros.data.recording.bag_reader import open_bag
+from siren_ros.running.ros.transport.dds import DOMAIN_VARIABLE, claimed_domain
 
 DOMAIN = Domain()
 
@@ -285,23 +286,9 @@ def test_bad_input_gets_one_line(bag: Path, bag_name: str, parameter: str, named
     assert named in line
 
 
-PROBE = """
-import time
-import rclpy
-rclpy.init()
-node = rclpy.create_node("probe")
-while not node.count_publishers("/siren/map"):
-    time.sleep(0.01)
-print("there", flush=True)
-"""
-
-
-def test_two_players_in_one_domain_are_refused(bag: Path) -> None:
-    flags = ("-p", f"bag:={bag}", "-p", "delay_s:=60.0")
-    command = ("-m", "siren_nodes.player", "--ros-args", *flags)
-    with DOMAIN.running(*command, cwd=bag.parent), DOMAIN.running("-c", PROBE, cwd=bag.parent) as probe:
-        assert next_line(probe.stdout) == "there\n"
-        with DOMAIN.running(*command, cwd=bag.parent) as second:
-            _, err = second.communicate(timeout=60.0)
-    assert second.returncode == 2
+def test_a_player_in_a_domain_that_is_taken_is_refused(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(DOMAIN_VARIABLE, str(DOMAIN.number))
+    with claimed_domain(), DOMAIN.running(*play(bag), cwd=bag.parent) as player:
+        _, err = player.communicate(timeout=60.0)
+    assert player.returncode == 2
     assert "ROS_DOMAIN_ID" in err

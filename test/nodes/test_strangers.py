@@ -55,11 +55,6 @@ ATTACKS = {
         ("/siren/episode: ", STRANGER_SAID),
     ),
     "stale": ("false", "topics.ACTORS, [actors(0), actors(1)]", ("/siren/actor_states: ", STRANGER_SAID)),
-    "flooded": (
-        "false",
-        "topics.STEP_DONE, [report('nobody', 0)] * 100_000",
-        ("/siren/step_done: ", STRANGER_SAID),
-    ),
     "a measurement": (
         "false",
         "topics.GROUND_TRUTH, [b'\\0\\1\\0\\0' + b'\\xff' * 9]",

@@ -8,12 +8,10 @@ import threading
 import time
 
 import pytest
-from carla_server import carla_server, play_words
+from carla_server import play_words
 from made_district import district_xodr
 
 from siren_ros.cli.main import main
-from siren_ros.data.recording.bag_writer import EpisodeBagWriter
-from siren_ros.errors import EpisodeError
 
 pytest.importorskip("carla", reason="CARLA's client has no wheel for this machine")
 
@@ -78,13 +76,6 @@ def test_another_version_another_map_and_a_death_at_the_begin(server, bag, tmp_p
     assert not (tmp_path / "out").exists()
 
 
-def test_a_server_without_anything_for_people_ends_the_episode_and_names_what_lacks(drive, bag, tmp_path, capsys):
-    with carla_server(drive, {"walker.pedestrian.0001": (0.4, 0.4, 1.8)}) as server:
-        code, _ = played(bag, tmp_path / "out", server.port(), capsys)
-    assert code == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(("signal_", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_play_and_puts_the_server_back(signal_, code, server, bag, tmp_path):
     server.set(fault=("slow", 0))
@@ -97,19 +88,3 @@ def test_a_signal_ends_the_play_and_puts_the_server_back(signal_, code, server, 
     assert not server.get("settings")[0]
     assert {one.kind for one in server.get("actors").values()} == {"traffic.traffic_light"}
     assert not (tmp_path / "out").exists()
-
-
-def test_a_full_disk_ends_the_play_and_puts_the_server_back(server, bag, tmp_path, capsys, monkeypatch):
-    write, written = EpisodeBagWriter.write, []
-
-    def filling(self, *message):
-        written.append(message)
-        if len(written) == 150:
-            raise EpisodeError("the disk is full")
-        write(self, *message)
-
-    monkeypatch.setattr(EpisodeBagWriter, "write", filling)
-    code, _ = played(bag, tmp_path / "out", server.port(), capsys)
-    assert code == 1
-    assert not server.get("settings")[0]
-    assert {one.kind for one in server.get("actors").values()} == {"traffic.traffic_light"}

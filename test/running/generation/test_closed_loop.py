@@ -5,13 +5,13 @@ test/nodes/test_episode.py compares the bytes of a recorded episode with those o
 
 import shutil
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from live_episodes import digest
 from repository import REPOSITORY
 
 from siren_ros.data.recording.bag_reader import read_episode
@@ -37,9 +37,6 @@ def test_percentiles_of_answers() -> None:
 def test_a_summary_is_read_back(times_s: list[float]) -> None:
     told = AnswerTimes.of(times_s)
     assert AnswerTimes.in_lines(["episode complete", told.line, "bag: x"]) == told
-
-
-def test_a_summary_without_a_program_says_nothing() -> None:
     assert AnswerTimes.in_lines(["episode complete", "real-time factor 3.0 (1.0 s of wall time)"]) is None
 
 
@@ -86,10 +83,6 @@ def _fail_at(step: int):  # type: ignore[no-untyped-def] # stands for check_resi
 
 
 SHORT = EpisodeRequest("S2", duration_s=0.5, sensors="none")
-
-
-def digest(bag: Path) -> list[tuple[str, str]]:
-    return [(path.name, sha256(path.read_bytes()).hexdigest()) for path in sorted(bag.iterdir())]
 
 
 def test_an_earlier_episode_gives_way_where_that_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,15 +114,6 @@ def test_where_others_make_way_there_is_no_shoulder(town: RoadNetwork, name: str
     assert any(has_shoulder(town, site) and site.length_m > least_m for site in others)
 
 
-@pytest.mark.parametrize("name", ["S3", "S4"])
-def test_under_a_signal_the_emv_goes_straight_on(town: RoadNetwork, name: str) -> None:
-    template = load_template(name)
-    good = good_sites(town, template)
-    assert {town.connections[index].direction for site in good for index in site.connections} == {"s"}
-    turns = [site for site, rank in ranked_sites(town, template) if rank == 0 and site not in good]
-    assert "l" in {town.connections[index].direction for site in turns for index in site.connections}
-
-
 def test_a_stream_next_to_the_emv_needs_a_lane_there(town: RoadNetwork) -> None:
     """A template whose stream is optional also happens where one lane leads on: the stop junctions have such."""
     template = load_template("S5")

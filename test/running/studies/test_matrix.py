@@ -25,7 +25,7 @@ from siren_ros.running.studies.matrix import (
     seeds_of,
 )
 from siren_ros.simulation.roads.maps.map_compiler import name_of_map
-from siren_ros.simulation.scenario.episode import FILES_PARAMETER, EpisodeRequest, values_of
+from siren_ros.simulation.scenario.episode import FILES_PARAMETER, EpisodeRequest
 from siren_ros.simulation.scenario.scenario import PEOPLE, VARIETY
 from siren_ros.simulation.scenario.templates import load_template
 
@@ -337,17 +337,6 @@ def test_words_that_are_no_seeds(word: str) -> None:
     with pytest.raises(InputError, match="seeds"):
         seeds_of([word])
     assert seeds_of([str(2**31 - 1)]) == (2**31 - 1,)
-
-
-def test_the_city_has_people_in_every_template() -> None:
-    planned = plan_study(read_study(params_dir() / "studies" / "city.yaml"))
-    assert {episode.request.template for episode in planned} == {f"S{number}" for number in range(1, 8)}
-    for episode in planned:
-        assert episode.request.map == "city"
-        people = load_template(episode.request.template).with_values(values_of(episode.request.values)).demand.people
-        assert people.pedestrians >= 30
-        assert people.cyclists >= 10
-        assert people.motorcycles >= 5
 
 
 def test_a_template_with_its_own_map_is_made_on_it_unless_another_one_is_named() -> None:

@@ -21,7 +21,14 @@ from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import PlannedEpisode, Study, plan_study
-from siren_ros.running.studies.run_study import LocalWorkers, StudyResult, WorkerOptions, make_episode, run_study
+from siren_ros.running.studies.run_study import (
+    LocalWorkers,
+    StudyObserver,
+    StudyResult,
+    WorkerOptions,
+    make_episode,
+    run_study,
+)
 from siren_ros.running.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
 from siren_ros.running.studies.study_folder import STUDY as STUDY_FILE
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -29,19 +36,14 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 STUDY = Study((quick_template("S2"), quick_template("S5")), ("L0", "own"), duration_s=1.0)
 
 
-class Counted(LocalWorkers):
-    """Local workers that count the episodes that they are asked for."""
+class Made(StudyObserver):
+    """Keeps the names of the episodes that are made."""
 
-    def __init__(self, count: int = 2) -> None:
-        super().__init__(count)
-        self.asked: list[str] = []
+    def __init__(self) -> None:
+        self.names: list[str] = []
 
-    def rows(
-        self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
-    ) -> Generator[EpisodeRow, None, None]:
-        todo = list(planned)
-        self.asked = [episode.name for episode in todo]
-        yield from super().rows(todo, folder, options)
+    def make(self, row: EpisodeRow) -> None:
+        self.names.append(row.episode)
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +77,9 @@ def test_a_study_is_resumed_by_the_hashes_of_its_bags(first_run: tuple[StudyResu
     content = file.read_bytes()
     file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     (root / forgotten.bag / "metadata.yaml").unlink()
-    workers = Counted()
-    again = run_study(STUDY, folder, workers)
-    assert sorted(workers.asked) == sorted([before.rows[1].episode, forgotten.episode])
+    made = Made()
+    again = run_study(STUDY, folder, LocalWorkers(2), observer=made)
+    assert sorted(made.names) == sorted([before.rows[1].episode, forgotten.episode])
     assert again.kept == 2
     assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
     assert file.read_bytes() == content, "an episode that is made again has the same bytes"
@@ -89,9 +91,9 @@ def test_a_study_without_its_table_keeps_all_but_a_damaged_row_and_what_killed_p
     damaged = before.rows[0]
     (root / f"{damaged.path}.json").write_text('{"episode": ', encoding="utf-8")
     (root / ".work" / f"{2**22 + 1}-0123456789ab" / ".bag.partial").mkdir(parents=True)
-    workers = Counted()
-    again = run_study(STUDY, folder, workers)
-    assert workers.asked == [damaged.episode]
+    made = Made()
+    again = run_study(STUDY, folder, LocalWorkers(2), observer=made)
+    assert made.names == [damaged.episode]
     assert len(read_table(folder)) == len(before.rows)
     assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
     assert not (root / ".work").exists()
@@ -99,9 +101,9 @@ def test_a_study_without_its_table_keeps_all_but_a_damaged_row_and_what_killed_p
 
 def test_a_study_grows_and_keeps_what_it_had(first_run: tuple[StudyResult, LocalFolder, Path]) -> None:
     _, folder, _ = first_run
-    workers = Counted()
-    run_study(replace(STUDY, templates=STUDY.templates[:1], levels=("L1",)), folder, workers)
-    assert workers.asked == ["S2_L1_seed0"]
+    made = Made()
+    run_study(replace(STUDY, templates=STUDY.templates[:1], levels=("L1",)), folder, LocalWorkers(2), observer=made)
+    assert made.names == ["S2_L1_seed0"]
     assert len(read_table(folder)) == 5
 
 

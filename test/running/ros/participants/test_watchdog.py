@@ -71,14 +71,6 @@ def test_the_first_step_may_take_as_long_as_the_start() -> None:
     )
 
 
-def test_it_goes_like_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    began_s = working_s()
-    now[0] += 2.5
-    assert working_s() - began_s == pytest.approx(2.5)
-
-
 def test_it_stands_from_the_first_compilation_that_begins_to_the_last_that_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

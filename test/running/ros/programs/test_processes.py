@@ -89,21 +89,6 @@ def test_a_hangup_is_ignored_where_it_was() -> None:
         assert process.communicate("\n", timeout=30)[0] == "SIGTERM\n"
 
 
-def test_after_a_hangup_nothing_is_written_to_a_program_that_is_gone() -> None:
-    reading, writing = os.pipe()
-    words = [sys.executable, "-c", PROGRAM, "60"]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=writing, stderr=writing) as process:
-        try:
-            os.close(writing)
-            with os.fdopen(reading, encoding="utf-8") as output:
-                assert output.readline() == "ready\n"
-            process.send_signal(signal.SIGHUP)
-            process.communicate(b"\n", timeout=30)
-        finally:
-            process.kill()
-    assert process.returncode == 0
-
-
 PREPARING = """
 import sys, time
 from siren_ros.running.ros.programs.processes import Interrupt, PreparationInterruptedError

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from faulty_episodes import in_own_mounts
 from live_episodes import Domain, finish
 
 from siren_ros.errors import InputError
@@ -95,12 +94,4 @@ def assert_refused_by_name(run: "subprocess.CompletedProcess[str]") -> None:
 def test_a_program_starts_without_a_home() -> None:
     """It comes as far as the user's mistake."""
     run = subprocess.run(WORDS, env=without_home(None), capture_output=True, text=True, check=False)
-    assert_refused_by_name(run)
-
-
-@pytest.mark.timeout(120)
-def test_a_program_starts_with_a_home_that_is_read_only(tmp_path: Path) -> None:
-    run = in_own_mounts(f"mount -t tmpfs -o ro tmpfs '{tmp_path}'", WORDS, without_home(str(tmp_path)))
-    if run is None:
-        pytest.skip("mount namespaces with a small disk cannot be made here")
     assert_refused_by_name(run)

@@ -198,18 +198,6 @@ def test_on_a_small_shared_memory_a_program_starts_or_says_why_not(size_kb: int)
         assert re.match(rf"{FOLDER} has [\d,]+ kB free and a process needs 17,700 kB: .* UDP", line)
 
 
-@pytest.mark.timeout(60)
-def test_a_segment_needs_what_the_user_is_told() -> None:
-    pytest.importorskip("rclpy", reason="needs ROS")
-    count = "import os\nprint(sum(os.stat(entry).st_blocks for entry in os.scandir('/dev/shm')) * 512)\n"
-    prepare = "mount -t tmpfs -o size=100m tmpfs /dev/shm"
-    run = in_own_mounts(prepare, [sys.executable, "-c", PARTICIPANT + count], Domain().environment)
-    if run is None:
-        pytest.skip("mount namespaces with a small disk cannot be made here")
-    assert run.stderr == ""
-    assert 0.98 * SEGMENT_BYTES < int(run.stdout.splitlines()[-1]) <= SEGMENT_BYTES
-
-
 PARAMS = REPOSITORY / "params"
 
 

@@ -146,12 +146,10 @@ def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():
     assert after(driver, 0.05, waiting, sirens=(siren(20.0, speed_mps=2.0),), speed_mps=2.0)[1].brake == 0.0
 
 
-def test_each_fault_changes_the_habits_of_some_place():
+def test_what_single_faults_change():
+    assert driver_of("creeps-germany") == LawfulDriver(faulty(HABITS["germany"], "creeps"))
     for fault in FAULTS:
         assert any(faulty(habits, fault) != habits for habits in HABITS.values()), fault
-
-
-def test_what_single_faults_change():
     waiting = LawfulState(Phase.MAKES_WAY, since=0, speed_mps=8.0)
     there = {"sirens": CALLED, "left_m": -4.05, "speed_mps": 0.0}
     assert after(driver_of("lawful-california"), 0.05, waiting, **there)[1].throttle == 0.0
@@ -194,10 +192,6 @@ def test_it_stops_at_a_stop_sign_once_and_does_not_enter_before_a_siren():
     assert lawful.step(stood, near)[1].throttle == 0.0
     assert darts.step(stood, near)[1].throttle > 0.0
     assert darts.step(stood, before_the_line(98.0, 0.0, emv_m=0.0))[1].throttle == 0.0
-
-
-def test_the_faulty_habits_of_a_driver_are_those_of_its_name():
-    assert driver_of("creeps-germany") == LawfulDriver(faulty(HABITS["germany"], "creeps"))
 
 
 def test_the_shipped_driver_makes_way_and_its_card_says_how_it_learned() -> None:

@@ -39,51 +39,29 @@ def written(
         [helper.make_tensor_value_info(OUTPUT, kind, ["n", outputs])],
         [onnx.numpy_helper.from_array(weights, "w")],
     )
-    return with_card(path, graph, {**TASK, **task})
-
-
-def with_card(path: Path, graph: object, task: object) -> Path:
     opsets = [onnx.helper.make_opsetid("", 17)]
-    content = onnx.helper.make_model(graph, opset_imports=opsets, ir_version=9).SerializeToString()
+    return with_card(path, onnx.helper.make_model(graph, opset_imports=opsets, ir_version=9), {**TASK, **task})
+
+
+def with_card(path: Path, model: onnx.ModelProto, task: object) -> Path:
+    content = model.SerializeToString()
     write_network(path, content, {"sha256": hashlib.sha256(content).hexdigest(), "task": task})
     return path
 
 
-def endless(path: Path) -> Path:
-    """A network that adds zero to itself 2^62 times before it answers."""
-    helper, kind = onnx.helper, onnx.TensorProto
-    logits = [len(Manoeuvre)]
-    body = helper.make_graph(
-        [
-            helper.make_node("Identity", ["go_in"], ["go"]),
-            helper.make_node("Add", ["sum_in", "sum_in"], ["sum"]),
-        ],
-        "body",
-        [
-            helper.make_tensor_value_info("i", kind.INT64, []),
-            helper.make_tensor_value_info("go_in", kind.BOOL, []),
-            helper.make_tensor_value_info("sum_in", kind.FLOAT, [1, *logits]),
-        ],
-        [
-            helper.make_tensor_value_info("go", kind.BOOL, []),
-            helper.make_tensor_value_info("sum", kind.FLOAT, [1, *logits]),
-        ],
-    )
-    graph = helper.make_graph(
-        [
-            helper.make_node("MatMul", [INPUT, "w"], ["first"]),
-            helper.make_node("Loop", ["times", "yes", "first"], [OUTPUT], body=body),
-        ],
-        "endless",
-        [helper.make_tensor_value_info(INPUT, kind.FLOAT, [1, VECTOR_SIZE])],
-        [helper.make_tensor_value_info(OUTPUT, kind.FLOAT, [1, *logits])],
-        [
-            onnx.numpy_helper.from_array(np.zeros((VECTOR_SIZE, *logits), np.float32), "w"),
-            onnx.numpy_helper.from_array(np.array(1 << 62), "times"),
-            onnx.numpy_helper.from_array(np.array(True), "yes"),
-        ],
-    )
-    return with_card(path, graph, TASK)
+LOGITS = f"float[1, {len(Manoeuvre)}]"
+ENDLESS = f"""<ir_version: 9, opset_import: ["" : 17]>
+endless (float[1, {VECTOR_SIZE}] {INPUT}) => ({LOGITS} {OUTPUT}) {{
+  shape = Constant <value_ints = [1, {len(Manoeuvre)}]> ()
+  first = ConstantOfShape (shape)
+  times = Constant <value_int = {1 << 62}> ()
+  yes = Constant <value = bool {{1}}> ()
+  {OUTPUT} = Loop (times, yes, first) <body = step (int64 i, bool go_in, {LOGITS} sum_in) => (bool go, {LOGITS} sum) {{
+    go = Identity (go_in)
+    sum = Add (sum_in, sum_in)
+  }}>
+}}"""
+"""A network that adds zero to itself 2^62 times before it answers, as ONNX's text."""
 
 
 def at(step: int, **known: float) -> Sight:
@@ -153,4 +131,4 @@ def test_a_card_whose_task_is_no_mapping_is_refused(tmp_path: Path, task: object
 def test_a_network_that_does_not_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learned, "DECISION_LIMIT_S", 0.2)
     with pytest.raises(InputError, match=r"did not end within 0\.2 s"):
-        driver_of(str(endless(tmp_path / "driver.onnx")))
+        driver_of(str(with_card(tmp_path / "driver.onnx", onnx.parser.parse_model(ENDLESS), TASK)))

@@ -166,14 +166,11 @@ def test_a_description_without_its_request_is_refused(
         repeat_episode(replace(record, description=description))
 
 
-def test_names_and_lengths_come_from_the_request() -> None:
+def test_names_and_lengths_come_from_the_request_and_names_from_the_description_alone() -> None:
     assert default_bag_path(REQUEST).as_posix() == "bags/S2_L2_seed3"
     there = replace(REQUEST, map="maps/Some Town.net.xml", level="L1")
     assert default_bag_path(there).as_posix() == "bags/S2_L1_seed3_Some Town"
     assert plan_length(replace(REQUEST, duration_s=2.5)) == 50
-
-
-def test_the_names_can_be_told_from_the_description_alone() -> None:
     for change in ({}, {"level": "L1", "seed": 7}, {"av": "civilian"}):
         request = replace(REQUEST, **change)
         assert default_bag_path_of(set_up_episode(request).description) == default_bag_path(request)

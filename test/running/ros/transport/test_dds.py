@@ -147,9 +147,7 @@ def has_free(monkeypatch: pytest.MonkeyPatch, free: int, blocks: int = 10**9) ->
     monkeypatch.setattr(dds, "statvfs", lambda _: state)
 
 
-def test_below_the_least_room_the_folder_is_named_with_what_is_free(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_lack_of_room_is_refused_or_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     has_free(monkeypatch, LEAST_BYTES - 1)
     with pytest.raises(InputError, match=r"^/dev/shm: '16 kB free' cannot be used; allowed: at least 16 kB"):
         check_room()
@@ -157,16 +155,13 @@ def test_below_the_least_room_the_folder_is_named_with_what_is_free(
     check_room()
     has_free(monkeypatch, 0, blocks=0)  # no limit
     check_room()
-    monkeypatch.undo()
-    assert free_bytes(tmp_path / "none") == float("inf")
-
-
-def test_without_room_for_a_segment_the_user_is_told_of_udp(monkeypatch: pytest.MonkeyPatch) -> None:
     has_free(monkeypatch, SEGMENT_BYTES)
     assert lack_of_room() == ""
     has_free(monkeypatch, 1_000_000)
     assert lack_of_room().startswith(f"{FOLDER} has 1,000 kB free and a process needs 17,700 kB: ")
     assert "UDP" in lack_of_room()
+    monkeypatch.undo()
+    assert free_bytes(tmp_path / "none") == float("inf")
 
 
 PARTICIPANT = """

@@ -39,12 +39,14 @@ def test_a_participant_hears_every_step_and_listeners_change_nothing_also_when_t
 
 
 def test_a_participant_that_hangs_ends_the_episode_under_its_name(tmp_path: Path) -> None:
-    domain, parameters = Domain(), ("sensors:=none", "duration_s:=40.0", "bag:=bag", "step_timeout_s:=4.0")
+    domain, suite = Domain(), tmp_path / "small.yaml"
+    suite.write_text(SMALL_SUITE, encoding="utf-8")
+    parameters = (f"sensors:={suite}", "kitti:=false", "duration_s:=40.0", "bag:=bag", "step_timeout_s:=4.0")
     with (
         domain.episode(*parameters, "external:=[my_stack]", cwd=tmp_path) as episode,
         domain.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
     ):
-        wait_until(recording(tmp_path, 100_000), episode)
+        wait_until(recording(tmp_path, 200_000), episode)
         stack.send_signal(signal.SIGSTOP)
         run = finish(episode)
     assert run.code == 1

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from live_episodes import digest
+from recorded_episode import quick_template
 from repository import REPOSITORY
 
 from siren_ros.data.recording.bag_reader import read_episode
@@ -40,7 +41,9 @@ def test_a_summary_is_read_back(times_s: list[float]) -> None:
     assert AnswerTimes.in_lines(["episode complete", "real-time factor 3.0 (1.0 s of wall time)"]) is None
 
 
-REQUEST = EpisodeRequest("S3", seed=4, duration_s=1.5, sensors="none", values="demand.background_vehicles=18.0")
+REQUEST = EpisodeRequest(
+    quick_template("S3"), seed=4, duration_s=1.5, sensors="none", values="demand.background_vehicles=18.0"
+)
 
 
 def test_the_bag_is_sound_and_repeats(tmp_path: Path) -> None:
@@ -82,7 +85,7 @@ def _fail_at(step: int):  # type: ignore[no-untyped-def] # stands for check_resi
     return check
 
 
-SHORT = EpisodeRequest("S2", duration_s=0.5, sensors="none")
+SHORT = EpisodeRequest(quick_template("S2"), duration_s=0.5, sensors="none")
 
 
 def test_an_earlier_episode_gives_way_where_that_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,7 +182,7 @@ def towns(tmp_path_factory):
 
 
 def run(towns, side, template, steps=None):
-    request = EpisodeRequest(template, map=towns[side])
+    request = EpisodeRequest(quick_template(template), map=towns[side])
     setup = set_up_episode(request)
     return setup, list(closed_loop(setup, steps or plan_length(request)))
 
@@ -198,11 +201,15 @@ def test_states_commands_and_events_are_mirrored(towns, template, steps):
     assert any(len(step.commands[0]) for step in right)
 
 
-def test_a_turn_on_the_shoulder_is_to_the_left(towns):
+@pytest.fixture(scope="module")
+def turns(towns):
     """S7 turns right where traffic keeps right."""
+    return {side: run(towns, side, "S7") for side in ("right", "left")}
+
+
+def test_a_turn_on_the_shoulder_is_to_the_left(turns):
     verdicts = {}
-    for side in ("right", "left"):
-        setup, steps = run(towns, side, "S7")
+    for side, (setup, steps) in turns.items():
         verdicts[side] = evaluate_predicate(record_of(setup, steps))
         yaw_rad = np.unwrap([step.states.yaw_rad[0] for step in steps])
         turned_rad = float(yaw_rad[-1] - yaw_rad[0])
@@ -214,16 +221,16 @@ def test_a_turn_on_the_shoulder_is_to_the_left(towns):
 
 
 @pytest.mark.parametrize(("template", "steps", "shown"), [("S7", 460, {Lights.INDICATOR_RIGHT}), ("S3", 200, set())])
-def test_the_emv_indicates_where_it_turns_and_nowhere_else(template: str, steps: int, shown: set[Lights]) -> None:
-    setup = set_up_episode(EpisodeRequest(template, sensors="none"))
-    states = [step.states for step in closed_loop(setup, steps)]
+def test_the_emv_indicates_where_it_turns_and_nowhere_else(towns, turns, template, steps, shown):
+    setup, made = turns["right"] if template == "S7" else run(towns, "right", template, steps)
+    states = [step.states for step in made[:steps]]
     row = [int(np.flatnonzero(state.actor_id == setup.description.emv_ids[0])[0]) for state in states]
     yaw = np.unwrap([state.yaw_rad[k] for state, k in zip(states, row, strict=True)])
     lights = np.array([state.lights[k] & Lights.INDICATORS for state, k in zip(states, row, strict=True)])
     follows = np.array([state.mode[k] == Mode.ROUTE_FOLLOW for state, k in zip(states, row, strict=True)])
     assert set(lights[follows].tolist()) - {Lights.NONE} == shown
-    turns = np.flatnonzero(np.abs(yaw[60:] - yaw[:-60]) > 0.8) + 60
-    assert bool(len(turns)) is bool(shown)
+    turned = np.flatnonzero(np.abs(yaw[60:] - yaw[:-60]) > 0.8) + 60
+    assert bool(len(turned)) is bool(shown)
     if shown:
-        before = lights[turns[0] - 80 : turns[0]]
+        before = lights[turned[0] - 80 : turned[0]]
         assert set(before.tolist()) == shown, "from 4 s before the road has turned"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from recorded_episode import quick_template
 
 from siren_ros.base.params.folders import params_dir
 from siren_ros.data.interfaces.conversions import (
@@ -117,7 +118,7 @@ def test_minus_zero_is_not_zero_and_nan_is_itself() -> None:
 
 
 STEPS = 40
-REQUEST = EpisodeRequest("S2", seed=3, sensors="none")
+REQUEST = EpisodeRequest(quick_template("S2"), seed=3, sensors="none")
 
 
 @pytest.fixture(scope="module")
@@ -323,11 +324,11 @@ def test_a_recorded_file_without_its_hash_is_refused_and_one_with_another_text_i
     files: Any = [dict(entry) for entry in complete.description.parameters["files"]]  # type: ignore[attr-defined] # dicts
     template = next(entry for entry in files if entry["folder"] == "templates")
     template["text"] = template["text"].replace("warm_up_s:", "warm_up_s: 0.0 #")
-    with pytest.raises(BagError, match="templates/S2"):
+    with pytest.raises(BagError, match=r"templates.*/S2"):
         repeat_episode(with_parameters(complete, files=files))
     template["sha256"] = hashlib.sha256(template["text"].encode()).hexdigest()
     assert repeat_episode(with_parameters(complete, files=files)) is not None
-    with pytest.raises(InputError, match="templates/S2"):
+    with pytest.raises(InputError, match=r"templates.*/S2"):
         repeat_episode(with_parameters(complete, files=[entry for entry in files if entry["folder"] == "templates"]))
 
 
@@ -348,42 +349,48 @@ def record(request: Any) -> EpisodeRecord:
     return record_of(setup, list(closed_loop(setup, DECIDED_STEPS)))
 
 
+@pytest.fixture(scope="module")
+def decided(record: EpisodeRecord) -> dict[int, dict[int, Decision]]:
+    """By step and actor."""
+    return dict(decisions_of(record))
+
+
 def acting(decision: Decision) -> dict[str, bool]:
     return {guard.name: guard.acts for guard in decision.guards}
 
 
-def test_each_driven_actor_has_a_decision_at_each_step(record: EpisodeRecord) -> None:
-    steps = dict(decisions_of(record))
-    assert list(steps) == [traffic.step for traffic in record.traffic]
+def test_each_driven_actor_has_a_decision_at_each_step(record: EpisodeRecord, decided: Any) -> None:
+    assert list(decided) == [traffic.step for traffic in record.traffic]
     for commands in (commands for rows in record.commands.values() for commands in rows):
         for actor_id, mode, owner in zip(commands.actor_id.tolist(), commands.mode, commands.owner, strict=True):
-            decision = steps[commands.step][actor_id]
+            decision = decided[commands.step][actor_id]
             assert decision.mode == mode
             assert math.isnan(decision.target_mps) == (owner == 0 or not decision.limits)
             assert all(guard.why for guard in decision.guards)
 
 
-def test_the_pedals_follow_the_strictest_limit(record: EpisodeRecord) -> None:
+def test_the_pedals_follow_the_strictest_limit(record: EpisodeRecord, decided: Any) -> None:
     """No throttle well above the lowest limit, no brake well below it where nobody must brake."""
     emv_id, below, above = record.emv_ids[0], 0, 0
     commands = record.commands["emv_controller"]
-    for (_, decided), command, traffic in zip(decisions_of(record), commands, record.traffic, strict=True):
-        strictest = min(decided[emv_id].limits.values())
+    for decisions, command, traffic in zip(decided.values(), commands, record.traffic, strict=True):
+        limits = decisions[emv_id].limits.values()
+        strictest = min(limits)
         free_mps = strictest.speed_mps - float(traffic.speed_mps[traffic.actor_id == emv_id][0])
         if free_mps < -1.0:
             assert command.throttle[0] == 0.0
             above += 1
-        elif free_mps > 1.0 and not any(limit.brake_mps2 for limit in decided[emv_id].limits.values()):
+        elif free_mps > 1.0 and not any(limit.brake_mps2 for limit in limits):
             assert command.brake[0] == 0.0
             below += 1
     assert min(above, below) > 5
 
 
-def test_guards_act_with_the_mode_and_the_events(record: EpisodeRecord) -> None:
+def test_guards_act_with_the_mode_and_the_events(record: EpisodeRecord, decided: Any) -> None:
     emv_id, seen = record.emv_ids[0], set()
     deferred = {(event.step, event.actor_id) for event in record.events_of(EventKind.YIELD_DEFERRED)}
-    for step, decided in decisions_of(record):
-        for actor_id, decision in decided.items():
+    for step, decisions in decided.items():
+        for actor_id, decision in decisions.items():
             acts = acting(decision)
             if actor_id == emv_id:
                 assert acts["gap escape"] == (decision.mode is Mode.GAP_ESCAPE)

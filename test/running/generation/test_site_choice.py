@@ -336,7 +336,7 @@ def test_the_motorway_has_good_sites_of_two_three_and_four_lanes() -> None:
     good = good_sites(motorway, template)
     assert {len(driving_lanes(motorway, site.site_edge)) for site in good} == {2, 3, 4}
     assert len(good) == 8
-    for site in good:
+    for site in {len(driving_lanes(motorway, site.site_edge)): site for site in good}.values():
         chosen, plan = choose(motorway, template, site.name)
         assert chosen == site
         lanes = len(driving_lanes(motorway, site.site_edge))

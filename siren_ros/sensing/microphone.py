@@ -36,11 +36,6 @@ class Tone:
         turn = 2.0 * np.pi / self.period_s
         return middle * time_s - half / turn * np.sin(turn * time_s)
 
-    def frequency_hz(self, time_s: Floats) -> Floats:
-        """Pitch at a time."""
-        middle, half = (self.high_hz + self.low_hz) / 2.0, (self.high_hz - self.low_hz) / 2.0
-        return middle - half * np.cos(2.0 * np.pi / self.period_s * time_s)
-
 
 WAIL: Final = Tone(650.0, 1450.0, 60.0 / 14.0)
 """The wail: SAE J1849 asks for 10–18 cycles a minute between 650–900 Hz and 1200–1700 Hz."""

@@ -193,7 +193,7 @@ def test_an_interval_is_read_from_a_file_as_it_was_written() -> None:
     assert interval_of_json(both) == Interval(0.5, 0.4, 0.7, 5)
     assert not interval_of_json({**both, "episodes": 4}).bounded
     for lacking in ("low", "high"):
-        single = interval_of_json({**both, lacking: None})
+        single = interval_of_json({**both, lacking: None, "episodes": 9})
         assert (single.valid, single.bounded) == (True, False)
 
 

@@ -29,6 +29,11 @@ def record(boxes, distance_m, steps, sounding=lambda _: True, spec=SPEC):
     return np.concatenate(chunks).astype(float)
 
 
+def pitch_hz(tone, time_s):
+    middle, half = (tone.high_hz + tone.low_hz) / 2.0, (tone.high_hz - tone.low_hz) / 2.0
+    return middle - half * np.cos(2.0 * np.pi / tone.period_s * time_s)
+
+
 def frequency(samples, rate_hz=16_000.0):
     """Of the strongest line near the fundamental."""
     spectrum = np.abs(np.fft.rfft(samples * np.hanning(len(samples)), 1 << 17))
@@ -60,7 +65,7 @@ def test_an_approaching_siren_sounds_higher_and_a_receding_one_lower(boxes):
     for sign in (-1.0, 1.0):
         samples = record(boxes, lambda step, s=sign: 60.0 + s * speed * step * STEP_S, steps)[-800:]
         emitted_s = (steps - 1.5) * STEP_S - (60.0 + sign * speed * (steps - 1.5) * STEP_S) / SPEED_OF_SOUND_MPS
-        tones.append(frequency(samples) / float(WAIL.frequency_hz(np.array(emitted_s))))
+        tones.append(frequency(samples) / pitch_hz(WAIL, emitted_s))
     assert tones[0] == pytest.approx(1.0 / (1.0 - speed / SPEED_OF_SOUND_MPS), rel=0.02)
     assert tones[1] == pytest.approx(1.0 / (1.0 + speed / SPEED_OF_SOUND_MPS), rel=0.02)
 
@@ -76,4 +81,4 @@ def test_the_phase_is_the_integral_of_the_pitch():
     time_s = np.linspace(0.0, 1.0, 200_001)
     for tone in (WAIL, YELP):
         slope = np.gradient(tone.phase(time_s), time_s)
-        assert np.allclose(slope[1:-1], tone.frequency_hz(time_s)[1:-1], rtol=1e-4, atol=0.0)
+        assert np.allclose(slope[1:-1], pitch_hz(tone, time_s)[1:-1], rtol=1e-4, atol=0.0)

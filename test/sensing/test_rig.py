@@ -85,14 +85,6 @@ def test_measurements_in_the_background_are_the_same(boxes, traffic):
             assert seen.truth.lidar_points.tolist() == expected.truth.lidar_points.tolist()
 
 
-def test_nothing_is_measured_without_a_carrier(boxes, traffic):
-    states, descriptions = traffic
-    sensing = make(boxes).begin(states, descriptions, (), 9)
-    assert not sensing.under_way
-    seen = sensing.finish()
-    assert (seen.sweeps, seen.frames, len(seen.truth)) == ((), (), 0)
-
-
 def test_each_sensor_has_its_own_rate(observe):
     slow = replace(LIDAR, name="slow", rate_hz=5.0)
     seen = observe(SensorSuite("two", (LIDAR, slow), (CAMERA,)), 5)
@@ -109,13 +101,18 @@ def test_the_same_seed_gives_the_same_bytes(observe):
     assert 2.0 < (first.frames[0].rgb.astype(int) - clean.frames[0].rgb).std() < 5.0
 
 
-def test_an_empty_suite_still_labels(traffic):
+def test_an_empty_suite_still_labels_and_without_a_carrier_nothing_is_measured(traffic, boxes):
     states, descriptions = traffic
     rig = SensorRig(SensorSuite("none"), NETWORK, 0)
     seen = rig.observe(states, descriptions, (), 1)
     assert (seen.sweeps, seen.frames) == ((), ())
     assert rig.truth_frame == "base_link"
     assert seen.truth.z_m[0] == pytest.approx(descriptions[2].height_m / 2)
+    states, descriptions = traffic
+    sensing = make(boxes).begin(states, descriptions, (), 9)
+    assert not sensing.under_way
+    seen = sensing.finish()
+    assert (seen.sweeps, seen.frames, len(seen.truth)) == ((), (), 0)
 
 
 def test_people_alone_stand_on_the_sidewalk(boxes, traffic):

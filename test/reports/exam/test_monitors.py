@@ -120,7 +120,7 @@ def test_a_driver_that_still_goes_to_the_edge_as_the_emv_passes_does_its_part():
 
 
 def test_an_emv_that_stands_behind_a_driver_in_its_lane_is_held_up():
-    for aside_m, held_s in ((0.0, 6.0), (3.0, 0.0)):
+    for aside_m, held_s in ((0.0, 6.0), (3.0, 0.0), (-3.5, 0.0)):
         driver = examinee(Driven(IN_LANE + np.array([aside_m, 0.0]), STAYS.arc_m), arc((10.0, 4.0), (0.0, 6.0)))
         held = found("obstruction", driver, gap_m=10.0, slow_mps=2.0, left_line_m=0.5)
         assert held.measure.value == pytest.approx(held_s, abs=0.1)
@@ -200,13 +200,14 @@ def test_to_go_back_into_the_lane_is_no_move_to_the_wrong_side():
 def test_the_hardest_contact_tells_with_whom_whoever_touched_whom():
     record = record_of(arc((10.0, 20.0)), {CAR: STAYS})
     assert found("contact", examinee(STAYS, record=record)).measure.value < 0.0
-    hits = tuple(
-        Event(step, EventKind.COLLISION, *pair, detail={"impact_speed_mps": speed_mps})
-        for step, pair, speed_mps in ((7, (99, CAR), 1.5), (9, (CAR, EMV), 2.5), (11, (EMV, CAR), 2.0))
-    )
-    for events in (hits, hits[::-1]):
-        one = found("contact", examinee(STAYS, record=replace(record, events=events)))
-        assert (one.measure.value, one.step, one.about) == (2.5, 9, f"ambulance {EMV}")
+    for step in (9, 11):
+        hits = [
+            Event(at, EventKind.COLLISION, *pair, detail={"impact_speed_mps": 2.5 if at == step else 1.5})
+            for at, pair in ((7, (99, CAR)), (9, (CAR, EMV)), (11, (EMV, CAR)))
+        ]
+        for events in (tuple(hits), tuple(hits[::-1])):
+            one = found("contact", examinee(STAYS, record=replace(record, events=events)))
+            assert (one.measure.value, one.step, one.about) == (2.5, step, f"ambulance {EMV}")
 
 
 def test_braking_has_to_last():

@@ -66,11 +66,15 @@ def north(*pieces, start_m=0.0):
     return Driven(IN_LANE, arc(*pieces, start_m=start_m))
 
 
-def test_speed_above_the_limit_has_to_last():
+def test_speed_above_the_limit_has_to_last_and_time_off_the_road_counts():
     assert value("speeding", recorded({CAR: north((20.0, 4.0))}), lasting_s=1.0) == pytest.approx(20.0 - LIMIT_MPS)
     assert value("speeding", recorded({CAR: north((13.0, 4.0))}), lasting_s=1.0) == 0.0
     brief = north((13.0, 2.0), (20.0, 0.6), (13.0, 2.0))
     assert value("speeding", recorded({CAR: brief}), lasting_s=1.0) == 0.0
+    verge = line((10.9, -120.0), (10.9, -20.0))  # the shoulder ends at 9.5 m, the next road begins at 12.25 m
+    assert value("off_road", recorded({CAR: Driven(verge, arc((10.0, 5.0)))})) == pytest.approx(5.0, abs=0.1)
+    whole = value("off_road", recorded({CAR: north((10.0, 22.0))}))  # across the junction
+    assert whole == 0.0
 
 
 PRUDENT = {"stands_s": 5.0, "below_mps": 8.9, "least_mps": 2.2, "aside_m": 5.0}
@@ -126,13 +130,6 @@ def test_a_turn_is_signalled_on_the_last_hundred_feet(from_m, dark_m):
     assert value("turn_signal", right, **numbers) == pytest.approx(dark_m, abs=0.6)
     assert value("turn_signal", left, **numbers) == pytest.approx(30.5, abs=0.6)
     assert not found("turn_signal", recorded({CAR: north((10.0, 14.0))}), **numbers).measure.valid
-
-
-def test_time_off_the_road():
-    verge = line((10.9, -120.0), (10.9, -20.0))  # the shoulder ends at 9.5 m, the next road begins at 12.25 m
-    assert value("off_road", recorded({CAR: Driven(verge, arc((10.0, 5.0)))})) == pytest.approx(5.0, abs=0.1)
-    whole = value("off_road", recorded({CAR: north((10.0, 22.0))}))  # across the junction
-    assert whole == 0.0
 
 
 @pytest.mark.parametrize(("pieces", "least_mps"), [(((5.0, 19.0), (0.0, 2.0), (5.0, 3.0)), 0.0), (((5.0, 24.0),), 5.0)])

@@ -60,9 +60,6 @@ def test_ids_sizes_and_shares(network: RoadNetwork, varied: StaticScene) -> None
     assert [(one.x_m, one.y_m, one.yaw_rad) for one in image] == [
         (one.x_m, -one.y_m, -one.yaw_rad) for one in varied.parked
     ]
-
-
-def test_clutter_is_in_the_mesh_and_parked_vehicles_are_not(network: RoadNetwork, varied: StaticScene) -> None:
     empty = static_scene(network, 3, replace(VARIED, clutter_per_100_m=0.0))
     assert len(empty.parked) == len(varied.parked)
     more = static_scene(network, 3, replace(VARIED, clutter_per_100_m=40.0))

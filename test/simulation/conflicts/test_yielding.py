@@ -108,10 +108,6 @@ def test_the_least_time_is_that_of_an_acceleration_up_to_the_most_speed(way_m, t
     assert time_to_go_s(way_m, 10.0, 10.0, 2.0) == pytest.approx(way_m / 10.0)
 
 
-def test_stopping_follows_from_the_work_of_the_brakes():
-    assert stop_brake_mps2(10.0, 25.0) == pytest.approx(2.0)
-
-
 @given(st.floats(0.5, 15.0), st.floats(1.0, 80.0), st.floats(0.3, 8.0))
 def test_who_brakes_to_be_later_is_at_the_place_when_the_time_is_over_or_stands_before_it(speed, way, time):
     brake = later_brake_mps2(speed, way, time)
@@ -272,10 +268,6 @@ def test_at_a_merge_who_is_ahead_goes_first_where_the_other_one_can_fall_in(own_
     assert stop_brake_mps2(5.8, 8.0 - CONFIG.standoff_m) > CONFIG.brake_mps2
     wait = wait_for(Zone(own_in, 16.0, 8.0, 22.0, 0.96, INF), car(5.0), other, CONFIG)
     assert (wait is not None) is waits
-
-
-def test_without_bends_the_time_is_that_of_the_speed():
-    assert approach_time_s(car(10.0), 5.0) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("bend_s", "waits"), [(1.0, False), (4.0, True)])

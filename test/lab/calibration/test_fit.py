@@ -155,6 +155,9 @@ def test_the_minimum_is_found(count: int) -> None:
     assert bowl.tries[0] == middle
     assert fitted.start_error_m == pytest.approx(float(np.linalg.norm(Bowl.residuals(middle))))
     assert all(each.minimum <= values[each.name] <= each.maximum for values in bowl.tries for each in parameters)
+    shares = np.array([[each.share_of(values[each.name]) for each in parameters] for values in bowl.tries[1:32]])
+    assert shares[0] == pytest.approx(0.5), "the middle, and places that are spread evenly, but for the first, 0"
+    assert all(np.bincount((4.0 * of_one + 1e-9).astype(int)).tolist() == [7, 8, 8, 8] for of_one in shares.T)
     for name, value in fitted.values.items():
         reach = PARAMETERS[name].maximum - PARAMETERS[name].minimum
         assert value == pytest.approx(TRUTH_FIT[name], abs=1e-3 * reach)

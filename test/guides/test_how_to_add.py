@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 from evaluation.made_video_sets import draw_films, small_video_set
-from followed_guide import FollowedGuide, apply, follow
+from followed_guide import FollowedGuide, follow
 from mcap.reader import make_reader
 from recorded_episode import sensed_recording, tracked_recording
 
@@ -97,28 +97,26 @@ def test_a_map_source(followed: FollowedGuide) -> None:
     assert sum(lane.kind is LaneKind.DRIVING for lane in network.lanes) == 4
 
 
-@of("template")
-def test_a_template(followed: FollowedGuide) -> None:
-    output_of(followed)
-    rows = pq.read_table(followed.root / "studies" / "S9" / "manifest.parquet").to_pylist()
-    assert {(row["template"], row["level"]) for row in rows} == {("S9", "L1"), ("S9", "L0")}
-
-
 def made_rows(followed: FollowedGuide, study: str) -> list[dict[str, Any]]:
     """The rows of the study that the guide's commands make."""
     output_of(followed)
     return pq.read_table(followed.root / "studies" / study / "manifest.parquet").to_pylist()
 
 
-@of("placement")
-def test_a_placement(followed: FollowedGuide) -> None:
-    assert [(row["template"], row["status"]) for row in made_rows(followed, "S9")] == [("S9", "complete")]
-
-
-@of("preset")
-def test_a_preset(followed: FollowedGuide) -> None:
-    (row,) = made_rows(followed, "hesitant")
-    assert (row["preset"], row["status"]) == ("hesitant", "complete")
+@pytest.mark.parametrize(
+    ("followed", "study", "made"),
+    [
+        ("template", "S9", {("S9", "L1", "paper"), ("S9", "L0", "paper")}),
+        ("placement", "S9", {("S9", "L2", "paper")}),
+        ("preset", "hesitant", {("S2", "L2", "hesitant")}),
+    ],
+    indirect=["followed"],
+)
+def test_what_episodes_are_made_of(followed: FollowedGuide, study: str, made: set[tuple[str, str, str]]) -> None:
+    rows = made_rows(followed, study)
+    assert {row["status"] for row in rows} == {"complete"}
+    assert {(row["template"], row["level"], row["preset"]) for row in rows} == made
+    assert len(rows) == len(made)
 
 
 @of("actor_class")
@@ -171,10 +169,14 @@ def test_a_rule_for_sumos_drivers(followed: FollowedGuide) -> None:
     assert 0 < behind < every
 
 
+def certificate_of(followed: FollowedGuide, driver: str) -> Any:
+    followed.run(*followed.commands)
+    return json.loads((followed.root / "exam" / driver / "certificate.json").read_text(encoding="utf-8"))
+
+
 @of("exam_driver")
 def test_an_exam_driver(followed: FollowedGuide) -> None:
-    followed.run(*followed.commands)
-    content = json.loads((followed.root / "exam" / "stops" / "certificate.json").read_text(encoding="utf-8"))
+    content = certificate_of(followed, "stops")
     (episode,) = content["episodes"]
     assert (content["driver"], episode["no_result"]) == ("stops", "")
     assert any(mark["clause"] == "contact" and mark["grade"] == "pass" for mark in episode["marks"])
@@ -184,17 +186,5 @@ def test_an_exam_driver(followed: FollowedGuide) -> None:
 def test_a_rulebook_clause(followed: FollowedGuide, bag: Path) -> None:
     (followed.root / "bags").mkdir()
     (followed.root / "bags" / "S2_L2_seed0").symlink_to(bag)
-    followed.run(*followed.commands)
-    (episode,) = json.loads((followed.root / "exam" / "calm" / "certificate.json").read_text(encoding="utf-8"))[
-        "episodes"
-    ]
+    (episode,) = certificate_of(followed, "calm")["episodes"]
     assert [(mark["clause"], mark["unit"]) for mark in episode["marks"]] == [("calm", "m/s")]
-
-
-def test_a_diff_whose_lines_are_gone_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "table.py"
-    file.write_text("a\nb\nc\n", encoding="utf-8")
-    apply(file, " a\n+new\n b\n-c\n")
-    assert file.read_text(encoding="utf-8") == "a\nnew\nb\n"
-    with pytest.raises(AssertionError, match="0 times"):
-        apply(file, " gone\n+new\n")

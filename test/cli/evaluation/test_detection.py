@@ -2,12 +2,10 @@
 
 import csv
 import json
-import pickle
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from recorded_episode import sensed_recording
 
@@ -77,52 +75,17 @@ def results(path: Path, tokens: Sequence[str], boxes: dict[int, list[Box]]) -> s
     return f"bad={path}"
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"translation": [10.0, float("nan"), 0.8]}, "centre"),
-        ({"size": [1.8, -4.5, 1.5]}, "sizes above 0"),
-        ({"size": [1.8, 0.0, 1.5]}, "sizes above 0"),
-        ({"rotation": [1.0, 0.0, 0.0, 0.5]}, "quaternions of length 1"),
-        ({"detection_score": 1.5}, "scores from 0 to 1"),
-        ({"detection_score": -0.1}, "scores from 0 to 1"),
-        ({"velocity": [float("inf"), 0.0]}, "velocity"),
-        ({"translation": "here"}, "3 numbers"),
-        ({"detection_name": 7}, "detection_name"),
-    ],
-)
-def test_the_first_box_that_means_nothing_is_named(bag, tokens, tmp_path, capsys, change, said) -> None:
-    given = results(tmp_path / "x.json", tokens, {1: [GOOD], 2: [GOOD, {**GOOD, **change}, {**GOOD, **change}]})
-    assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
-    assert "step 20" in message
-    assert said in message
-
-
-def test_frames_and_their_numbers_of_boxes(bag, tokens, tmp_path, capsys) -> None:
-    def refused(given: str, said: str) -> None:
-        assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
-        assert said in capsys.readouterr().err
-
-    refused(results(tmp_path / "a.json", [*tokens, "f" * 32], {}), "sample_token " + "f" * 32)
-    refused(results(tmp_path / "b.json", tokens[:-1], {}), "nothing for")
-    refused(results(tmp_path / "c.json", tokens, {3: [GOOD] * 501}), "501 boxes")
-    refused(
-        results(tmp_path / "d.json", tokens, {3: [{**GOOD, "detection_name": "tree"}]}), "names that bad gives: tree"
-    )
-    (tmp_path / "e.json").write_text("{")
-    refused(f"bad={tmp_path / 'e.json'}", "a JSON file")
-    assert evaluate(bag, "--detections", results(tmp_path / "f.json", tokens, {3: [GOOD] * 500})) == EXIT_OK
-
-
-def test_a_pickle_whose_columns_differ_in_length_is_refused(bag, tokens, tmp_path, capsys) -> None:
-    columns = {"name": np.array(["car"] * 2), "score": np.ones(3) / 2, "boxes_lidar": np.ones((2, 9))}
-    entries = [{**columns, "metadata": {"token": token}} for token in tokens]
-    path = tmp_path / "x.pkl"
-    path.write_bytes(pickle.dumps(entries))
-    assert evaluate(bag, "--detections", f"bad={path}") == EXIT_BAD_INPUT
-    assert "2 names, 3 scores" in capsys.readouterr().err
+def test_the_first_box_that_means_nothing_and_names_that_nothing_has_are_said(bag, tokens, tmp_path, siren) -> None:
+    wrong = {**GOOD, "translation": [10.0, float("nan"), 0.8]}
+    for given, said in (
+        (results(tmp_path / "a.json", tokens, {1: [GOOD], 2: [GOOD, wrong, wrong]}), "step 20, box 1: centre"),
+        (results(tmp_path / "b.json", tokens, {3: [{**GOOD, "detection_name": "tree"}]}), "names that bad gives: tree"),
+    ):
+        message = siren(
+            ["evaluate", "detection", str(bag), "--workers", "1", "--detections", given], EXIT_BAD_INPUT
+        ).err
+        assert message.count("\n") == 1
+        assert said in message
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from solids import areas, gap_m2, volume
 from siren_ros.sensing.lidar.embree import RaycastWorld
 from siren_ros.sensing.lidar.lidar import Lidar
 from siren_ros.sensing.meshes.mesh import LampColour, Material, Mesh, SemanticClass
-from siren_ros.sensing.scene.kerbside import HEAD_HEIGHT_M, mast_arm, signal_head, stop_sign, turned
+from siren_ros.sensing.scene.kerbside import HEAD_HEIGHT_M, mast_arm, pole, signal_head, stop_sign, turned
 from siren_ros.sensing.scene.static_scene import (
     Lot,
     broadleaf,
@@ -189,12 +189,14 @@ def test_out_of_town_rails_stand_beside_the_road_and_no_houses_trees_or_lamps(sc
     assert not len(rails_of(scene))
 
 
-def test_where_traffic_keeps_left_the_scene_is_the_mirror_image(network):
+def test_where_traffic_keeps_left_the_scene_is_the_mirror_image():
+    network = crossing()
     scene, image = static_scene(network, seed=0), static_scene(mirrored_network(network), seed=0)
     assert np.array_equal(image.mesh.vertices_m, scene.mesh.vertices_m * np.float32((1.0, -1.0, 1.0)))
     assert np.array_equal(image.mesh.triangles, scene.mesh.triangles[:, ::-1])
     assert np.array_equal(image.mesh.material, scene.mesh.material)
     assert image.signal_lamps == scene.signal_lamps
+    assert shapely.transform(image.raised, lambda points: points * (1.0, -1.0)).equals(scene.raised)
     x_m, y_m = shapely.get_coordinates(scene.raised.representative_point()).T
     assert image.ground_m(x_m, -y_m) == scene.ground_m(x_m, y_m) == scene.raised_m > 0.0
 
@@ -233,7 +235,7 @@ def test_walls_stand_on_the_lot(heading_rad, height_m):
         assert (np.einsum("ij,ij->i", glass[:, :2], centres[:, :2] - house) > 0.0).all(), "panes look out"
 
 
-def test_windows_of_a_facade_lie_side_by_side_in_each_storey():
+def test_windows_ribbons_and_shops_lie_side_by_side_in_each_storey():
     """16 m and 5 storeys of 3 m: (16 − 0.8) / 2.9 makes five windows, 46 % of their field each."""
     mesh = facade((0.0, 8.0), (0.0, -8.0), 5, 15.0, np.random.default_rng(0), ribbons=False, shop=False)
     quads = mesh.vertices_m.reshape(-1, 4, 3)
@@ -247,9 +249,6 @@ def test_windows_of_a_facade_lie_side_by_side_in_each_storey():
     mesh = building(lot(0.0, 12.0), np.random.default_rng(0), detailed=False)
     panes = on_lot(mesh, 0.0)[np.repeat(mesh.material == Material.BUILDING_GLASS, 3)]
     assert panes[:, 0] == pytest.approx(np.full(len(panes), -0.03), abs=1e-5)
-
-
-def test_ribbons_and_shops():
     mesh = facade((0.0, 8.0), (0.0, -8.0), 3, 9.0, np.random.default_rng(0), ribbons=True, shop=True)
     quads = mesh.vertices_m.reshape(-1, 4, 3)
     shop = quads[quads[:, 0, 2] < 0.5]
@@ -260,7 +259,7 @@ def test_ribbons_and_shops():
     assert ribbons[:, 0, 2].tolist() == pytest.approx([3.95, 6.95])
 
 
-def test_a_saddle_roof_is_closed_and_has_its_volume():
+def test_a_saddle_roof_is_closed_and_has_its_volume_and_a_flat_one_lies_on_the_walls():
     """A ridge of 16.8 m, 0.28 of the depth above the eaves; half of the box around it."""
     (roof,) = gable_roof(8.0, DEPTH_M, 7.0, np.random.default_rng(0))
     assert gap_m2(roof) < 1e-4
@@ -269,9 +268,6 @@ def test_a_saddle_roof_is_closed_and_has_its_volume():
     low, high = roof.bounds_m
     assert (low, high) == (pytest.approx([-0.4, -8.4, 7.0]), pytest.approx([10.4, 8.4, 7.0 + rise]))
     assert roof.vertices_m[roof.vertices_m[:, 2] > 7.1][:, 0] == pytest.approx([5.0, 5.0])
-
-
-def test_a_flat_roof_lies_on_the_walls():
     parts = flat_roof(8.0, DEPTH_M, 9.0, (100, 100, 100), np.random.default_rng(0))
     assert len(parts) == 2
     edge, roof = parts
@@ -316,6 +312,8 @@ def test_a_mesh_is_turned_about_its_origin_and_then_moved():
     """A point 2 m ahead and 1 m to the left, turned to the north, at (10, 20, 3)."""
     mesh = Mesh.uniform([(2, 1, 0.5), (3, 1, 0.5), (2, 2, 0.5)], [(0, 1, 2)], Material.KERB, (1, 2, 3))
     assert turned(mesh, 10.0, 20.0, 3.0, np.pi / 2.0).vertices_m[0] == pytest.approx([9.0, 22.0, 3.5])
+    low, high = pole(4.0, -3.0, 5.0, 0.1).bounds_m
+    assert ([*low], high[2]) == (pytest.approx([3.9, -3.1, 0.0], abs=0.01), 5.0)
 
 
 def test_red_is_above_yellow_above_green_and_shines_ahead():

@@ -267,6 +267,8 @@ def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     if side == 0:
         advice = advice_of(ego, unit.actor_id)
         side, reason = (advice.lane_change_intent if advice is not None else 0), SUMO
+        if side != 0 and _has_less_room(ego, present_lane(ego, unit.navigator), side):
+            side = 0
     return (0, SUMO) if side != 0 and _leader_makes_way(unit, ego, side) else (side, reason)
 
 
@@ -284,6 +286,16 @@ def _leader_makes_way(unit: EmvUnit, ego: Ego, side: int) -> bool:
     moving = seen.speed_mps[rows[leader]] > MOVING_MPS
     off_rad = float(seen.yaw_rad[rows[leader]] - path.curve.heading_rad[nearest[leader]])
     return bool(moving) and side * math.sin(off_rad) > DRIFT_SINE
+
+
+def _has_less_room(ego: Ego, lane: int, side: int) -> bool:
+    """Whether the next vehicle in the lane to that side is as near as the one in the present lane, or nearer.
+
+    There the EMV would get on no better, or come behind a driver who has just made way for it.
+    """
+    beside = neighbour_lane(ego.network, lane, side) if lane != NO_LANE else NO_LANE
+    there_m = gaps_in_lane(ego, beside).front_m if beside != NO_LANE else math.inf
+    return there_m < math.inf and there_m <= gaps_in_lane(ego, lane).front_m
 
 
 def free_side(unit: EmvUnit, ego: Ego) -> tuple[int, str]:

@@ -324,6 +324,18 @@ def test_the_emv_does_not_follow_a_vehicle_that_makes_way_into_its_new_lane(lab,
     assert lateral_intent(unit, view.ego(0)) == (wants, SUMO)
 
 
+@pytest.mark.parametrize(
+    ("there_m", "here_m", "wants"), [(25.0, 40.0, 0), (40.0, 40.0, 0), (40.0, 25.0, 1), (25.0, None, 0), (None, 25.0, 1)]
+)
+def test_sumos_wish_counts_only_where_the_emv_has_more_room(lab, there_m, here_m, wants):
+    places = [(lane, ahead_m) for lane, ahead_m in ((2, there_m), (1, here_m)) if ahead_m is not None]
+    cars = [lab.Car(k + 2, lane, 100.0 + ahead_m, 8.0, (0,)) for k, (lane, ahead_m) in enumerate(places)]
+    emv = lab.Car(1, 1, 100.0, 8.0, (0,), AMBULANCE)
+    view = lab.view(lab.straight_road(3), lab.L1, [emv, *cars], step=100, advice={"lane_change_intent": 1})
+    unit, _ = follow_route(EmvUnit(1), view.ego(0))
+    assert lateral_intent(unit, view.ego(0)) == (wants, SUMO)
+
+
 @pytest.mark.parametrize(("left_m", "wants"), [(199.0, True), (201.0, False)])
 def test_a_lane_that_leads_astray_is_left_from_200_m_before_its_end(lab, left_m, wants):
     """A long approach whose left lane does not turn right."""

@@ -64,8 +64,8 @@ class LaneChangeQuery:
     target_mps: float
     """Speed of the vehicle during the change."""
     civilian: bool
-    ends_on_junction: bool = False
-    """Whether the change may end on the next junction."""
+    to_route: bool = False
+    """Whether the lane is nearer to the route: the change may then end on the next junction, and be one of several."""
 
     @property
     def config(self) -> LaneChangeConfig:
@@ -187,11 +187,11 @@ def assess(query: LaneChangeQuery) -> Refusal | LanePath:
     if refusal := refusal_of_gaps(gaps_in_lane(ego, target), ego.speed_mps, query.target_mps, config):
         return refusal
     ahead = query.length_m + _RETURN_ROOM_M + 30.0
-    reference = ego.line_along(target, ahead, civilian=query.civilian, through_junctions=query.ends_on_junction)
+    reference = ego.line_along(target, ahead, civilian=query.civilian, through_junctions=query.to_route)
     room = reference.curve.length_m - ego.half_length_m
     if room < query.length_m:
         return Refusal.NO_ROOM
-    if reference.end is LaneEnd.ASTRAY and room < query.length_m + _RETURN_ROOM_M:
+    if reference.end is LaneEnd.ASTRAY and not query.to_route and room < query.length_m + _RETURN_ROOM_M:
         return Refusal.ASTRAY
     return reference
 
@@ -358,7 +358,7 @@ def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
         target_mps=ego.world.speeds.emv_lane_change_mps,
         civilian=False,
         # Otherwise the EMV would stand forever at the end of a short lane that does not follow the route.
-        ends_on_junction=request.reason == ROUTE,
+        to_route=request.reason == ROUTE,
     )
     verdict = assess(query)
     if isinstance(verdict, LanePath) and _is_turning(unit, ego, verdict):

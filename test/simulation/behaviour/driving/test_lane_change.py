@@ -87,6 +87,8 @@ def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab)
 def test_lane_that_leads_astray_needs_room_to_come_back(lab, junction):
     assert assess(query(lab.view(junction, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))]))) is Refusal.ASTRAY
     assert isinstance(assess(query(lab.view(junction, lab.L2, [lab.Car(1, 0, 30, 8, (0, 4))]))), LanePath)
+    towards = query(lab.view(junction, lab.L2, [lab.Car(1, 0, 90, 8, (0, 4))]), to_route=True)
+    assert isinstance(assess(towards), LanePath), "the first of several changes towards the route"
 
 
 def test_path_starts_here_and_ends_in_the_target_lane(lab):

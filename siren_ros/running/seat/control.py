@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.braking import safe_following_mps
-from siren_ros.running.seat.sight import Sight
+from siren_ros.running.seat.sight import SPACING_M, Sight
 from siren_ros.simulation.world.actors import TURN_LIGHTS, Lights, indicator_to
 from siren_ros.simulation.world.commands import AvControl
 
@@ -146,9 +146,13 @@ def stop_sign_ahead_m(sight: Sight) -> tuple[float, float]:
 
 
 def speed_to_stop_sign(sight: Sight, stood_m: float) -> float:
-    """Speed before the next line with a stop sign, in m/s; infinite without one, or where it has stood at that line."""
+    """Speed before the next line with a stop sign, in m/s; infinite without one, or where it has stood at that line.
+
+    A line is known to the spacing of the path's rows, and may be nearer by that.
+    """
     at_m, ahead_m = stop_sign_ahead_m(sight)
-    return math.inf if at_m <= stood_m + _LINE_M else math.sqrt(2.0 * _GENTLE_MPS2 * max(ahead_m - _LINE_M, 0.0))
+    free_m = max(ahead_m - _LINE_M - SPACING_M, 0.0)
+    return math.inf if at_m <= stood_m + _LINE_M else math.sqrt(2.0 * _GENTLE_MPS2 * free_m)
 
 
 def speed_to_entry(sight: Sight) -> float:

@@ -32,8 +32,8 @@ from siren_ros.simulation.world.actors import ActorClass
 CONFIG = LaneChangeConfig()
 
 
-def query(view, row=0, lane=0, side=1, civilian=True):
-    return LaneChangeQuery(view.ego(row), lane, side, 2.8, civilian)
+def query(view, row=0, lane=0, side=1, civilian=True, *, to_route=False):
+    return LaneChangeQuery(view.ego(row), lane, side, 2.8, civilian, to_route)
 
 
 def test_gaps_are_from_bumper_to_bumper(lab):
@@ -327,7 +327,8 @@ def test_the_emv_does_not_follow_a_vehicle_that_makes_way_into_its_new_lane(lab,
 
 
 @pytest.mark.parametrize(
-    ("there_m", "here_m", "wants"), [(25.0, 40.0, 0), (40.0, 40.0, 0), (40.0, 25.0, 1), (25.0, None, 0), (None, 25.0, 1)]
+    ("there_m", "here_m", "wants"),
+    [(25.0, 40.0, 0), (40.0, 40.0, 0), (40.0, 25.0, 1), (25.0, None, 0), (None, 25.0, 1)],
 )
 def test_sumos_wish_counts_only_where_the_emv_has_more_room(lab, there_m, here_m, wants):
     places = [(lane, ahead_m) for lane, ahead_m in ((2, there_m), (1, here_m)) if ahead_m is not None]

@@ -201,13 +201,13 @@ def test_the_command_ranks_predictions_and_names_those_that_cannot_be_scored(tmp
 
 
 def test_the_command_ranks_detections(tmp_path, typestore):
-    """Nothing found, in two formats; what is wrong with a file is said."""
     bag = write_made_bag(tmp_path / "S2_drive", typestore, BagSpec())
-    folder = tmp_path / "submitted"
-    (folder / "nothing").mkdir(parents=True)
+    nothing = tmp_path / "submitted/nothing"
+    nothing.mkdir(parents=True)
     for number in range(19):
-        (folder / "nothing" / f"{number:06d}.txt").write_text("")
+        (nothing / f"{number:06d}.txt").write_text("")
     out = tmp_path / "board.json"
-    assert main(["leaderboard", "detection", str(folder), str(bag), "--out", str(out), "--workers", "1"]) == 0
+    words = "leaderboard", "detection", str(nothing.parent), str(bag), "--out", str(out), "--workers", "1"
+    assert main([*words]) == 0
     board = json.loads(out.read_text())["rows"]
     assert [(row["model"], row["value"]) for row in board] == [("nothing", 0.0)]

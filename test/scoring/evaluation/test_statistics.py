@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.detection.metrics import average_precision
 from siren_ros.scoring.evaluation.risk.scoring import balanced_accuracy, f1, macro_f1
 from siren_ros.scoring.evaluation.statistics import (
     BlockSums,
@@ -358,28 +357,6 @@ def test_a_rank_correlation_over_templates() -> None:
         return ranking_interval(estimates, paper)
 
     assert coverage(interval_of, 1.0 - 6.0 * 2.0 / (7.0 * 48.0), 150) > 0.92
-
-
-def test_an_average_precision() -> None:
-    """Of 40 detections in an episode more or fewer find one of 40 labels; 20,000 episodes give the true value."""
-
-    def weighted(rng: np.random.Generator, count: int, weight: np.ndarray) -> np.ndarray:
-        sure = np.clip(rng.normal(0.6, 0.15, count), 0.1, 0.95)
-        hit = rng.random((count, 40)) < sure[:, None]
-        score = rng.random((count, 40)) + 0.5 * hit
-        order = np.argsort(-score, axis=None)
-        return average_precision(
-            hit.ravel()[order], np.repeat(np.arange(count), 40)[order], np.full(count, 40.0), weight
-        )
-
-    true = float(weighted(np.random.default_rng(1), 20_000, np.ones((1, 20_000)))[0])
-
-    def interval_of(rng: np.random.Generator) -> Interval:
-        weight = np.vstack((np.ones(6), 1.0 - np.eye(6)))
-        value, *left_out = weighted(rng, 6, weight).tolist()
-        return jackknife(value, np.array(left_out), np.zeros(6, dtype=np.intp)).interval()
-
-    assert 0.90 < coverage(interval_of, true, 400) < 0.985
 
 
 @pytest.mark.parametrize("score", [balanced_accuracy, macro_f1, lambda counts: f1(counts, 1)])

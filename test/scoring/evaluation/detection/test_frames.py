@@ -18,7 +18,6 @@ from siren_ros.scoring.evaluation.detection.boxes import (
     CLASS_NAMES,
     TruthBoxes,
     attributes_of,
-    joined,
     labels_named,
     names_kinds,
 )
@@ -198,16 +197,6 @@ def test_attributes_follow_from_speeds_and_classes(turn_rad: float) -> None:
     assert named == ["vehicle.moving", "pedestrian.moving", "cycle.with_rider"]
 
 
-def test_tables_are_joined_in_their_order_and_rows_keep_together() -> None:
-    first, second = (made_boxes([], places, scores)[1] for places, scores in (([1.0, 2.0], [0.1, 0.2]), ([3.0], [0.3])))
-    whole = joined([first, second])
-    assert len(whole) == 3
-    assert whole.centre_m[:, 0].tolist() == [1.0, 2.0, 3.0]
-    some = whole.at(np.array([2, 0]))
-    assert (some.centre_m[:, 0].tolist(), some.score.tolist()) == ([3.0, 1.0], [0.3, 0.1])
-    assert whole.at(np.array([False, True, False])).score.tolist() == [0.2]
-
-
 def test_every_label_has_one_name() -> None:
     classes = np.array(list(ActorClass), dtype=np.uint8)
     truth, _ = made_boxes([0.0] * len(classes), [], [])
@@ -300,13 +289,8 @@ def test_shares_of_four_resamples() -> None:
     order = order_of_families(values)
     assert list(order.values()) == pytest.approx([0.75, 0.75, 0.75, 0.25]), "equal is not below"
     assert list(order)[-1] == "all"
-    said = sentence_of_order(order)
-    assert said.startswith("clearance < stop sign in 75%, ")
-    assert said.endswith("red light in 75% of the draws; the paper's whole order in 25%, by chance 4%")
+    assert sentence_of_order(order).startswith("clearance < stop sign in 75%, ")
     # The order of the dictionary says nothing.
     assert order_of_families(dict(reversed(values.items()))) == order
-
-
-def test_a_missing_family_has_no_order() -> None:
-    assert order_of_families({name: np.ones(3) for name in list(FAMILIES)[:3]}) == {}
+    assert order_of_families({name: np.ones(3) for name in list(FAMILIES)[:3]}) == {}, "one is missing"
     assert len([one for members in FAMILIES.values() for one in members]) == 7

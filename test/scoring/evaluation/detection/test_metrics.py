@@ -78,6 +78,12 @@ def test_the_compiled_score_is_the_devkits(seed: int) -> None:
         value = ap_of(matches.label[row] >= 0, float(len(truth)))
         assert value == pytest.approx(score.average_precision[distance_m], abs=1e-12)
     assert score.mean_average_precision == pytest.approx(np.mean(list(score.average_precision.values())))
+    # With 25 labels every fourth recall of the grid is reached exactly, some only up to the last bit.
+    x_m = np.arange(25) * 10.0
+    ranks = np.random.default_rng(seed).permutation(np.linspace(0.9, 0.1, 50))
+    truth, found = made_boxes(truth_x_m=x_m, found_x_m=np.r_[x_m, x_m + 5.0], score=ranks)
+    hit = match(truth, found).label[2] >= 0
+    assert ap_of(hit, 25.0) == pytest.approx(devkit_score(truth, found).average_precision[2.0], abs=1e-12)
 
 
 def test_weights_are_repetitions_of_episodes() -> None:
@@ -109,16 +115,6 @@ def test_the_nearest_free_label_is_taken_in_the_order_of_confidence() -> None:
     assert matches.label.tolist() == [[-1, 0, -1], [1, 0, -1], [1, 0, -1], [1, 0, -1]]
     equal = match(*made_boxes(truth_x_m=[0.0], found_x_m=[0.1, 0.2, 0.3], score=[0.5, 0.5, 0.6]))
     assert (equal.order.tolist(), equal.label[1].tolist()) == ([2, 1, 0], [0, -1, -1]), "of equal ones the later first"
-
-
-def test_recalls_that_are_reached_exactly_count_as_in_the_devkit() -> None:
-    """With 25 labels every fourth recall of the grid is reached, some only up to the last bit."""
-    rng = np.random.default_rng(0)
-    x_m = np.arange(25) * 10.0
-    found_x_m = np.r_[x_m, x_m + 5.0]
-    truth, found = made_boxes(truth_x_m=x_m, found_x_m=found_x_m, score=rng.permutation(np.linspace(0.9, 0.1, 50)))
-    hit = match(truth, found).label[2] >= 0
-    assert ap_of(hit, 25.0) == pytest.approx(devkit_score(truth, found).average_precision[2.0], abs=1e-12)
 
 
 def test_labels_of_other_frames_are_not_taken_and_a_limit_is_no_match() -> None:

@@ -22,14 +22,12 @@ from siren_ros.scoring.evaluation.detection.detectors import run_detector
 from siren_ros.scoring.evaluation.detection.frames import Frames
 from siren_ros.scoring.evaluation.detection.metrics import devkit_score
 from siren_ros.scoring.evaluation.detection.pillar_detector import (
-    BOX_COLUMNS,
     FEATURES,
     SENSOR_HEIGHT_M,
     SHIPPED,
     DetectorNetwork,
     PillarDetector,
     PillarGrid,
-    Pillars,
     SweepMemory,
     apart,
     class_of,
@@ -164,26 +162,6 @@ def test_grids_of_no_use_are_refused(change: dict[str, Any]) -> None:
     assert GRID.cell_m == 1.0
     with pytest.raises(InputError, match="card"):
         PillarGrid.from_json({**GRID.to_json(), **change})
-
-
-def test_answers_are_in_double_precision_and_nothing_is_asked_of_nothing() -> None:
-    asked: list[dict[str, Any]] = []
-
-    def run(outputs: tuple[str, ...], given: dict[str, Any]) -> tuple[np.ndarray, ...]:
-        asked.append(given)
-        values = {"box": np.ones((2, 10)), "score": np.array([0.9, 0.1]), "class_share": np.ones((2, 2))}
-        return tuple(values[name].astype(np.float32) for name in outputs)
-
-    network = DetectorNetwork(SimpleNamespace(run=run), CARD, GRID, ("car", "police"))
-    nothing = Pillars(np.zeros((0, 4, 10), dtype=np.float32), np.zeros(0, dtype=np.int64))
-    assert [part.shape for part in network.run(nothing)] == [(0, len(BOX_COLUMNS)), (0,), (0, 2)]
-    assert asked == []
-    given = Pillars(np.ones((3, 4, 10), dtype=np.float32), np.array([5, 6, 9]))
-    box, score, share = network.run(given)
-    assert (box.shape, score.tolist(), share.shape) == ((2, 10), pytest.approx([0.9, 0.1]), (2, 2))
-    assert {part.dtype for part in (box, score, share)} == {np.dtype(np.float64)}
-    assert asked[0]["points"] is given.points
-    assert asked[0]["cell"] is given.cell
 
 
 def test_a_detector_is_one_that_ships_or_a_file() -> None:

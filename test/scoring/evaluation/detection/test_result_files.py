@@ -19,17 +19,14 @@ from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection import openpcdet_results
 from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, quaternions_of_yaw, yaws_of_quaternions
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of, read_frames
-from siren_ros.scoring.evaluation.detection.metrics import devkit_score
 from siren_ros.scoring.evaluation.detection.openpcdet_results import openpcdet_entries
 from siren_ros.scoring.evaluation.detection.result_files import (
     labels_as_detections,
     read_detections,
     read_topic,
-    self_test_sets,
     write_kitti,
     write_nuscenes,
 )
-from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 
 
 @pytest.fixture
@@ -235,20 +232,6 @@ def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
         refused(labelled, folder, rf"box {1 - number}: velocity \[nan, nan\]")
     (folder / "000003.txt").write_text(text)
     refused(made_frames(camera=False), folder, "front camera")
-
-
-def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
-    sets = self_test_sets(frames, tmp_path)
-    formats = ["nuScenes results", *["OpenPCDet results"] * 2, "KITTI results", "recorded topic"]
-    assert [detected.format for detected in sets] == formats
-    for detected in sets:
-        score = devkit_score(*counted_boxes(frames, detected, VEHICLE_NAMES))
-        assert score.labels == score.detections > 10
-        assert score.mean_average_precision == pytest.approx(1.0)
-        errors = dict(score.errors)
-        if not detected.has_velocity:
-            assert (errors.pop("AVE"), errors.pop("AAE")) == (1.0, 1.0)
-        assert max(errors.values()) == pytest.approx(0.0, abs=1e-5)
 
 
 TURNED = np.array([[np.cos(LIDAR_YAW_RAD), -np.sin(LIDAR_YAW_RAD)], [np.sin(LIDAR_YAW_RAD), np.cos(LIDAR_YAW_RAD)]])

@@ -94,18 +94,11 @@ def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) 
     assert (clearance[column["pillars"]], clearance[column["classical"]]) == ("0.400 [0.350, 0.450]", "–")
 
 
-@pytest.mark.parametrize(
-    ("name", "rows"),
-    [
-        ("PointPillars", ["PointPillars"]),
-        ("transfusion", ["TransFusion-L"]),
-        ("TransFusion_L", ["TransFusion-L"]),
-        ("voxelnext", ["VoxelNeXt"]),
-        ("mine", ["PointPillars", "SECOND", "VoxelNeXt", "TransFusion-L"]),
-    ],
-)
-def test_the_papers_row_of_a_detector(name: str, rows: list[str]) -> None:
-    assert list(papers_of(name)) == rows
+def test_the_papers_row_of_a_detector() -> None:
+    names = {"PointPillars": "PointPillars", "transfusion": "TransFusion-L", "TransFusion_L": "TransFusion-L"}
+    for name, row in {**names, "voxelnext": "VoxelNeXt"}.items():
+        assert list(papers_of(name)) == [row]
+    assert list(papers_of("mine")) == ["PointPillars", "SECOND", "VoxelNeXt", "TransFusion-L"]
 
 
 @pytest.mark.parametrize("name", PAPER)
@@ -115,39 +108,30 @@ def test_the_papers_means_are_those_of_its_templates(name: str) -> None:
         assert PAPER[name][metric, "all"] == pytest.approx(mean, abs=0.0011)
 
 
-def test_a_detector_with_intervals() -> None:
+def test_a_detector_and_its_templates_as_json() -> None:
     found = scores_as_json([detector_scores("mine", {"S1": 0.4, "S3": 0.6})])
     json.dumps(found, allow_nan=False)
-    assert (found["models"]["mine"]["format"], found["models"]["mine"]["velocity_known"]) == ("nuScenes", True)
-    scores = Scores.of_json(found)
+    scores, model = Scores.of_json(found), found["models"]["mine"]
+    assert (model["format"], model["velocity_known"], model["frames"]) == ("nuScenes", True, {"S1": 40, "S3": 40})
     ap = scores.interval("mine", "all", "all", "mAP")
     assert (ap.value, ap.low, ap.high, ap.blocks) == pytest.approx((0.5, 0.45, 0.55, 6))
     assert scores.interval("mine", "family", "clearance", "mAP") == ap
     assert not scores.interval("mine", "family", "red light", "mAP").valid
     assert scores.value("mine", "all", "all", "NDS") == pytest.approx(0.25)
-    assert scores.value("mine", "order", "all", "share") == 0.25
-    assert scores.value("mine", "order", "clearance < stop sign", "share") == 0.75
+    order = [scores.value("mine", "order", step, "share") for step in ("all", "clearance < stop sign")]
+    assert order == [0.25, 0.75]
     held = {"model": "mine", "kind": "behaviour", "group": "held", "metric": "mAP", "samples": 7}
     interval = {"value": 0.25, "low": pytest.approx(0.2), "high": pytest.approx(0.3), "episodes": 6}
     assert {**held, **interval} in found["rows"]
-
-
-def test_a_template() -> None:
-    found = scores_as_json([detector_scores("mine", {"S1": 0.4, "S3": 0.6})])
-    scores, model = Scores.of_json(found), found["models"]["mine"]
+    errors = [scores.value("mine", "template", "S3", error) for error in ("NDS", "ATE", "ASE", "AOE", "AVE", "AAE")]
+    assert errors == pytest.approx([0.3, 0.6, 1.6, 2.6, 3.6, 4.6])
     one = model["curves"]["S3"]
-    assert (model["frames"], one["labels"], one["detections"]) == ({"S1": 40, "S3": 40}, 10, 20)
-    assert scores.value("mine", "template", "S3", "NDS") == pytest.approx(0.3)
+    assert (one["labels"], one["detections"]) == (10, 20)
     assert one["AP"] == pytest.approx({"0.5": 0.45, "1": 0.55, "2": 0.65, "4": 0.75})
-    errors = [scores.value("mine", "template", "S3", error) for error in ("ATE", "ASE", "AOE", "AVE", "AAE")]
-    assert errors == pytest.approx([0.6, 1.6, 2.6, 3.6, 4.6])
     curves = one["precision_at_recall_0_to_1"]
     assert [len(curve) for curve in curves] == [101] * 4
     # From 1 down to 0.3 in a hundred steps, to six digits.
     assert [curves[3][place] for place in (0, 1, 100)] == [1.0, 0.993, 0.3]
-
-
-def test_without_intervals_their_bounds_are_null() -> None:
     rows = scores_as_json([detector_scores("mine", {"S1": 0.4}, bounded=False)])["rows"]
     (ap,) = (row for row in rows if (row["kind"], row["metric"]) == ("all", "mAP"))
     assert [ap[name] for name in ("value", "low", "high", "episodes")] == [0.4, None, None, 1]

@@ -91,12 +91,6 @@ def test_no_vehicle_drives_backwards_or_through_a_leader_that_it_can_stop_behind
         assert (gap + leader * times - travelled > 0.0).all()
 
 
-def test_the_answer_is_the_same_at_the_same_times() -> None:
-    fine = travelled_by(8.0, 13.0, 25.0, 5.0, times_s=np.arange(1, 51) * 0.1)
-    coarse = travelled_by(8.0, 13.0, 25.0, 5.0, times_s=np.arange(1, 26) * 0.2)
-    assert np.array_equal(fine[1::2], coarse)
-
-
 def test_the_first_steps_by_hand() -> None:
     """Two steps of a tenth of a second behind a leader at 5 m/s, 20 m ahead."""
     speed, travelled, expected = 8.0, 0.0, []
@@ -428,13 +422,6 @@ def test_braking_ends_in_a_stop_unless_it_decays_before(straight_road) -> None:
         float(make().predict(batch).xy_m[0, 0, -1, 0] - batch.xy_m[0, 0]) for make in (make_ca_lane, make_decay_lane)
     ]
     assert ends_m == pytest.approx([1.0, 10.0 - 2.0 * (4.0 + np.exp(-5.0))], abs=1e-2)
-
-
-def test_a_vehicle_follows_the_bend_of_its_lane(crossroads) -> None:
-    """In no lane it goes straight ahead; in one it stays at its offset."""
-    batch = one(crossroads, 500.0, 500.0, 5.0, 0.0, 0.5)
-    expected = batch.xy_m[0] + 5.0 * TIMES_S[:, None] * np.array([np.cos(0.5), np.sin(0.5)])
-    assert make_cv_lane().predict(batch).xy_m[0, 0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_constant_velocity_is_found_and_continued() -> None:

@@ -293,7 +293,7 @@ def bend(speed_mps: float, radius_m: float):
         (10.0, bend(10.0, 10.0), 1.0),
         (3.0, bend(3.0, 1.1 * RADIUS_MIN_M), 0.0),
         (3.0, bend(3.0, 0.8 * RADIUS_MIN_M), 1.0),
-        (10.0, (14.0 * TIMES_S, 0.0 * TIMES_S), 1.0),
+        (10.0, (11.2 * TIMES_S, 0.0 * TIMES_S), 1.0),
         (10.0, (10.2 * TIMES_S, 0.0 * TIMES_S), 0.0),
     ],
 )
@@ -383,12 +383,3 @@ def test_a_junction_has_no_wrong_way(straight_road) -> None:
     assert raster.road[inside]
     assert (raster.directions[inside], raster.directions[outside]) == (255, 0b11000111)
     assert raster.road[raster.cells(np.array([55.0, 8.0]))], "where no lane is"
-
-
-def test_lanes_have_the_directions_within_90_degrees(straight_road) -> None:
-    raster = road_raster(straight_road)
-    assert raster is not None
-    lane = straight_road.lanes[0]
-    middle = lane.centre.at(0.5 * lane.length_m)
-    assert lane.centre.heading_rad(1.0) == pytest.approx(0.0)
-    assert raster.directions[raster.cells(middle)] == sum(1 << sector for sector in (6, 7, 0, 1, 2))

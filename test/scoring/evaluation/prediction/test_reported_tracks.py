@@ -228,27 +228,20 @@ def test_a_vehicle_without_a_box_for_a_second_is_not_reported_before_it_goes_on(
     assert going == pytest.approx([24.5 + 5.0 * 210 * 0.05, -5.25])
 
 
-def test_a_young_track_has_moved_as_at_its_first_box(drive) -> None:
+def test_the_past_is_that_of_the_track(drive) -> None:
+    """A young track has moved as at its first box; tracks that exchange their vehicles have each other's past."""
     late = samples_by(drive, boxes_of(drive, lambda actor, step: (actor, actor != SECOND or step >= 150))).batch
     steps = late.sample_step[late.actor_id == SECOND]
     assert steps.min() == 150
     row = late.target[(late.actor_id == SECOND) & (late.sample_step == 150)][0]
     assert np.diff(late.actors.xy_m[row, :, 0]) == pytest.approx(np.full(WINDOW.points - 1, 5.0 * 0.2), abs=1e-6)
-
-
-def test_tracks_that_exchange_their_vehicles_have_each_others_past(drive) -> None:
     swapped = boxes_of(drive, lambda actor, step: (actor if step < 200 else FIRST + SECOND - actor, True))
     batch = samples_by(drive, swapped).batch
     row = batch.target[(batch.actor_id == FIRST) & (batch.sample_step == 210)][0]
-    before, after = batch.actors.xy_m[row, 0, 0], batch.actors.xy_m[row, -1, 0]
+    before, after = batch.actors.xy_m[row, [0, -1], 0]
     assert after == pytest.approx(20.0 + 5.0 * 210 * 0.05)
     assert before == pytest.approx(24.5 + 5.0 * (210 - 60) * 0.05), "three seconds ago the track was on the other one"
-
-
-def test_boxes_of_nobody_are_nobodys(drive) -> None:
-    far = boxes_of(drive)
-    far = BoxTracks(far.step, far.track, far.xy_m + np.array([0.0, 3.0]), far.yaw_rad, far.velocity_mps)
-    assert len(samples_by(drive, far)) == 0
+    assert len(samples_by(drive, replace(swapped, xy_m=swapped.xy_m + np.array([0.0, 3.0])))) == 0, "of nobody"
 
 
 def test_the_vehicle_with_the_lidar_knows_its_own_motion(drive) -> None:

@@ -158,6 +158,8 @@ def test_a_real_episode_is_scored(episode) -> None:
         assert metrics["brier_score"].value is None, "one hypothesis states no probability"
         assert np.allclose(metrics.distance_sum_m.mean() / len(metrics), metrics["ade_m"].value)
     assert scores.parameters["emv.speed_mps"] > 0.0
+    backwards = replace(episode, states=tuple(reversed(episode.states)))
+    assert same(scores, score_episode("live", backwards, predictors_named(["cv", "idm"]), Population.ALL))
 
 
 def test_scores_of_a_bag_are_those_of_its_record(bags, record_of) -> None:
@@ -203,12 +205,6 @@ def test_models_with_other_histories_have_their_own_samples(straight_road) -> No
     scores = score_episode("two", record, {"cv": predictors_named(["cv"])["cv"], "long": long}, Population.ALL)
     assert {model: values["ade_m"].samples for model, values in scores.models.items()} == {"cv": 40, "long": 21}
     assert scores.samples == 21
-
-
-def test_a_shaken_order_of_rows_gives_the_same_scores(episode) -> None:
-    models = predictors_named(["cv", "idm"])
-    backwards = replace(episode, states=tuple(reversed(episode.states)))
-    assert same(score_episode("a", episode, models), score_episode("a", backwards, models))
 
 
 def test_by_default_the_region_is_scored(straight_road) -> None:

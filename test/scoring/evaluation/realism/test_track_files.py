@@ -129,10 +129,8 @@ def test_a_file_that_is_none_is_named(tmp_path: Path, content: str) -> None:
     file.write_text(content)
     with pytest.raises(InputError, match=r"other\.csv"):
         read_tracks(file)
-
-
-def test_paths_without_tracks_are_refused(tmp_path: Path) -> None:
-    for path in (tmp_path, tmp_path / "missing"):
+    for path in (tmp_path / "empty", tmp_path / "missing"):
+        (tmp_path / "empty").mkdir(exist_ok=True)
         with pytest.raises(InputError):
             track_files_in([path])
 

@@ -8,7 +8,6 @@ from evaluation.made_records import Track, moving, record_with
 
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import (
-    SEEN_BEFORE_STEPS,
     Camera,
     Evidence,
     Moments,
@@ -24,7 +23,6 @@ from siren_ros.scoring.evaluation.risk.labels import (
     most_severe,
     risk_class,
 )
-from siren_ros.scoring.evaluation.risk.vlm.pipeline import SYSTEM
 from siren_ros.scoring.judging.surrogate_safety import encounters_of
 from siren_ros.sensing.specification import Mount
 from siren_ros.simulation.roads.road_network import RoadNetwork
@@ -94,12 +92,10 @@ def test_what_is_near_and_what_is_just_not(found: Moments | SeenEncroachment, re
     assert label_of(Evidence(moments(8, 2.0, 5.0), (), ()), wider).risk is RiskClass.NEAR_MISS
 
 
-@pytest.mark.parametrize("impact_mps", [0.0, 0.1, 1.3, 1.5])
-def test_touching_is_a_collision_however_slow_as_the_models_are_told(impact_mps: float) -> None:
+@pytest.mark.parametrize("impact_mps", [0.0, 1.5])
+def test_touching_is_a_collision_however_slow(impact_mps: float) -> None:
     label = label_of(Evidence(NOTHING, (), (SeenContact(3, 80, impact_mps),)), LIMITS)
     assert label == RiskLabel(RiskClass.COLLISION, Reason.CONTACT, 3, 80, impact_mps)
-    assert "Collision: the emergency vehicle and another vehicle touch." in SYSTEM
-    assert "they do not touch" in SYSTEM.partition("- Near-Miss")[2].partition("- Collision")[0]
 
 
 def test_the_most_severe_decides_and_then_the_earliest() -> None:
@@ -167,20 +163,15 @@ def test_a_corner_at_the_edge_of_the_view(straight_road: RoadNetwork, side: floa
 
 
 @pytest.mark.parametrize("turned_rad", TURNED_RAD)
-def test_a_camera_that_is_not_in_the_middle(straight_road: RoadNetwork, turned_rad: float) -> None:
+def test_a_camera_that_is_not_in_the_middle_or_looks_to_the_left(straight_road: RoadNetwork, turned_rad: float) -> None:
     """1 m to the left it sees 1 m more on the left and 1 m less on the right."""
     eye = Mount(0.0, 1.0, 1.0)
     for y_m, seen in ((10.95, True), (11.05, False), (-8.95, True), (-9.05, False)):
         y = y_m + np.sign(y_m) * 0.5 * WIDTH_M
         assert sees(straight_road, 10.0 - 0.5 * LENGTH_M, y, eye, turned_rad=turned_rad) is seen
-
-
-@pytest.mark.parametrize("turned_rad", TURNED_RAD)
-def test_a_camera_that_looks_to_the_left(straight_road: RoadNetwork, turned_rad: float) -> None:
     eye = Mount(0.0, 0.0, 1.0, yaw_rad=np.pi / 2.0)
-    assert sees(straight_road, 0.0, 20.0, eye, turned_rad=turned_rad)
-    assert not sees(straight_road, 0.0, -20.0, eye, turned_rad=turned_rad)
-    assert not sees(straight_road, 20.0, 0.0, eye, turned_rad=turned_rad)
+    for x, y, seen in ((0.0, 20.0, True), (0.0, -20.0, False), (20.0, 0.0, False)):
+        assert sees(straight_road, x, y, eye, turned_rad=turned_rad) is seen
 
 
 def test_the_range_is_from_the_camera_to_the_nearest_corner_and_behind_is_never_in_view(
@@ -225,19 +216,6 @@ def test_ahead_is_seen_and_behind_is_not(straight_road: RoadNetwork, turned_rad:
     assert len(found.moments) > 10
 
 
-def test_the_window_limits_the_evidence(straight_road: RoadNetwork) -> None:
-    found = seen(straight_road, {5: moving(30.0, 0.0, 0.0, steps=41)}, (10, 20))
-    assert found.moments.step.tolist() == list(range(10, 20))
-
-
-def test_who_was_seen_counts_for_two_seconds(straight_road: RoadNetwork) -> None:
-    """The EMV passes a standing car within a second: a contact soon after counts, one much later does not."""
-    count = SEEN_BEFORE_STEPS + 60
-    tracks = {EMV: moving(0.0, 0.0, 10.0, steps=count, is_emv=True), 5: moving(6.0, 3.0, 0.0, steps=count)}
-    soon, late = touch(30, EMV, 5), touch(SEEN_BEFORE_STEPS + 50, EMV, 5)
-    assert contacts_of(straight_road, tracks, (0, count), soon, late) == [30]
-
-
 @pytest.mark.parametrize("kind", [ActorClass.PEDESTRIAN, ActorClass.BICYCLE, ActorClass.MOTORCYCLE])
 def test_people_are_civilians(straight_road: RoadNetwork, kind: ActorClass) -> None:
     """One crosses just before the EMV; then they touch."""
@@ -276,22 +254,22 @@ def test_contacts_that_count(straight_road: RoadNetwork, x_m, steps, window, eve
     assert contacts_of(straight_road, tracks, window, *events) == counted
 
 
-@pytest.mark.parametrize(("window", "there"), [((0, 81), True), ((0, 36), False), ((38, 81), False)])
-def test_an_encroachment_lies_within_the_window(
-    straight_road: RoadNetwork, window: tuple[int, int], *, there: bool
+@pytest.mark.parametrize(
+    ("place", "speed_mps", "window", "there"),
+    [
+        ((30.0, -8.0), 10.0, (0, 81), True),
+        ((30.0, -8.0), 10.0, (0, 36), False),
+        ((30.0, -8.0), 10.0, (38, 81), False),
+        ((0.0, -30.0), 12.0, (0, 81), False),
+    ],
+)
+def test_an_encroachment_lies_within_the_window_and_is_seen(
+    straight_road: RoadNetwork, place: tuple[float, float], speed_mps: float, window: tuple[int, int], *, there: bool
 ) -> None:
-    """A car crosses at about step 12 to 20, the EMV comes at about step 37."""
-    crossing = moving(30.0, -8.0, 10.0, yaw_rad=np.pi / 2.0, steps=81)
+    """A car crosses at about step 12 to 20, the EMV comes at about step 37; another crosses behind the EMV."""
+    crossing = moving(*place, speed_mps, yaw_rad=np.pi / 2.0, steps=81)
     tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
-    found = evidence_of(record_with(tracks, straight_road), EMV, FRONT, window)
-    assert bool(found.encroachments) is there
-
-
-def test_who_crosses_behind_the_camera_is_no_encroachment(straight_road: RoadNetwork) -> None:
-    """The car comes out of a side road after the EMV has passed, and was never seen."""
-    crossing = moving(0.0, -30.0, 12.0, yaw_rad=np.pi / 2.0, steps=81)
-    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
-    assert evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81)).encroachments == ()
+    assert bool(evidence_of(record_with(tracks, straight_road), EMV, FRONT, window).encroachments) is there
 
 
 @pytest.mark.parametrize(("step", "counts"), [(49, True), (50, True), (51, False)])

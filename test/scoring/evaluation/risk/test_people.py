@@ -36,17 +36,13 @@ def test_kappa_of_cohens_kind():
     kappa = cohens_kappa(first, second)
     assert kappa.value == pytest.approx(0.4)
     assert kappa.low < 0.4 < kappa.high
+    for pair in ((rated("NNN"), rated("NNN")), (rated("N-"), {"1": N}), ({}, {})):
+        assert not cohens_kappa(*pair).valid, "one class alone, or no common video"
 
 
 @given(st.text("NMC", min_size=2, max_size=12).filter(lambda text: len(set(text)) > 1))
 def test_who_agrees_always_has_one(text):
     assert cohens_kappa(rated(text), rated(text)).value == pytest.approx(1.0)
-
-
-def test_one_class_alone_and_no_common_video_have_no_kappa():
-    assert not cohens_kappa(rated("NNN"), rated("NNN")).valid
-    assert not cohens_kappa(rated("N-"), {"1": N}).valid
-    assert not cohens_kappa({}, {}).valid
 
 
 def test_most_people_decide_and_the_severe_one_breaks_a_tie():
@@ -140,13 +136,16 @@ def moments(*rows: tuple[int, int, float, float, float, float]) -> Evidence:
     return Evidence(Moments(step, actor.astype(np.uint32), *values, np.zeros(len(step))), (), ())
 
 
-def test_time_begins_with_the_first_frame() -> None:
+def test_time_begins_with_the_first_frame_and_ends_with_the_last() -> None:
     curves = curves_of(video_of(evidence("Collision")), LIMITS)
     assert (len(curves.time_s), curves.time_s[0], curves.time_s[-1]) == (380, 0.0, pytest.approx(18.95))
     assert np.flatnonzero(np.isfinite(curves.time_to_collision_s)).tolist() == list(range(20, 28))
     assert curves.moment_s == pytest.approx((48 - 20) * 0.05)
     assert [(dot.at_s, dot.value) for dot in curves.contacts] == [(pytest.approx(1.4), 3.5)]
     assert [(dot.at_s, dot.value) for dot in curves.encroachments] == [(pytest.approx(2.0), 2.5)]
+    found = moments(*((step, 1, 1.0, 3.0, 1.0, 5.0) for step in (19, 20, 399, 400)))
+    known = np.flatnonzero(np.isfinite(curves_of(video_of(found), LIMITS).time_to_collision_s))
+    assert known.tolist() == [0, 379]
 
 
 def test_the_most_critical_of_those_who_count_is_drawn() -> None:
@@ -160,12 +159,6 @@ def test_the_most_critical_of_those_who_count_is_drawn() -> None:
     assert curves.time_to_collision_s[10] == 1.8
     assert curves.required_deceleration_mps2[10] == 2.0
     assert curves.moment_s is None
-
-
-def test_what_lies_outside_the_window_is_left_out() -> None:
-    found = moments(*((step, 1, 1.0, 3.0, 1.0, 5.0) for step in (19, 20, 399, 400)))
-    known = np.flatnonzero(np.isfinite(curves_of(video_of(found), LIMITS).time_to_collision_s))
-    assert known.tolist() == [0, 379]
 
 
 def test_charts_keep_their_scale_and_lift_the_pen() -> None:

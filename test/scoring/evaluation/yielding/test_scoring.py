@@ -70,35 +70,25 @@ def test_nobody_passed_leaves_no_wake_and_an_emv_that_stands_has_no_scores() -> 
     assert stands.drivers == ()
 
 
-def test_means_are_over_the_episodes_that_have_a_value() -> None:
-    episodes = [
-        ScoredEpisode.of(str(number), record, score_yielding(record))
-        for number, record in enumerate((passing(), passing(), blocking()))
-    ]
-    (means,) = group_means(episodes).values()
-    assert means["compliance"].value == pytest.approx(2.0 / 3.0)
-    assert means["compliance"].blocks == 3
-    assert means["wake_duration_s"].blocks == 2
-    assert means["min_pet_s"].valid is False
-    row = episodes[2].row()
-    assert row["wake_length_m"] is None
-    assert row["wake_length_m_lack"]
-
-
-def test_a_row_of_an_episode_says_which_it_is_and_what_is_a_bound() -> None:
+def test_means_and_rows_of_episodes() -> None:
+    """Means are over the episodes that have a value; a row says which episode it is, and what is a bound."""
     record = blocking()
-    scored = ScoredEpisode.of("a/bag", record, score_yielding(record))
+    passed, scored = (ScoredEpisode.of("a/bag", one, score_yielding(one)) for one in (passing(), record))
+    (means,) = group_means([passed, passed, scored]).values()
+    assert means["compliance"].value == pytest.approx(2.0 / 3.0)
+    assert (means["compliance"].blocks, means["wake_duration_s"].blocks) == (3, 2)
+    assert means["min_pet_s"].valid is False
     row, (driver,) = scored.row(), scored.driver_rows()
+    about = record.description
     for found in (row, driver):
-        assert [found[name] for name in ("bag", "template", "level", "seed", "emv")] == [
-            "a/bag", record.description.template, record.description.level.name, record.description.seed, 1
-        ]  # fmt: skip
-    assert row["map"] == record.description.map_name
+        names = [found[name] for name in ("bag", "template", "level", "seed", "emv")]
+        assert names == ["a/bag", about.template, about.level.name, about.seed, 1]
+    assert (row["map"], row["wake_length_m"]) == (about.map_name, None)
+    assert row["wake_length_m_lack"]
     assert (row["clearance_time_s_at_least"], row["clearance_time_s_lack"]) == (True, "")
     assert (row["compliance"], row["compliance_at_least"]) == (0.0, False)
-    assert driver["passing_gap_m"] is None
-    assert driver["compliance"] == 0.0
-    assert scored.group == (record.description.template, record.description.level.name, record.description.map_name)
+    assert (driver["passing_gap_m"], driver["compliance"]) == (None, 0.0)
+    assert scored.group == (about.template, about.level.name, about.map_name)
 
 
 def with_two_emvs() -> EpisodeRecord:
@@ -108,29 +98,22 @@ def with_two_emvs() -> EpisodeRecord:
     return replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, CAR)))
 
 
-def test_every_emv_of_an_episode_has_a_row_of_its_own() -> None:
+def test_every_emv_of_an_episode_has_a_row_and_tables_of_its_own_and_further_ones_no_effects() -> None:
     """Each is measured as if it were the only one, and neither is a driver who makes way."""
     record = with_two_emvs()
-    first, second = ScoredEpisode.of_each_emv("a/bag", record)
-    assert [one.row()["emv"] for one in (first, second)] == [first.emv, second.emv] == [1, 2]
-    assert first.scores == score_yielding(record)
+    first, second = two = ScoredEpisode.of_each_emv("a", record)
+    assert [one.row()["emv"] for one in two] == [first.emv, second.emv] == [1, 2]
     swapped = replace(record, description=replace(record.description, emv_ids=(CAR, EMV)))
-    assert second.scores == score_yielding(swapped)
+    assert (first.scores, second.scores) == (score_yielding(record), score_yielding(swapped))
     assert first.scores.metrics["emv_delay_s"] != second.scores.metrics["emv_delay_s"]
     assert first.scores.drivers == second.scores.drivers == ()
     assert second.situation_sha256 == first.situation_sha256
-    (alone,) = ScoredEpisode.of_each_emv("b/bag", passing())
-    assert (alone.emv, alone.scores) == (1, score_yielding(passing()))
+    (alone,) = ScoredEpisode.of_each_emv("b", passing())
+    assert alone.emv == 1
     assert {row["emv"] for row in alone.driver_rows()} == {1}
-
-
-def test_further_emvs_have_tables_of_their_own_and_no_effects() -> None:
-    two, one = ScoredEpisode.of_each_emv("a", with_two_emvs()), ScoredEpisode.of_each_emv("b", passing())
-    template = passing().description.template
-    assert [table.caption for table in yield_tables([*two, *one])] == [
-        f"Yield metrics of {template}",
-        f"Yield metrics of {template}, EMV 2",
-    ]
+    template = record.description.template
+    captions = [table.caption for table in yield_tables([*two, alone])]
+    assert captions == [f"Yield metrics of {template}", f"Yield metrics of {template}, EMV 2"]
     assert [table.key for table in yield_tables(two)] == [template, f"{template}_emv2"]
     (levels,) = pairs_of(two).values()
     assert [episode.emv for episode in levels.values()] == [1]

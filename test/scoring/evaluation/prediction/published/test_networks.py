@@ -21,7 +21,6 @@ from siren_ros.scoring.evaluation.prediction.published.networks import (
     Bat,
     BatInput,
     Csp,
-    Groups,
     Neighbours,
     NetworkInput,
     Stdan,
@@ -157,21 +156,6 @@ def test_stdan_and_bat_answer_as_published(model, network, inputs, path) -> None
     with torch.inference_mode():
         answers = *network(inputs(known)), network.gd(inputs(known))
     assert_published(answers, known, path, "lat_prob", "lon_prob", "encoded")
-
-
-def test_groups_spread_rows_and_gather_them() -> None:
-    groups = Groups.of(torch.tensor([0, 0, 2, 2, 2]), 4)
-    rows = torch.arange(10.0).view(5, 2)
-    spread = groups.spread(rows)
-    assert spread.shape == (4, 3, 2)
-    assert groups.filled.tolist() == [[True, True, False], [False] * 3, [True] * 3, [False] * 3]
-    assert spread[0, 1].tolist() == [2.0, 3.0]
-    assert (spread[~groups.filled] == 0.0).all()
-    assert torch.equal(groups.gather(spread), rows)
-    # There is always a slot, so that attention over it has a shape.
-    nobody = Groups.of(torch.zeros(0, dtype=torch.long), 0)
-    assert nobody.spread(torch.zeros(0, 2)).shape == (0, 1, 2)
-    assert Groups.of(torch.zeros(0, dtype=torch.long), 3).spread(torch.zeros(0, 2)).shape == (3, 1, 2)
 
 
 def test_modes_count_lateral_manoeuvres_first() -> None:

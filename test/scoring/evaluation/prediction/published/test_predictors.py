@@ -37,7 +37,6 @@ from siren_ros.scoring.evaluation.prediction.published.predictors import (
     behaviours,
     closeness_centralities,
     csp_features,
-    from_polar,
     make_bat,
     make_csp,
     make_stdan,
@@ -120,19 +119,11 @@ def test_off_the_lanes_ahead_is_the_heading(yaw_rad, speed_mps, straight_road) -
     past = view.right_ahead_m(view.target, np.arange(len(view)))
     straight = np.stack((np.zeros(16), speed_mps * np.arange(-15, 1) * 0.2), axis=-1)
     assert past == pytest.approx(np.broadcast_to(straight, past.shape), abs=1e-9)
+    assert view.on_map(past) == pytest.approx(view.actors.xy_m[view.target]), "and back"
     alongside = view.right_ahead_m(view.neighbour, view.sample) - straight
     side = np.where(view.actors.actor_id[view.neighbour] == 2, -3.5, 3.5)
     assert alongside[..., 0] == pytest.approx(np.broadcast_to(side[:, None], alongside.shape[:2]), abs=1e-9)
     assert alongside[..., 1] == pytest.approx(0.0, abs=1e-9)
-
-
-@settings(max_examples=20, deadline=None)
-@given(yaw_rad=st.floats(-np.pi, np.pi))
-def test_there_and_back_is_the_record(yaw_rad, straight_road) -> None:
-    view = view_of({1: moving(3.0, OFF_THE_LANES, 7.0, yaw_rad=yaw_rad, accel_mps2=0.5)}, straight_road)
-    past = view.right_ahead_m(view.target, np.arange(len(view)))
-    assert view.on_map(past) == pytest.approx(view.actors.xy_m[view.target])
-    assert view.on_map(past[:, None])[:, 0] == pytest.approx(view.actors.xy_m[view.target])
 
 
 def test_parts_are_whole_frames_and_make_the_view(straight_road) -> None:
@@ -201,11 +192,6 @@ def test_lanes_of_the_past_are_those_of_then(straight_road) -> None:
 def test_a_vehicle_that_stands_off_the_lanes_has_no_direction_and_no_lane(yaw_rad, straight_road) -> None:
     features, _ = bat_features(view_of({1: moving(3.0, 500.0, 0.0, yaw_rad=yaw_rad)}, straight_road))
     assert (features[..., [0, 1, 2, 3, 7]] == 0.0).all()
-
-
-@given(x=st.floats(-1e3, 1e3), y=st.floats(-1e3, 1e3))
-def test_polar_there_and_back(x, y) -> None:
-    assert from_polar(polar(np.array([x, y]))) == pytest.approx([x, y], abs=1e-9)
 
 
 NEAR, FAR = 5.0, 100.0

@@ -27,16 +27,6 @@ def sample_of(batch, actor_id):
     return int(np.flatnonzero(batch.actor_id == actor_id)[0])
 
 
-def test_the_past_of_the_target_lies_behind(straight_road) -> None:
-    batch = batch_of({1: moving(10.0, -5.0, 6.0, accel_mps2=0.5)}, straight_road)
-    target = target_columns(batch)
-    speed = 6.0 + 0.5 * 3.0
-    assert target["vx-1"][0] * SPEED_SCALE_MPS == pytest.approx(speed)
-    assert target["x-16"][0] * POSITION_SCALE_M == pytest.approx(-(6.0 * 3.0 + 0.25 * 9.0))
-    assert target["x_gained_in3"][0] * SPEED_SCALE_MPS == pytest.approx(0.5)
-    assert target["y-16"] == pytest.approx(0.0)
-
-
 def test_emergency_vehicles_come_first_then_the_nearest(straight_road) -> None:
     places = [(100.0, -5.0), (110.0, -5.0), (105.0, -1.75), (60.0, -5.0), (300.0, -5.0)]
     tracks = {actor: moving(*place, 0.0, is_emv=actor == 4) for actor, place in enumerate(places, start=1)}
@@ -55,23 +45,16 @@ def test_emergency_vehicles_come_first_then_the_nearest(straight_road) -> None:
     assert kept.tolist() == list(range(2, NEIGHBOURS + 2)), "the nearest"
 
 
-def test_siren_and_indicators_are_seen(straight_road) -> None:
-    tracks = {1: moving(100.0, -5.0, 0.0), 2: moving(60.0, -5.0, 8.0, is_emv=True)}
+def test_siren_indicators_and_sizes_are_seen(straight_road) -> None:
+    tracks = {1: moving(100.0, -5.0, 0.0, length_m=5.5), 2: moving(60.0, -5.0, 8.0, is_emv=True)}
     batch = lit(batch_of(tracks, straight_road), 2, Lights.SIREN | Lights.INDICATOR_LEFT)
     seen = neighbour_columns(batch, choose_neighbours(batch))
     sample = sample_of(batch, 1)
     assert [seen[name][sample, 0] for name in ("siren", "beacon", "indicates_left", "brake")] == [1.0, 0.0, 1.0, 0.0]
     target = target_columns(batch)
-    assert target["siren"].tolist() == (batch.actor_id == 2).astype(float).tolist()
-
-
-def test_lengths_are_in_tens_of_metres_and_widths_in_pairs_of_metres(straight_road) -> None:
-    batch = batch_of({1: moving(10.0, -5.0, 6.0, length_m=5.5), 2: moving(30.0, -5.0, 6.0, is_emv=True)}, straight_road)
-    target = target_columns(batch)
-    first, second = sample_of(batch, 1), sample_of(batch, 2)
-    assert target["length"][[first, second]] == pytest.approx([0.55, 0.46])
-    assert target["width"] == pytest.approx(0.9), "1.8 m"
-    assert target["is_emv"][[first, second]].tolist() == [0.0, 1.0]
+    assert target["siren"].tolist() == target["is_emv"].tolist() == (batch.actor_id == 2).astype(float).tolist()
+    assert target["length"][[sample, sample_of(batch, 2)]] == pytest.approx([0.55, 0.46]), "tens of metres"
+    assert target["width"] == pytest.approx(0.9), "1.8 m in pairs of metres"
 
 
 @pytest.mark.parametrize("rate_radps", [0.3, -0.2])
@@ -198,11 +181,10 @@ def test_the_second_leader_is_the_next_one(straight_road) -> None:
     emv = moving(76.0, -5.25, 3.0, length_m=9.0, is_emv=True)
     tracks = {1: moving(60.0, -5.25, 0.0), 2: emv, 3: moving(70.0, -5.25, 0.0), 4: moving(80.0, -9.0, 0.0)}
     columns = paths_of(tracks, straight_road)
-    assert [columns[f"{name}_there"][0] for name in ("leader", "second")] == [1.0, 1.0]
     assert columns["leader_gap"][0] * 100.0 == pytest.approx(10.0 - 4.6, abs=0.01)
     assert columns["second_gap"][0] * 100.0 == pytest.approx(16.0 + 3.0 * 3.0 - 0.5 * (4.6 + 9.0), abs=0.01)
-    assert [columns[f"{name}_is_emv"][0] for name in ("leader", "second")] == [0.0, 1.0]
-    assert [columns[f"{name}_speed"][0] for name in ("leader", "second")] == pytest.approx([0.0, 0.3])
+    for name, expected in (("there", [1.0, 1.0]), ("is_emv", [0.0, 1.0]), ("speed", [0.0, 0.3])):
+        assert [columns[f"{leader}_{name}"][0] for leader in ("leader", "second")] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(

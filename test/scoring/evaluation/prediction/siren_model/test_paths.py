@@ -136,15 +136,6 @@ def test_costs_that_differ_by_less_than_a_thousandth_are_alike(crossroads, secon
     assert -choice.offset_m[0, 0] == pytest.approx(first)
 
 
-def test_an_angle_costs_three_metres_for_each_radian(crossroads) -> None:
-    """A vehicle turned by 0.2 rad: 0.6 m. A lane along its heading is likelier up to that distance."""
-    for away_m, aligned in ((0.55, True), (0.65, False)):
-        along = np.array([np.cos(0.2), np.sin(0.2)])
-        start = np.array([20.0, 0.0]) + away_m * np.array([-along[1], along[0]])
-        network = with_lines(side_by_side(crossroads, 0.0, 0.0), {1: [start - 10.0 * along, start + 60.0 * along]})
-        assert chosen(network, 20.0, yaw_rad=0.2).turned_rad[0, 0] == pytest.approx(0.0 if aligned else 0.2)
-
-
 def test_all_ways_out_of_a_junction_the_straight_one_first(crossroads) -> None:
     paths = RoadPaths(crossroads).ahead(0, 30.0)
     assert [path.curve.points[-1].tolist() for path in paths] == [[140.0, 0.0], [20.0, 120.0], [20.0, -120.0]]

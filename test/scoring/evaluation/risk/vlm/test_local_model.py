@@ -9,15 +9,14 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra vlm-local is not installed")
 transformers = pytest.importorskip("transformers", reason="the extra vlm-local is not installed")
 
-from evaluation.made_video_sets import small_video_set
+from evaluation.made_video_sets import draw_films, small_video_set
 from evaluation.risk.vlm.tiny_model import save_tiny_model
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.risk.video_set import key_frames, read_set, write_set
+from siren_ros.scoring.evaluation.risk.video_set import write_set
 from siren_ros.scoring.evaluation.risk.vlm.clients import LocalModel
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import ModelUnavailableError, Question, as_jpeg
-from siren_ros.scoring.pictures.video import write_video
 
 PICTURES = tuple(as_jpeg(np.full((60, 80, 3), 30 * number, np.uint8)) for number in range(8))
 QUESTION = Question("You judge.", "Which class?", PICTURES)
@@ -79,12 +78,7 @@ def test_a_folder_without_such_a_model_is_refused(folder: Path, tmp_path: Path) 
 
 def test_a_set_is_asked_and_scored(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_set(small_video_set(tmp_path))
-    tmp_path.joinpath("masks").mkdir()
-    for number, (key, video) in enumerate(read_set(tmp_path).videos.items()):
-        shade = np.full((120, 160, 3), 30 * number, np.uint8)
-        write_video(tmp_path / video.file, (shade for _ in range(video.frames)))
-        empty = {f"frame_{frame:03d}": np.zeros((120, 160), np.uint32) for frame in key_frames(video.frames)}
-        np.savez_compressed(tmp_path / "masks" / f"{key}.npz", **empty)
+    draw_films(tmp_path)
     words = ["evaluate", "risk", str(tmp_path), "--references", "majority", "--local-model", str(folder)]
     assert main([*words, "--most-tokens", "4"]) == 0
     printed = capsys.readouterr().out

@@ -340,9 +340,9 @@ def test_who_does_not_close_in_time_fails_the_episode_and_who_was_never_ready_is
 def test_of_several_errors_while_closing_the_first_is_told() -> None:
     state = stepped()
     state, _ = report(state, "b", Phase.FINAL, 1, error="no space")
-    again, _ = report(state, "b", Phase.FINAL, 1, error="once more")
-    assert (again.waiting, again.reason) == ({"a"}, "b: no space")
-    state, _ = report(again, "a", Phase.FINAL, 1, error="no bag")
+    assert (state.waiting, state.reason) == ({"a"}, "b: no space")
+    assert report(state, "b", Phase.FINAL, 1, error="once more") == (state, None)
+    state, _ = report(state, "a", Phase.FINAL, 1, error="no bag")
     assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: no space")
     assert report(state, "a", Phase.FINAL, 1) == (state, None)
 

@@ -218,6 +218,6 @@ def test_av2_reads_the_scenario_and_the_map_of_an_episode(exported: Export, trac
 
 
 @pytest.mark.parametrize("stride", ["0", "two", "-1", "x", "1.5"])
-def test_a_stride_is_a_whole_number_of_frames(tracked_bag, tmp_path, stride, capsys):
-    assert main(["export", "argoverse2", str(tracked_bag), "--out", str(tmp_path / "out"), f"--stride={stride}"]) == 2
+def test_a_stride_is_a_whole_number_of_frames(made_drive, tmp_path, stride, capsys):
+    assert main(["export", "argoverse2", str(made_drive), "--out", str(tmp_path / "out"), f"--stride={stride}"]) == 2
     assert "stride" in capsys.readouterr().err

@@ -151,14 +151,11 @@ def test_a_frame_has_sweep_labels_pictures_and_pose_of_its_step(source):
         ((Need.LIDAR, Need.CAMERA, Need.MAP), "a LiDAR with its ground truth and a camera", "full"),
     ],
 )
-def test_what_is_missing_is_told_with_the_smallest_suite_that_has_it(bare, needs, what, suite):
+def test_what_is_missing_is_told_with_the_smallest_suite_that_has_it(source, bare, needs, what, suite):
     with pytest.raises(BagError) as ended:
         check_needs(bare, "nuscenes", needs)
     assert f"an episode with {what}, for nuscenes; `" in str(ended.value)
     assert f" -p sensors:={suite}" in str(ended.value)
-
-
-def test_what_is_there_is_not_missing(source, bare):
     check_needs(source, "all", tuple(Need))
     check_needs(bare, "tracks", (Need.TRACKS, Need.MAP, Need.EMV))
 

@@ -107,21 +107,16 @@ def test_people_read_the_same_and_what_is_lost_at_the_end():
 
 
 def test_a_readme_of_the_format_stays_at_the_head(tmp_path):
-    (tmp_path / "README.md").write_text("# Mine\n", encoding="utf-8")
+    linked = tmp_path / "own"
+    linked.write_text("# Mine\n", encoding="utf-8")
+    (tmp_path / "README.md").hardlink_to(linked)
     write_card(tmp_path, content())
+    assert linked.read_text(encoding="utf-8") == "# Mine\n", "not written through"
     assert (tmp_path / "README.md").read_text(encoding="utf-8") == "# Mine\n\n" + readme(content())
     assert json.loads((tmp_path / "dataset.json").read_text(encoding="utf-8")) == content()
     (tmp_path / "new").mkdir()
     write_card(tmp_path / "new", content())
     assert (tmp_path / "new" / "README.md").read_text(encoding="utf-8") == readme(content())
-
-
-def test_a_head_that_is_linked_elsewhere_is_not_written_through(tmp_path):
-    linked = tmp_path / "own"
-    linked.write_text("# Mine\n", encoding="utf-8")
-    (tmp_path / "README.md").hardlink_to(linked)
-    write_card(tmp_path, content())
-    assert linked.read_text(encoding="utf-8") == "# Mine\n"
 
 
 def test_an_option_may_waive_what_a_bag_must_have():
@@ -187,12 +182,15 @@ def test_the_split_may_be_given_and_the_licence_is_stated(bags, tmp_path, capsys
     assert "Licence: CC-BY-4.0." in (tmp_path / "out" / "README.md").read_text()
 
 
-def test_what_is_there_is_not_overwritten(bags, tmp_path, capsys):
+def test_what_is_there_is_not_overwritten_and_what_is_no_bag_is_refused(bags, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "precious").write_text("mine")
     assert export("csv", bags[:1], out) == 2
     assert "new or empty" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    assert export("csv", [tmp_path / "empty"], tmp_path / "new") == 2
+    assert "recorded episode" in capsys.readouterr().err
     assert files_of(tmp_path) == {"out/precious": b"mine"}
 
 
@@ -262,13 +260,6 @@ def test_a_truncated_bag_is_exported_as_far_as_it_goes(bags, tmp_path, capsys, m
     assert 0 < lost[0]["counts"]["rows"] < 20 * 3
     assert "Not whole" in (tmp_path / "out" / "README.md").read_text()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut", "out"]
-
-
-def test_what_is_no_bag_is_refused(tmp_path, capsys):
-    (tmp_path / "empty").mkdir()
-    assert export("csv", [tmp_path / "empty"], tmp_path / "out") == 2
-    assert "recorded episode" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["empty"]
 
 
 @pytest.mark.parametrize(("options", "allowed"), [({"layout": "mine"}, "kitti, paper"), ({"colour": "red"}, "layout")])

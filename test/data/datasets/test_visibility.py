@@ -47,12 +47,9 @@ def test_what_stands_before_a_box_hides_it(hidden, expected):
     assert seen == pytest.approx([expected])
 
 
-def test_a_box_behind_the_sensor_is_no_other_case():
+def test_a_box_behind_the_sensor_is_no_other_case_and_one_without_a_point_is_not_seen():
     points = points_at(*[(-4.0, 0.0, 0.0)] * 30)
     assert lidar_visibility(points, box_at(-10.0, 0.0), np.array([0])) == pytest.approx([0.25])
-
-
-def test_a_box_without_a_point_is_not_seen():
     assert lidar_visibility(points_at(), box_at(10.0, 0.0, points=0), np.array([0])).tolist() == [0.0]
 
 
@@ -63,17 +60,13 @@ def test_a_box_ahead_stands_where_it_is_projected():
     assert outside == pytest.approx([0.0])
 
 
-def test_a_box_at_the_edge_is_cut():
+def test_a_box_at_the_edge_is_cut_and_one_outside_is_all_zero():
     boxes, outside = image_boxes(box_corners(box_at(12.0, 10.0)), CAMERA_FROM_FRAME, CAMERA)
     assert boxes[0, 0] == 0.0
     assert 0.0 < outside[0] < 1.0
-
-
-@pytest.mark.parametrize(("x_m", "y_m"), [(-10.0, 0.0), (5.0, 60.0)])
-def test_a_box_outside_is_all_zero(x_m, y_m):
-    boxes, outside = image_boxes(box_corners(box_at(x_m, y_m)), CAMERA_FROM_FRAME, CAMERA)
-    assert boxes.tolist() == [[0.0] * 4]
-    assert outside.tolist() == [1.0]
+    for place in ((-10.0, 0.0), (5.0, 60.0)):
+        boxes, outside = image_boxes(box_corners(box_at(*place)), CAMERA_FROM_FRAME, CAMERA)
+        assert (boxes.tolist(), outside.tolist()) == ([[0.0] * 4], [1.0])
 
 
 def test_a_box_that_reaches_behind_the_camera_does_not_flip():

@@ -33,7 +33,7 @@ from siren_ros.simulation.world.actors import (
     TrafficState,
 )
 from siren_ros.simulation.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth, PredictedPaths
-from siren_ros.simulation.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands, av_commands
+from siren_ros.simulation.world.commands import COMMAND_DTYPES, AvControl, VehicleCommands
 
 STORE = typestore()
 
@@ -213,12 +213,6 @@ def test_another_stamp_is_refused(step, sec, nanosec, error, words):
     message.stamp.sec, message.stamp.nanosec = sec, nanosec
     with pytest.raises(error, match=words):
         conversions.from_av_control(message)
-
-
-def test_an_answer_drives_the_vehicle_to_the_next_step():
-    command = av_commands(AvControl(3, 0.5, 0.0, 0.1, 4), 4, 2)
-    assert (command.step, command.actor_id.tolist(), command.throttle.tolist()) == (4, [2], [0.5])
-    assert (command.steer_rad.tolist(), command.lights.tolist(), command.owner.tolist()) == ([0.1], [4], [1])
 
 
 def test_a_way_comes_back_and_its_poses_look_along_it(round_trip):

@@ -73,6 +73,7 @@ def change(bag: Path, **values: object) -> None:
     ],
 )
 def test_metadata_that_leads_elsewhere_is_refused(bag, values, reason):
+    shutil.copy(bag / "bag_0.mcap", bag.parent)
     change(bag, **values)
     with pytest.raises(BagError, match=reason):
         bag_reader.check_bag_files(bag)
@@ -264,13 +265,9 @@ def test_held_at_a_message_that_cannot_go_out_it_goes_on_from_there():
     assert head.held_at(90_000_000) == head
 
 
-def test_from_the_start_every_message_comes_in_the_order_of_the_bag(bag):
-    with bag_reader.open_bag(bag) as opened:
-        assert [item.cdr for item in bag_reader.messages_from(opened, 0)] == [item.cdr for item in opened.messages()]
-
-
 def test_from_the_middle_what_is_latched_comes_first(bag):
     with bag_reader.open_bag(bag) as opened:
+        assert [item.cdr for item in bag_reader.messages_from(opened, 0)] == [item.cdr for item in opened.messages()]
         played = list(bag_reader.messages_from(opened, 10 * STEP_NS))
         latched = [item.topic for item in played if item.time_ns < 10 * STEP_NS]
         assert set(latched) == {topics.EPISODE.name, topics.MAP.name}

@@ -211,11 +211,8 @@ def test_end_and_outcome_are_stamped_with_the_last_step(tmp_path):
     times = times_in(tmp_path / "bag")
     assert times[CLOCK.name] == [step * STEP_NS for step in range(5)]
     assert times[EPISODE_END.name] == times[OUTCOME.name] == [4 * STEP_NS]
-
-
-def test_an_episode_of_no_steps_that_is_complete_ends_at_time_zero(tmp_path):
-    closed(tmp_path / "bag", 0, EpisodeClosing(0, EpisodeEnd.COMPLETE, ""))
-    assert times_in(tmp_path / "bag")[OUTCOME.name] == [0]
+    closed(tmp_path / "none", 0, EpisodeClosing(0, EpisodeEnd.COMPLETE, ""))
+    assert times_in(tmp_path / "none")[OUTCOME.name] == [0], "of no steps"
 
 
 @pytest.mark.parametrize(("end", "kept"), [(EpisodeEnd.INTERRUPTED, True), (EpisodeEnd.COMPLETE, False)])

@@ -210,12 +210,15 @@ def test_a_flipped_bit_anywhere_costs_one_chunk_at_most_and_nothing_in_silence(t
         assert kept == [message for message in whole if message in set(kept)]
 
 
-def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(episode, whole, tmp_path):
+@pytest.mark.parametrize("flipped", [1, 2])
+def test_a_cut_off_bag_with_flipped_bits_in_its_first_chunks_keeps_all_others(episode, whole, tmp_path, flipped):
     working = cut_off(episode, tmp_path)
-    first = chunks_of(episode / "bag_0.mcap")[0]
-    rewrite(working, lambda data: flip_bit(data, first.offset + 9 + 100))
+    first = chunks_of(episode / "bag_0.mcap")[:flipped]
+    for chunk in first:
+        rewrite(working, lambda data, offset=chunk.offset: flip_bit(data, offset + 9 + 100))
     recovery = recover_bag(working)
-    lost = len(parse_content(unpack(first)).messages)  # the second copies are cut off, with the end of the file
+    # The second copies are cut off, with the end of the file.
+    lost = sum(len(parse_content(unpack(chunk)).messages) for chunk in first)
     assert recovery.lost_messages == lost
     saved = messages_of(recovery.path)
     assert 0 < len(saved) == recovery.messages

@@ -413,28 +413,17 @@ def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left():
     assert turned_right_rad(np.linspace(-3.0, -3.6, 10))[-1] == pytest.approx(0.6), "across π"
 
 
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "degrees", "on"),
-    [
-        (SHOULDER_X_M, -60.0, 90.0, True),
-        (SHOULDER_X_M, -60.0, 1.0, True),
-        (SHOULDER_X_M, -60.0, 179.0, True),
-        (SHOULDER_X_M, -60.0, -1.0, False),
-        (SHOULDER_X_M, -60.0, 181.0, False),
-        (SHOULDER_X_M + 1.2, -60.0, 90.0, True),
-        (SHOULDER_X_M + 1.3, -60.0, 90.0, False),
-        (SHOULDER_X_M - 1.3, -60.0, 90.0, False),
-        (SHOULDER_X_M, -121.0, 90.0, False),
-        (RIGHT_X_M, -60.0, 90.0, False),
-        (60.0, -8.25, 0.0, True),
-        (60.0, -5.25, 0.0, False),
-        (SHOULDER_TURN[9][0], SHOULDER_TURN[9][1], 45.0, True),
-    ],
-)
-def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(x_m, y_m, degrees, on):
-    rows = hand_made(SIGNAL, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
-    placed = replace(rows, x_m=np.full(2, x_m), y_m=np.full(2, y_m), yaw_rad=np.full(2, np.radians(degrees)))
-    assert on_shoulder_area(SIGNAL, placed).tolist() == [on, on]
+def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees():
+    x_m, south_m = SHOULDER_X_M, -60.0
+    on = [(x_m, south_m, degrees) for degrees in (90.0, 1.0, 179.0)]
+    on += [(x_m + 1.2, south_m, 90.0), (60.0, -8.25, 0.0), (*SHOULDER_TURN[9], 45.0)]
+    off = [(x_m, south_m, degrees) for degrees in (-1.0, 181.0)]
+    off += [(x_m + aside_m, south_m, 90.0) for aside_m in (1.3, -1.3)]
+    off += [(x_m, -121.0, 90.0), (RIGHT_X_M, south_m, 90.0), (60.0, -5.25, 0.0)]
+    x, y, degrees = np.array([*on, *off]).T
+    rows = hand_made(SIGNAL, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, len(x)))}).track(EMV)
+    placed = replace(rows, x_m=x, y_m=y, yaw_rad=np.radians(degrees))
+    assert on_shoulder_area(SIGNAL, placed).tolist() == [True] * len(on) + [False] * len(off)
 
 
 def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes():

@@ -66,9 +66,9 @@ def test_the_rows_as_csv(bags: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("options", [["--out", "rows.txt"], ["--workers", "0"], ["--detection", "/nowhere"]])
-def test_bad_options_of_a_comparison_are_refused(bags, options, capsys) -> None:
-    assert main(["compare-paper", str(bags / "own"), "--models", "cv", *options]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("siren compare-paper: ")
+def test_bad_options_of_a_comparison_are_refused(bags, options, siren) -> None:
+    printed = siren(["compare-paper", str(bags / "own"), "--models", "cv", *options], 2)
+    assert printed.err.splitlines()[-1].startswith("siren compare-paper: ")
     assert main(["compare-paper", str(bags / "other"), "--models", "cv"]) == 2, "none is at its own level"
 
 

@@ -31,13 +31,10 @@ def test_tables_have_every_parameter_metric_and_public_name() -> None:
     assert ["`emv_driver.driving.comfort_accel_mps2`", "2", "0.8 to 4", "acceleration"] in table
 
 
-def test_the_table_of_nodes_has_every_node_that_a_user_can_start() -> None:
+def test_the_tables_of_nodes_and_limits_have_all_with_their_meaning() -> None:
     nodes = {path.stem for path in (REPOSITORY / "nodes").glob("[!_]*.py")}
     assert {row[0].strip("`") for row in rows(TABLES["nodes"]())} == nodes
     assert all(row[1] for row in rows(TABLES["nodes"]()))
-
-
-def test_the_table_of_limits_has_every_limit_with_its_value_and_meaning() -> None:
     table = {row[0].strip("`"): row[1:] for row in rows(TABLES["check_limits"]())}
     assert {name: float(row[0]) for name, row in table.items()} == vars(VerifyLimits())
     assert all(row[1] for row in table.values())

@@ -9,20 +9,14 @@ from defusedxml import ElementTree
 from map_networks import network_of_map
 
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.simulation.roads.site_finder import wide_stretch_back
 
 
 @pytest.fixture(scope="module")
-def compiled():
-    return compile_map(None)
-
-
-@pytest.fixture(scope="module")
-def town(compiled):
-    return parse_road_network(compiled.read_bytes())
+def town() -> RoadNetwork:
+    return network_of_map(None)
 
 
 def test_what_the_town_has(town):
@@ -34,10 +28,10 @@ def test_what_the_town_has(town):
     assert "t" not in {connection.direction for connection in town.connections}
 
 
-def test_signal_programs_never_give_green_to_two_crossing_straight_movements(compiled, town):
+def test_signal_programs_never_give_green_to_two_crossing_straight_movements(town):
     programs = {
         logic.get("id"): [(float(phase.get("duration")), phase.get("state")) for phase in logic.iterfind("phase")]
-        for logic in ElementTree.fromstring(compiled.read_bytes()).iterfind("tlLogic")
+        for logic in ElementTree.fromstring(compile_map(None).read_bytes()).iterfind("tlLogic")
     }
     assert set(programs) == {"main_west", "main_east", "north_west"}
     for name, phases in programs.items():

@@ -14,6 +14,7 @@ from siren_ros.simulation.traffic.sumo import sidewalks as sidewalks_module
 from siren_ros.simulation.traffic.sumo.sidewalks import Corners, Kerbs
 
 CITY = load_map(Path("city"))[1]
+CYCLE_LANE = next(lane for lane in CITY.lanes if lane.kind is LaneKind.CYCLE and lane.length_m > 60.0)
 
 
 OFF_M = 0.45
@@ -31,22 +32,20 @@ def kept_off(lane: Lane, offsets_m: Floats, turned_rad: float, *, crossing: bool
 
 @pytest.mark.parametrize("turned_rad", [0.0, 0.7, -0.7, np.pi - 0.7])
 def test_those_who_walk_along_the_road_are_moved_to_its_edge(turned_rad: float) -> None:
-    lane = next(lane for lane in CITY.lanes if lane.kind is LaneKind.CYCLE and lane.length_m > 60.0)
-    half = lane.width_m / 2.0
+    half = CYCLE_LANE.width_m / 2.0
     offsets = np.array([-half - OFF_M + 3.1, -half + 0.3, -half - 0.2, -half - 1.0])
-    left, crosses = kept_off(lane, offsets, turned_rad)
+    left, crosses = kept_off(CYCLE_LANE, offsets, turned_rad)
     np.testing.assert_allclose(left, np.minimum(offsets, -half - OFF_M), atol=0.02)
     assert not crosses.any()
-    np.testing.assert_allclose(kept_off(lane, offsets, turned_rad, crossing=True)[0], offsets, atol=0.02)
+    np.testing.assert_allclose(kept_off(CYCLE_LANE, offsets, turned_rad, crossing=True)[0], offsets, atol=0.02)
 
 
 @pytest.mark.parametrize("turned_rad", [0.9, 0.5 * np.pi, -0.9])
 def test_those_who_walk_into_the_road_wait_at_its_edge_or_cross(turned_rad: float) -> None:
     """They do not stay behind by more than a step: SUMO's people go on meanwhile."""
-    lane = next(lane for lane in CITY.lanes if lane.kind is LaneKind.CYCLE and lane.length_m > 60.0)
-    edge = -lane.width_m / 2.0 - OFF_M
+    edge = -CYCLE_LANE.width_m / 2.0 - OFF_M
     offsets = edge + np.array([-0.5, 0.8, 1.0, 3.1])
-    left, crosses = kept_off(lane, offsets, turned_rad)
+    left, crosses = kept_off(CYCLE_LANE, offsets, turned_rad)
     np.testing.assert_allclose(left, [offsets[0], edge, *offsets[2:]], atol=0.02)
     assert crosses.tolist() == [False, False, True, True]
 
@@ -59,9 +58,8 @@ def test_those_far_inside_the_road_cross_it() -> None:
 
 
 def test_the_road_begins_before_those_who_look_at_it_from_the_kerb() -> None:
-    lane = next(lane for lane in CITY.lanes if lane.kind is LaneKind.CYCLE and lane.length_m > 60.0)
-    heading = float(lane.centre.heading_rad(30.0))
-    place = lane.centre.offset_points(np.array([30.0]), -0.5 * lane.width_m - 1.0)[0]
+    heading = float(CYCLE_LANE.centre.heading_rad(30.0))
+    place = CYCLE_LANE.centre.offset_points(np.array([30.0]), -0.5 * CYCLE_LANE.width_m - 1.0)[0]
     yaws = np.array([heading + 0.5 * np.pi, heading - 0.5 * np.pi])
     assert Kerbs(CITY).ahead(*np.repeat(place, 2).reshape(2, 2), yaws).tolist() == [True, False]
 

@@ -114,6 +114,7 @@ def test_the_part_of_the_first_edge_behind_the_emv_is_no_part_of_its_way(
 def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
     traffic = plan(network)
     for vehicle in traffic.reserve:
+        assert vehicle.spot.front_m >= vehicle.length_m, "with its whole length on its lane"
         for area in traffic.stage:
             assert area.lane != vehicle.spot.lane or not area.from_m <= vehicle.spot.front_m <= area.to_m
 

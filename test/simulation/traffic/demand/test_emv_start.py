@@ -410,6 +410,7 @@ def test_groups_ahead_are_counted_from_the_foremost_emv_and_the_others_keep_thei
     traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
     assert [emv.spot.front_m for emv in traffic.emvs] == pytest.approx([160.0, 133.8, 107.6])
     assert {emv.spot.lane for emv in traffic.emvs} == {A_LEFT}
+    assert LaneInterval(A_LEFT, pytest.approx(107.6 - 6.2 - 25.0), pytest.approx(200.0)) in traffic.stage
     first = traffic.emvs[0]
     assert (first.route, first.driver.speed_factor) == (("a", "b", "c"), pytest.approx(10.0 / LIMIT_MPS))
     assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)

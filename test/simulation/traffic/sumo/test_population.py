@@ -292,6 +292,7 @@ def test_who_may_overlap_one_that_enters_makes_way_on_whatever_lane(
     traffic.enter_stage()
     assert streets_sumo.removed == (["car"] if cleared else [])
     assert streets_sumo.added == [emv.name]
+    assert traffic.civilians == (0 if cleared else 1), "an EMV is none"
 
 
 def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driver_may_go(

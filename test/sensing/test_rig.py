@@ -164,7 +164,7 @@ def seen_by_pointer(observe, monkeypatch, casts=True, lidars=()):
 
 
 @pytest.mark.parametrize("lidars", [(LIDAR,), ()], ids=["beside the LiDAR", "alone"])
-def test_a_sensor_that_casts_rays_meets_what_the_lidar_meets(observe, monkeypatch, lidars):
+def test_a_sensor_that_casts_rays_says_so_and_meets_what_the_lidar_meets(observe, monkeypatch, lidars):
     points = observe()[0].sweeps[0].points
     _, view = seen_by_pointer(observe, monkeypatch, lidars=lidars)
     towards = np.stack([points[axis] for axis in "xyz"], axis=1).astype(np.float32)
@@ -181,9 +181,6 @@ def test_a_sensor_that_casts_rays_meets_what_the_lidar_meets(observe, monkeypatc
     assert view.states.actor_id[1] == 2
     assert distance[0] == pytest.approx((12.0 + 30.0 - 2.4) / 2.0, abs=0.3)
     assert np.isinf(distance[1])
-
-
-def test_a_sensor_must_say_that_it_casts(observe, monkeypatch):
     _, view = seen_by_pointer(observe, monkeypatch, casts=False)
     with pytest.raises(SirenError, match=r"own: .*casts=True"):
         view.cast(np.zeros((1, 6)))

@@ -38,9 +38,6 @@ def test_values_have_the_same_columns_in_each_task():
         "idm,template,S1,fde_m,,,,0,0",
     ]
     assert csv_of([]) == "model,kind,group,metric,value,low,high,episodes,samples\n"
-
-
-def test_differences_say_against_what_and_how_likely_chance_is():
     row = Score("L1", "template", "S1", "emv_delay_s", SURE, 6, "L0", p_value=0.02, p_adjusted=0.04, cut_off=1)
     head, line = csv_of([row], differences=True).splitlines()
     assert head == "model,kind,group,metric,value,low,high,episodes,samples,against,p,p_holm,cut_off"

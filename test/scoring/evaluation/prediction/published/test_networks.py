@@ -24,8 +24,6 @@ from siren_ros.scoring.evaluation.prediction.published.networks import (
     Neighbours,
     NetworkInput,
     Stdan,
-    mode_probabilities,
-    one_hot_modes,
 )
 from siren_ros.scoring.evaluation.prediction.published.predictors import load_weights
 
@@ -158,16 +156,6 @@ def test_stdan_and_bat_answer_as_published(model, network, inputs, path) -> None
     assert_published(answers, known, path, "lat_prob", "lon_prob", "encoded")
 
 
-def test_modes_count_lateral_manoeuvres_first() -> None:
-    lateral = torch.tensor([[0.2, 0.7, 0.1]])
-    longitudinal = torch.tensor([[0.4, 0.6]])
-    probability = mode_probabilities(lateral, longitudinal)
-    for mode, (across, along) in enumerate(one_hot_modes(1, 3, 2)):
-        expected = (lateral * across).sum() * (longitudinal * along).sum()
-        assert float(probability[0, mode]) == pytest.approx(float(expected))
-    assert int(probability.argmax()) == 3 + 1
-
-
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "weights.pt"
@@ -178,7 +166,7 @@ def equal(first: Any, second: Any) -> bool:
     return all(torch.equal(*pair) for pair in pairs)
 
 
-def assert_refused(path: Path, match: str = "checkpoint") -> None:
+def assert_refused(path: Path | None, match: str = "checkpoint") -> None:
     with pytest.raises(InputError, match=match):
         load_weights(Csp(), "csp", path)
 
@@ -301,5 +289,6 @@ def test_a_damaged_file_and_none_are_refused(path, tmp_path) -> None:
     for end in (100, len(whole) // 2, len(whole) - 10):
         path.write_bytes(whole[:end])
         assert_refused(path)
+    assert_refused(None, r"csp=PATH of its weights")
     for place in (tmp_path / "nothing.pt", tmp_path):
         assert_refused(place, "a file that can be read")

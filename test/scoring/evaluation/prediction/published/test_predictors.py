@@ -18,7 +18,6 @@ from published_files import WEIGHTS, golden, golden_cells, weights
 
 from siren_ros.cli.main import main
 from siren_ros.data.datasets.trajectory_tables import FOOT_M
-from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.predictors import Predictor, checked, predictors_named
 from siren_ros.scoring.evaluation.prediction.published import predictors
 from siren_ros.scoring.evaluation.prediction.published.networks import (
@@ -239,15 +238,15 @@ def with_neighbour(r_ft: float, phi_rad: float, cell: int) -> np.ndarray:
     return behaviour_tensor(np.zeros((1, 16, 2)), np.full((1, 16, 2), (r_ft, phi_rad)), np.array([0]), np.array([cell]))
 
 
-def test_the_target_hides_a_neighbour_in_cell_20() -> None:
-    assert (with_neighbour(FAR, FAR, cell=20)[..., 3] == 1.0).all()
-    assert (with_neighbour(FAR, FAR, cell=21)[..., 3] < 1.0).any()
-
-
-@pytest.mark.parametrize(("away_ft", "joined"), [(5.294, True), (5.296, False)])
-def test_positions_are_rounded_to_hundredths_of_a_foot(away_ft, joined) -> None:
+def test_the_target_hides_a_neighbour_in_cell_20_and_positions_are_rounded_to_hundredths_of_a_foot() -> None:
     """Vertices join up to 5.298 feet; 5.296 counts as 5.30 and 5.294 as 5.29."""
-    assert bool((with_neighbour(away_ft, 0.0, cell=3)[..., 3:] == 1.0).all()) is joined
+    for away_ft, phi_rad, cell, joined in (
+        (FAR, FAR, 20, 1),
+        (FAR, FAR, 21, 0),
+        (5.294, 0.0, 3, 1),
+        (5.296, 0.0, 3, 0),
+    ):
+        assert (with_neighbour(away_ft, phi_rad, cell)[..., 3:] == 1.0).all() == joined
 
 
 def test_cells_and_points_are_listed_by_cell_and_read_by_point() -> None:
@@ -442,12 +441,6 @@ def test_bat_on_the_map(batch, tmp_path) -> None:
     # Its means are a distance and an angle from the right towards ahead.
     r, phi = (modes[..., column].double().numpy().transpose(2, 0, 1) for column in (0, 1))
     assert_ranked(hypotheses, batch, np.stack((r * np.cos(phi), r * np.sin(phi)), axis=-1), lateral, longitudinal)
-
-
-@pytest.mark.parametrize("make", [make_csp, make_stdan, make_bat])
-def test_without_weights_the_models_are_none(make) -> None:
-    with pytest.raises(InputError, match="checkpoint"):
-        make(None)
 
 
 def test_without_a_checkpoint_or_with_another_ones_the_command_ends_with_one_line(tmp_path, capsys) -> None:

@@ -75,31 +75,19 @@ def body_of(content: Any = "text", usage: Any = None) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("content", "text"),
+    ("content", "usage", "told"),
     [
-        ("text", "text"),
-        (None, ""),
-        ([], ""),
-        ([{"type": "text", "text": "a"}, {"type": "thinking", "thinking": []}, {"type": "text", "text": "b"}], "ab"),
-        ("half a character \ud800", "half a character \ud800"),
+        ("text", None, ("text", 0, 0)),
+        (None, {}, ("", 0, 0)),
+        ([], {"prompt_tokens": None, "completion_tokens": 3}, ("", 0, 3)),
+        ([{"type": "text", "text": "a"}, {"type": "thinking"}, {"type": "text", "text": "b"}], None, ("ab", 0, 0)),
+        ("half a character \ud800", {"prompt_tokens": 5, "more": "x"}, ("half a character \ud800", 5, 0)),
     ],
 )
-def test_the_words_of_a_message(content: Any, text: str) -> None:
-    assert reply_in(body_of(content), 1.0).text == text
-
-
-@pytest.mark.parametrize(
-    ("usage", "counts"),
-    [
-        (None, (0, 0)),
-        ({}, (0, 0)),
-        ({"prompt_tokens": None, "completion_tokens": 3}, (0, 3)),
-        ({"prompt_tokens": 5, "more": "x"}, (5, 0)),
-    ],
-)
-def test_tokens_that_are_not_told_are_none(usage: Any, counts: tuple[int, int]) -> None:
-    reply = reply_in(body_of(usage=usage), 1.0)
-    assert (reply.prompt_tokens, reply.completion_tokens) == counts
+def test_the_words_of_a_message_and_its_tokens(content: Any, usage: Any, told: tuple[str, int, int]) -> None:
+    """Tokens that are not told are none."""
+    reply = reply_in(body_of(content, usage), 1.0)
+    assert (reply.text, reply.prompt_tokens, reply.completion_tokens) == told
 
 
 BAD_BODIES = {

@@ -35,7 +35,7 @@ from siren_ros.reports.study_report.build import (
     risk_section,
 )
 from siren_ros.reports.study_report.page import generate_command
-from siren_ros.reports.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study
+from siren_ros.reports.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study, stored_tables
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
 from siren_ros.running.studies.matrix import DrawPlan, Method, PlannedEpisode, Study
 from siren_ros.scoring.evaluation.prediction.reports.report import prediction_tables
@@ -142,6 +142,8 @@ def test_scores_that_are_none_are_refused(study: Path, tmp_path: Path, made: Sim
         (tmp_path / "scores.json").write_text(content, encoding="utf-8")
         with pytest.raises(InputError, match=f"`siren evaluate{task}`"):
             risk_section(tmp_path)
+    with pytest.raises(InputError, match=r"risk.*siren evaluate risk.*value"):
+        stored_tables("risk", tmp_path, lambda content: [content["value"]])
     assert detection_section(made.rows, study / "episodes") is None
 
 

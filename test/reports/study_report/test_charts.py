@@ -74,21 +74,21 @@ def median_bars(axes: Axes) -> list[tuple[float, float, float]]:
 def test_points_of_episodes_and_a_bar_at_their_median() -> None:
     lacking = Measure.lacking("nothing")
     episodes = [
-        *(episode("S1", "L0", Measure(value)) for value in (4.0, 1.0, 2.5)),
+        *(episode("S1", "L0", Measure(value)) for value in (4.0, 1.0, 2.0)),
         episode("S1", "L3", Measure(7.0)),
         episode("S2", "L3", lacking),
         *(episode("S2", "L0", Measure(value)) for value in (3.0, 5.0)),
     ]
     (axes,) = draw_metric(episodes, DELAY).axes
     clouds = [np.asarray(part.get_offsets()) for part in axes.collections if not hasattr(part, "get_segments")]
-    assert [cloud[:, 1].tolist() for cloud in clouds] == [[4.0, 1.0, 2.5], [7.0], [3.0, 5.0]]
+    assert [cloud[:, 1].tolist() for cloud in clouds] == [[4.0, 1.0, 2.0], [7.0], [3.0, 5.0]]
     # L0 is 0.2 to the left of the template's place, L3 0.2 to the right; points are spread around it.
     middles = [float(cloud[:, 0].mean()) for cloud in clouds]
     assert middles[0] == pytest.approx(-0.2)
     assert middles[2] == pytest.approx(0.8)
     assert 0.0 < middles[1] <= 0.2
     bars = median_bars(axes)
-    assert [height for *_, height in bars] == [2.5, 7.0, 4.0]
+    assert [height for *_, height in bars] == [2.0, 7.0, 4.0]
     assert [0.5 * (left + right) for left, right, _ in bars] == pytest.approx([-0.2, 0.2, 0.8])
     assert all(right - left < 0.4 for left, right, _ in bars)
 

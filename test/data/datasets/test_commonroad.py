@@ -333,11 +333,12 @@ def test_a_junction_is_paved_between_its_paths():
         assert surface.polygon().is_valid
 
 
-def test_an_island_is_no_part_of_the_surface():
-    """A lanelet has no holes, so the area around one is cut in two."""
-    ring = Point(0.0, 0.0).buffer(10.0).difference(Point(1.0, 2.0).buffer(3.0))
+def test_islands_are_no_part_of_the_surface():
+    """A lanelet has no holes, so the area around each is cut in two."""
+    islands = Point(1.0, 2.0).buffer(3.0).union(Point(-6.0, -2.0).buffer(1.5))
+    ring = Point(0.0, 0.0).buffer(10.0).difference(islands)
     pieces = without_holes(ring, 0.01)
-    assert (len(pieces), sum(len(piece.interiors) for piece in pieces)) == (2, 0)
+    assert (len(pieces), sum(len(piece.interiors) for piece in pieces)) == (3, 0)
     assert sum(piece.area for piece in pieces) == pytest.approx(ring.area)
     for piece in pieces:
         bounds = Bounds.around(piece)

@@ -47,20 +47,14 @@ def test_four_of_four_leave_and_are_passed(record_of):
     assert times[1] == sorted(((item.actor_id, item.passed_step) for item in clearings), key=lambda pair: pair[1])
 
 
-def test_a_seam_between_two_edges_hides_no_lane_change(record_of):
-    record = record_of()
-    whole = find_clearings(record)
-    for seam_m in (50, 71, 92):
+def test_a_seam_between_two_edges_hides_no_lane_change_and_is_none(record_of):
+    record, following = record_of(), record_of(changing=0)
+    whole = [(item.actor_id, item.passed_step) for item in find_clearings(record)]
+    for seam_m in (50, 71, 100):
         network = parse_road_network(split_net(float(seam_m)).encode())
         seamed = find_clearings(replace(record, network=network))
-        assert [(item.actor_id, item.passed_step) for item in seamed] == [
-            (item.actor_id, item.passed_step) for item in whole
-        ]
-
-
-def test_following_a_lane_across_a_seam_is_no_lane_change(record_of):
-    network = parse_road_network(split_net(100.0).encode())
-    assert find_clearings(replace(record_of(changing=0), network=network)) == ()
+        assert [(item.actor_id, item.passed_step) for item in seamed] == whole
+        assert find_clearings(replace(following, network=network)) == ()
 
 
 @pytest.mark.parametrize("silent", ["start", "end", "between"])
@@ -159,6 +153,9 @@ def test_who_has_not_noticed_the_siren_changes_lanes_for_a_reason_of_its_own():
     (change,) = find_clearings(with_siren(cars))
     assert [bool(find_clearings(with_siren(cars, change.start_step + late))) for late in (0, 1)] == [True, False]
     assert find_clearings(replace(with_siren(cars), events=())) == ()
+    cars[3] = Driven(line(*LEAVES_LEFT), at_speed(38.0, 6.0, 400))
+    order = [[moment.actor_id for moment in part.moments] for part in lane_cleared(with_siren(cars), THRESHOLDS).parts]
+    assert order == [[3, 2], [2, 3]], "by the end of the change, and by the pass"
 
 
 def changing(

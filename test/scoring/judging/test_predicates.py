@@ -208,12 +208,13 @@ def test_a_verdict_holds_where_all_of_its_parts_do():
 
 
 def test_the_closest_verdict_has_the_most_parts_and_then_the_largest_values():
-    whole, none, first, second = (
+    whole, none, nearly, first, second = (
         verdict_of(tuple(at_least(f"part{number}", value, 1.0) for number, value in enumerate(values)), "")
-        for values in ((1, 1), (0, 0), (1, 0), (0, 9))
+        for values in ((1, 1), (0, 0), (0.9, 0.9), (1, 0), (0, 9))
     )
     assert closest_of([none, second, whole, first]) is whole
     assert closest_of([none, second, first]) is first
+    assert closest_of([nearly, second]) is second
     assert closest_of([]) is None
 
 

@@ -52,6 +52,8 @@ def test_bags_that_cannot_be_read_keep_none_back(names, worst, capsys) -> None:
 def test_names_stand_between_commas_and_can_be_shown(text: str, names: tuple[str, ...]) -> None:
     assert names_in(text) == names
     assert named_path("a\x1b[31m=b\udce9.json") == ("a\\x1b[31m", Path("b\udce9.json"))
+    with pytest.raises(argparse.ArgumentTypeError, match="NAME=PATH"):
+        named_path("x.pt")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 0.49, 3.01])

@@ -66,8 +66,3 @@ def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was() -> 
 def test_halves_of_characters_are_spelled_out_in_files(tmp_path: Path) -> None:
     write_text(tmp_path / "page.html", "bags/\udce9 é")
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == "bags/\\udce9 é"
-
-
-def test_errors_of_other_kinds_pass() -> None:
-    with pytest.raises(EpisodeError, match="SUMO has gone"), writing("file"):
-        raise EpisodeError("SUMO has gone")

@@ -11,7 +11,6 @@ from test_architecture import names_defined_in
 from siren_ros.base.numerics.units import mps_from_kmh
 from siren_ros.scoring.evaluation.prediction.metrics import METRICS
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, future_times_s
-from siren_ros.scoring.evaluation.risk.report import PAPER_BALANCE
 from siren_ros.simulation.scenario.paper import (
     LEVEL_POLICIES,
     PAPER_CONSTANTS,
@@ -118,9 +117,3 @@ def test_the_protocol_is_that_of_the_page() -> None:
     names = {"ade_m": "ADE", "fde_m": "FDE", "min_ade_6_m": "minADE", "min_fde_6_m": "minFDE", "rmse_5s_m": "RMSE"}
     assert f"| {', '.join(names.values())} |" in TEXT
     assert names.keys() <= {metric.name for metric in METRICS}
-
-
-def test_the_balance_of_the_videos_is_that_of_the_page() -> None:
-    assert tuple(numbers_in(r"(\d+) / (\d+) / (\d+) videos of the classes")) == PAPER_BALANCE
-    videos, per_template = numbers_in(r"(\d+) videos of 190 frames, (\d+) of each template")
-    assert (videos, per_template) == (sum(PAPER_BALANCE), sum(PAPER_BALANCE) / len(TEMPLATES))

@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -25,17 +24,6 @@ def test_the_version_stands_in_the_package_and_is_repeated_where_formats_demand_
         assert ET.parse(REPOSITORY / package).findtext("version") == siren_ros.__version__  # noqa: S314 - our file
 
 
-def test_the_description_on_a_package_index_leads_nowhere_but_to_the_web() -> None:
-    code = "import setuptools; from distutils.core import run_setup; found = run_setup('setup.py', stop_after='init')"
-    words = [sys.executable, "-W", "ignore", "-c", f"{code}; print(found.metadata.long_description)"]
-    text = subprocess.run(words, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
-    assert text.startswith("# SIREN\n")
-    assert "## Results" in text
-    assert "Apache-2.0" in text
-    assert [target for target in re.findall(r"\]\(([^)]*)\)", text) if not target.startswith("https://")] == []
-    assert "<!--" not in text
-
-
 @pytest.mark.parametrize("extra", ["", *PROJECT["optional-dependencies"]])
 def test_the_lock_has_a_version_within_each_range(extra: str) -> None:
     packaging = pytest.importorskip("packaging.requirements")
@@ -56,13 +44,6 @@ def steps() -> list[str]:
 
 def called(text: str) -> list[str]:
     return [step for line in re.findall(r"\.ci/run((?: [a-z]+)+)", text) for step in line.split()]
-
-
-@pytest.mark.parametrize("path", [".github/workflows/checks.yml", ".pre-commit-config.yaml"])
-def test_hosted_checks_call_steps_that_are_there(path: str) -> None:
-    named = called(re.sub(r" *#.*", "", (REPOSITORY / path).read_text(encoding="utf-8")))
-    assert named
-    assert set(named) <= set(steps())
 
 
 def test_the_workflows_leave_no_step_out() -> None:

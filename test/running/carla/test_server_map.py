@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from made_district import SIGNALS, district_xodr, write_district
+from made_district import district_xodr, write_district
 from repository import shared_file
 
 from siren_ros.running.carla.server_map import MOST_M, is_same, lane_distances, signal_heads
@@ -38,4 +38,3 @@ def test_a_made_map_is_the_same_and_another_is_not(tmp_path):
     other = lane_distances(carla, carla.Map("bends", bends.read_text()), ours)
     assert not is_same(other)
     assert not is_same({"places": 0.0})
-    assert SIGNALS

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_crossing import ARMS, CROSSING, made_net
 from map_networks import network_of_map, plain_net
+from repository import shared_file
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
@@ -379,6 +380,13 @@ def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
     crossed = {name for name in good if lacking[name]}
     assert crossed == {"e_d", "w_d"}
     assert all("bridge" in lacking[name][0].text for name in crossed)
+
+
+def test_the_bridge_of_carlas_motorway_is_found() -> None:
+    carla = network_of_map(shared_file("maps", "Town04.xodr"))
+    lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
+    assert {name for name, texts in lacking.items() if texts} == {"46..41"}
+    assert "bridge" in lacking["46..41"][0].text
 
 
 def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:

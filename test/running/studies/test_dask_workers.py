@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -81,7 +82,7 @@ def test_a_worker_that_is_killed_costs_a_retry_and_nothing_else(cluster: Any, tm
 
 
 def test_the_command_uses_a_running_scheduler(cluster: Any, tmp_path: Path) -> None:
-    words = ["generate", "--templates", "S2", "--duration-s", "0.5", "--out", str(tmp_path)]
+    words = ["generate", "--templates", STUDY.templates[0], "--duration-s", "0.5", "--out", str(tmp_path)]
     assert main([*words, "--scheduler", cluster.scheduler_address]) == 0
     (row,) = read_table(LocalFolder(tmp_path))
     assert row.status is Status.COMPLETE
@@ -103,7 +104,7 @@ def test_a_scheduler_that_does_not_answer_is_refused() -> None:
 def test_a_worker_that_is_lost_is_noted_by_the_next_one(
     cluster: Any, tmp_path: Path, note: bytes, reasons: tuple[str, ...]
 ) -> None:
-    episode = plan_study(Study(("S2",), duration_s=0.5))[0]
+    episode = plan_study(replace(STUDY, templates=STUDY.templates[:1], levels=("own",)))[0]
     folder = LocalFolder(tmp_path)
     folder.write(f"begun/{episode.group}/{episode.name}.json", note)
     with client_of(cluster) as client:

@@ -359,6 +359,13 @@ def test_at_real_time_and_slower_all_steps_are_copied(pace: float) -> None:
     assert Stream().run(np.sort(times_s).tolist()) == list(range(400))
 
 
+@pytest.mark.parametrize("topic", TOPICS)
+def test_a_step_in_which_something_happens_is_copied_whole(topic: str) -> None:
+    times_s = (np.arange(100) * 1e-3).tolist()
+    assert 47 not in Stream().run(times_s)
+    assert 47 in Stream().run(times_s, {47: topic})
+
+
 def test_the_last_step_is_copied_once() -> None:
     stream = Stream()
     assert 99 not in stream.run((np.arange(100) * 1e-3).tolist())

@@ -117,6 +117,13 @@ def test_more_rare_ones_than_a_template_has_videos_are_refused() -> None:
             (6, 0, 3),
             [(1, 0, 2), (2, 0, 1), (3, 0, 0)],
         ),
+        # A has found none, and has not given up.
+        (
+            [(2, 0, 1), (2, 0, 1), (2, 0, 1)],
+            [((9, 0, 0), NONE), ((9, 0, 1), NONE), ((9, 0, 0), GIVEN_UP)],
+            (6, 0, 3),
+            [(2, 0, 1), (1, 0, 2), (3, 0, 0)],
+        ),
     ],
 )
 def test_quotas_are_shifted_to_templates_that_find_a_class_and_have_room(shares, findings, total, expected) -> None:

@@ -119,10 +119,8 @@ GRAPH = EdgeGraph.of(NETWORK)
 WHOLE_M = 200.0 + 10.0 + 100.0 + 20.0 + 200.0
 
 
-NO_SIGNAL, NO_SIGN, ONE_LANE = (
-    *("no signal that is both red and green", "no stop sign, and nobody to give way to"),
-    "one driving lane",
-)
+NO_SIGNAL, ONE_LANE = "no signal that is both red and green", "one driving lane"
+NO_SIGN = "no stop sign, and nobody to give way to"
 
 
 @pytest.mark.parametrize(

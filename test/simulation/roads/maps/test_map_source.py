@@ -72,10 +72,9 @@ def test_what_is_no_map_is_refused(tmp_path, content, reason):
 
 
 def test_missing_files_and_folders_are_refused(tmp_path):
-    with pytest.raises(MapError, match="No such file"):
-        read_map_source(tmp_path / "absent.xodr")
-    with pytest.raises(MapError, match="directory"):
-        read_map_source(tmp_path)
+    for path, reason in ((tmp_path / "absent.xodr", "No such file"), (tmp_path, "directory")):
+        with pytest.raises(MapError, match=reason):
+            read_map_source(path)
 
 
 @pytest.mark.parametrize("packed", [False, True])

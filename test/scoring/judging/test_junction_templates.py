@@ -81,9 +81,9 @@ def least(arc_m, others=None):
     return least_free_speed_mps(record, traversal)
 
 
-@pytest.mark.parametrize(("slow_from_m", "expected"), [(30.0, 8.0), (50.0, 2.0)])
+@pytest.mark.parametrize(("slow_from_m", "expected"), [(40.0, 8.0), (50.0, 2.0)])
 def test_only_the_last_15_m_count(slow_from_m, expected):
-    """Slow for 5 m, from 30 m (27 m before the line) or from 50 m (7 m before it) after the start at 40 m."""
+    """Slow for 5 m, from 27 m or from 17 m before the line on."""
     arc = profile((slow_from_m - 10.0, 8.0), (5.0, 2.0), (80.0, 8.0))
     assert least(arc) == pytest.approx(expected, abs=0.05)
     assert APPROACH_M == 15.0
@@ -439,5 +439,5 @@ def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes():
 def test_an_interval_ends_with_the_step_after_its_last_one():
     rows = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
     holds = np.zeros(40, dtype=np.bool_)
-    holds[4:8] = holds[20:22] = True
-    assert times_text(rows, holds) == "0.2 s to 0.4 s, 1.0 s to 1.1 s"
+    holds[4:9] = holds[20:23] = True
+    assert times_text(rows, holds) == "0.2 s to 0.5 s, 1.0 s to 1.2 s"

@@ -59,7 +59,7 @@ from siren_ros.simulation.behaviour.driving.tracked_path import (
 )
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import road_lane_of
-from siren_ros.simulation.world.actors import Event, EventKind, Lights, Mode, rows_of_ids
+from siren_ros.simulation.world.actors import Event, EventKind, Mode, rows_of_ids
 
 _LOOK_AGAIN_S: Final = 0.5
 """Time between two checks of a waiting driver."""
@@ -249,8 +249,6 @@ SETTLE_LENGTH_M: Final = 4.0
 """Least straight distance after the lateral move; long vehicles need their own length to become straight."""
 _LEAST_WAY_M: Final = 2.0
 """Least distance for which a driver starts to move."""
-_LEAST_LEFT_M: Final = 1.0
-"""The same of a driver who moves: what turns a car by the angle at which it stands in the middle of the move."""
 _LEADER_STANDS_MPS: Final = 1.0
 """Slower vehicles ahead stand or will stop."""
 
@@ -275,34 +273,20 @@ def pull_over_path(unit: YieldUnit, ego: Ego, lane: int) -> TrackedPath | None:
         # Standing vehicles follow their steering at once; others have slowed down before they turn.
         lean = math.sqrt(PEAK_CURVATURE * abs(offset - left) / ego.navigator_config.lateral_accel_mps2)
         sideways_m = max(sideways_m, lean * ego.speed_mps)
-    half_length, free = ego.half_length_m, _free_m(ego, lane)
-    if free < (_LEAST_WAY_M if unit.phase is not Mode.YIELD_PULL_OVER else _LEAST_LEFT_M):
+    half_length, gaps = ego.half_length_m, gaps_in_lane(ego, lane)
+    free = math.inf if gaps.front_mps > _LEADER_STANDS_MPS else gaps.front_m - config.room_standstill_gap_m
+    if free < _LEAST_WAY_M:
         return None
     length = min(sideways_m + max(SETTLE_LENGTH_M, 2.0 * half_length), free)
     reference = _line_ahead(unit, ego, (lane, position), length, sideways_m)
     room = reference.curve.length_m - 2.0 - half_length
-    if room < min(_LEAST_WAY_M, free):
+    if room < _LEAST_WAY_M:
         return None
     merge = min(sideways_m, room)
     if room < sharpest:  # a smaller lateral move, after which the vehicle is still straight
-        side = math.copysign(1.0, offset - left)
-        carried_m = 0.5 * room * side * math.tan(offset_in_lane(ego, lane)[1])  # on the way back to straight
-        most = max(CURVATURE_MAX_1PM * room * room / PEAK_CURVATURE, carried_m)
-        offset = left + side * min(most, abs(offset - left))
+        most = CURVATURE_MAX_1PM * room * room / PEAK_CURVATURE
+        offset = left + math.copysign(most, offset - left)
     return path_onto(reference, ego.pose, merge, ego.navigator_config, offset_m=offset, shorten_m=half_length)
-
-
-def _free_m(ego: Ego, lane: int) -> float:
-    """Way that the vehicle ahead leaves a driver who moves aside; infinite while that one drives on.
-
-    One that brakes goes on for its stopping distance.
-    """
-    config, gaps = ego.civilian_driver, gaps_in_lane(ego, lane)
-    brakes = bool(np.any((ego.seen.actor_id == gaps.front_id) & ((ego.traffic.lights & Lights.BRAKE) != 0)))
-    if gaps.front_mps > _LEADER_STANDS_MPS and not brakes:
-        return math.inf
-    stopping_m = braking_distance_m(gaps.front_mps**2, config.driving.comfort_brake_mps2)
-    return gaps.front_m + stopping_m - config.pull_over.room_standstill_gap_m
 
 
 _BEYOND_JUNCTION_M: Final = 2.0
@@ -337,9 +321,6 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
     if movement is not None:
         if room and may_enter(ego, movement, ego.half_length_m - to_line, urgent=True):
             ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + _BEYOND_JUNCTION_M
-            # Those between the EMV and this driver follow, and need as much road.
-            emv = rows_of_ids(ego.seen.actor_id, np.array([unit.emv_id], np.uint32))
-            ahead += sum(ego.distance_m(row) for row in emv.tolist() if row >= 0)
         else:
             ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement, urgent=room)))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
@@ -347,14 +328,13 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
 
 
 def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
-    """Whether a driver's path leads across a junction that the vehicle has not reached, or that it has."""
+    """Whether a driver's path crosses a junction, and whether the vehicle is already on it."""
     path = unit.navigator.path
     if path is None:
         return False, False
-    inside = [on_junction(ego, lane) for lane in path.lane.tolist()]
-    over = any(inside) and not inside[-1]
-    reached = any(inside[: path.index_at(unit.navigator.progress_m + ego.half_length_m) + 1])
-    return over and not reached, over and reached
+    rear, front = (path.index_at(unit.navigator.progress_m + side * ego.half_length_m) for side in (-1, 1))
+    inside = [on_junction(ego, lane) for lane in path.lane[rear:].tolist()]
+    return any(inside) and not inside[-1], any(inside[: front - rear + 1])
 
 
 def _may_go(unit: YieldUnit, ego: Ego, movement: Connection | None) -> bool:
@@ -375,7 +355,7 @@ _STRAIGHT_RAD: Final = 0.04
 def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Drive to the lane's edge. It holds when the vehicle is there and aligned, or has stopped behind another one.
 
-    A driver who crosses a junction to make room does not hold on it, nor before the end of the way.
+    A driver who crosses a junction to make room does not hold on it.
     """
     unit, over = _is_over(unit, emv)
     if over:
@@ -389,18 +369,16 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     if stopped != unit.stopped_steps:
         unit = changed(unit, stopped_steps=stopped)
-    will_cross, crosses = _crossing(unit, ego)
-    going_on = (makes_room(unit, ego) or crosses) and not unit.navigator.done
+    crosses, inside = _crossing(unit, ego)
+    going_on = (makes_room(unit, ego) or (crosses and inside)) and not unit.navigator.done
     comes_straight = abs(turned) > _STRAIGHT_RAD and stopped == 0 and not unit.navigator.done
     if reached and aligned and not going_on and not comes_straight:
         return _hold_now(unit, ego, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, ego, offset, partial=True)
     ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
-    turns_red = will_cross and not _may_go(unit, ego, movement_from(ego, approach_lane_of(ego, lane)))
-    # Who would stop on the way, with the tail in the EMV's way, straightens in what is left.
-    short = not settled and _looks(unit, ego) and unit.navigator.remaining_m > _free_m(ego, lane) + _SETTLED_M
-    if (ends or turns_red or short) and (other := pull_over_path(unit, ego, lane)) is not None:
+    turns_red = crosses and not inside and not _may_go(unit, ego, movement_from(ego, approach_lane_of(ego, lane)))
+    if (ends or turns_red) and (other := pull_over_path(unit, ego, lane)) is not None:
         unit = changed(unit, navigator=unit.navigator.following(other, *ego.place))
     elif turns_red:
         return _hold_now(unit, ego, offset, partial=True)

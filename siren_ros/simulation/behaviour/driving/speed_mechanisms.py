@@ -96,7 +96,7 @@ _CROSSING_MPS: Final = 1.0
 def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     """Distances of the EMV's footprint from others along its path; None without a path.
 
-    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Those that
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Riders who
     come from behind, or pass the EMV, go on.
     """
     navigator, config = unit.navigator, ego.emv_driver.gap_escape
@@ -111,19 +111,13 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     credit = np.where(along & (not unit.gap_escape_active), braking_distance_m(speed**2, LEADER_BRAKE_MPS2), 0.0)
     passing = along & _passes(ego, rows)
     time_s, credit = np.where(passing, config.oncoming_watch_s, time_s), np.where(passing, 0.0, credit)
-    obstacles = Obstacles.swept(ego.seen, rows, time_s)
-    # Until those who still move aside are straight, their ends swing out.
-    nearest = navigator.path.curve.project(ego.seen.x_m[rows], ego.seen.y_m[rows])[2]
-    turned = np.abs(np.sin(ego.seen.yaw_rad[rows] - navigator.path.curve.heading_rad[nearest]))
-    swings_m = np.where(along & (speed > STILL_MPS), turned * ego.seen.half_length_m[rows], 0.0)
-    obstacles = changed(obstacles, half_width_m=obstacles.half_width_m + swings_m)
-    return free_way_of(navigator, ego, ESCAPE_HORIZON_M, obstacles, credit)
+    return free_way_of(navigator, ego, ESCAPE_HORIZON_M, Obstacles.swept(ego.seen, rows, time_s), credit)
 
 
 def _passes(ego: Ego, rows: Rows) -> Flags:
-    """Which vehicles are faster, and next to the EMV or soon there: they will pass it.
+    """Which vehicles are faster riders next to the EMV, or soon there, who will pass it.
 
-    Whoever is straight behind the EMV follows it.
+    A rider straight behind the EMV follows it.
     """
     seen, (cos, sin), (x, y) = ego.seen, ego.direction, ego.place
     ahead_m = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y)
@@ -132,7 +126,7 @@ def _passes(ego: Ego, rows: Rows) -> Flags:
     faster_mps = seen.speed_mps[rows] - ego.speed_mps
     comes_up_m = ego.half_length_m + seen.half_length_m[rows] + ego.emv_driver.gap_escape.oncoming_watch_s * faster_mps
     past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (faster_mps > 0.0) & (-ahead_m < comes_up_m)
-    return np.asarray(behind & past, np.bool_)
+    return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
 
 
 ESCAPE_TOUCH_M: Final = 0.06

@@ -25,7 +25,7 @@ from siren_ros.simulation.behaviour.civilians.yield_lane_change import LEAST_SID
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
 from siren_ros.simulation.behaviour.driving.tracked_path import PEAK_CURVATURE
 from siren_ros.simulation.roads.road_network import LaneKind
-from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, SignalState
+from siren_ros.simulation.world.actors import ActorClass, Mode, SignalState
 
 AMBULANCE = ActorClass.AMBULANCE
 WAITED = replace(UNIT, emv_waits_steps=30)
@@ -215,28 +215,6 @@ def joined_road(lab, *, oncoming_turns=False):
         road.edge([[115, -20], [115, -100]], 1, ("J", "S"))
         road.connect(6, 8, via=(7,), direction="l")
     return road.built()
-
-
-@pytest.mark.parametrize(("lights", "way_m"), [({3: int(Lights.BRAKE)}, 4.0 + 4.0 / 6.0 - 1.0), ({}, None)])
-def test_who_moves_aside_plans_with_the_way_that_a_braking_driver_ahead_leaves(lab, lights, way_m):
-    """4 m ahead, at 2 m/s, which takes 0.7 m to stop from; the driver stops 1 m behind."""
-    gap_m = 4.0 + lab.vehicles[ActorClass.SEDAN].length_m
-    cars = [lab.Car(2, 0, 100, 2.0, (0,)), lab.Car(3, 0, 100 + gap_m, 2.0, (0,))]
-    view = lab.view(lab.straight_road(), lab.L3, cars, lights=lights)
-    path = pull_over_path(replace(UNIT, phase=Mode.YIELD_PULL_OVER), view.ego(0), 0)
-    if way_m is None:
-        assert path.length_m > 9.0
-    else:
-        assert path.curve.points[-1, 0] == pytest.approx(100.0 + way_m, abs=0.1)
-
-
-@pytest.mark.parametrize("emv_m", [90.0, 60.0])
-def test_who_crosses_leaves_as_much_road_behind_the_junction_as_stands_before_the_emv(lab, emv_m):
-    half_m = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
-    cars = [lab.Car(1, 0, 149.0 - half_m - emv_m, 0.0, (0, 2), AMBULANCE), lab.Car(2, 1, 149.0 - half_m, 0, (0, 2))]
-    view = view_of(lab, *cars, network=lab.junction_road())
-    end_m = pull_over_path(WAITED, view.ego(1), 1).curve.points[-1, 0]
-    assert end_m - half_m == pytest.approx(175.0 + 2.0 + emv_m, abs=4.0)
 
 
 @pytest.mark.parametrize("crossed", [False, True])

@@ -38,6 +38,8 @@ _LINE_M: Final = 1.0
 _SEEN_ROWS: Final = 80
 """Rows of the path that are checked for junctions."""
 _SIGNALS_S: Final = 2.0
+_MERGES_S: Final = 4.0
+"""Time before a change of lanes in which a driver falls in behind those of the other lane."""
 _TURNS_M: Final = 35.0
 """Way before a turn on which the indicator shows: 100 feet (California Vehicle Code, section 22108) and a step."""
 _SLOW_MPS: Final = 5.0
@@ -70,6 +72,23 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
     for other in sight.others:
         across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
         if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
+            free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
+            least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
+    return least
+
+
+def speed_to_merge(sight: Sight) -> float:
+    """Speed behind those in the lane to which the path changes soon, in m/s; infinite where nobody is there.
+
+    One that is beside the driver counts, too: the driver falls back behind it.
+    """
+    row = sight.way.row(sight.s_m)
+    soon = sight.way.changes[row : row + 1 + int(_MERGES_S * max(sight.speed_mps, _SLOW_MPS))]
+    side = float(soon[np.flatnonzero(soon)[0]]) if soon.any() else 0.0
+    least, lane_m = math.inf, float(sight.way.lanes.width_m[row])
+    for other in sight.others if side else ():
+        there = 0.5 * sight.width_m < side * (other.left_m - sight.left_m) < 1.5 * lane_m
+        if there and other.gap_m > -sight.length_m - _STANDSTILL_M:
             free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
             least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
     return least

@@ -21,6 +21,7 @@ from siren_ros.running.seat.control import (
     speed_to_junction,
     speed_to_leader,
     speed_to_limit,
+    speed_to_merge,
     speed_to_passing_emv,
     speed_to_red,
     steered,
@@ -169,6 +170,24 @@ def test_the_wheel_turns_to_the_wanted_place_by_pure_pursuit(offset_m):
     assert steered(sight(), LIMIT_MPS, offset_m).steer_rad == pytest.approx(expected)
     assert steered(sight(), LIMIT_MPS, -offset_m).steer_rad == pytest.approx(-expected)
     assert steered(sight(left_m=offset_m), LIMIT_MPS, offset_m).steer_rad == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("side", "gap_m", "left_m", "falls_in"),
+    [
+        (-1.0, 5.0, -3.4, True), (-1.0, -3.0, -3.4, True), (-1.0, -12.0, -3.4, False), (-1.0, 5.0, 3.4, False),
+        (1.0, 5.0, 3.4, True), (1.0, 5.0, -3.4, False), (0.0, 5.0, -3.4, False), (-1.0, 5.0, -6.8, False),
+    ],
+)  # fmt: skip
+def test_before_its_path_changes_lanes_a_driver_falls_in_behind_those_of_that_lane(side, gap_m, left_m, falls_in):
+    changes = np.zeros(ROWS)
+    changes[60:80] = side
+    seen = sight(
+        50.0, way=straight_way(changes=changes), others=(car(gap_m, left_m=left_m, speed_mps=7.0),), speed_mps=8.0
+    )
+    assert (speed_to_merge(seen) < 8.5) is falls_in
+    assert (speed_to_merge(seen) == math.inf) is not falls_in
+    assert speed_to_merge(replace(seen, s_m=1.0)) == math.inf, "too far ahead"
 
 
 AT_THE_LINE_M = 97.0

@@ -20,6 +20,7 @@ from siren_ros.running.seat.control import (
     speed_to_junction,
     speed_to_leader,
     speed_to_limit,
+    speed_to_merge,
     speed_to_passing_emv,
     speed_to_red,
     speed_to_siren,
@@ -240,7 +241,7 @@ class LawfulDriver:
         if state.phase is Phase.MAKES_WAY and not sight.in_junction:
             wanted.append(speed_to_passing_emv(sight))
         if state.phase is Phase.DRIVES:  # otherwise it would pass others in its lane
-            wanted.append(speed_to_leader(sight, 0.0))
+            wanted += [speed_to_leader(sight, 0.0), speed_to_merge(sight)]
         if habits.clears_junctions:
             wanted.append(speed_to_junction(sight))
         if habits.stops_at_red:

@@ -114,8 +114,8 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
     """Time for which an EMV stood or crept closely behind the driver, who was in its way.
 
     A driver at the edge of the road has done its part, also one in the leftmost of several lanes at most
-    ``left_line_m`` from its left line. One between others can do none: there has to be space on the right, or ahead for
-    the time to respond, since somebody who follows leaves space for a moment.
+    ``left_line_m`` from its left line. One between others can do none: there has to be space on the right or ahead for
+    the time to respond, since those who follow each other leave space for a moment.
     """
     if not examinee.calls:
         return Finding(Measure.lacking(_NOBODY_CALLED))
@@ -126,7 +126,7 @@ def obstruction(examinee: Examinee, numbers: Numbers) -> Finding:
         held |= close & (np.abs(call.left_m) < apart) & (call.speed_mps < numbers["slow_mps"])
     ahead_m = least_of_last(examinee.room.ahead_m, examinee.reaction_steps)
     held &= (examinee.to_right_edge_m > _AT_EDGE_M) & (examinee.to_left_line_m > numbers["left_line_m"])
-    held &= (examinee.room.right_m > _AT_EDGE_M) | (ahead_m > _GO_ON_M)
+    held &= (least_of_last(examinee.room.right_m, examinee.reaction_steps) > _AT_EDGE_M) | (ahead_m > _GO_ON_M)
     return Finding(Measure(float(held.sum()) * STEP_S), first_step(examinee, held))
 
 
@@ -164,7 +164,7 @@ def stands_until_passed(examinee: Examinee, numbers: Numbers) -> Finding:
     clear = ~once(examinee.in_junction, stop)
     moves = once(examinee.aside_mps < -_MOVES_MPS, steps_from_s(_MOVED_S))
     at_edge = examinee.to_right_edge_m <= _AT_EDGE_M
-    could = least_of_last(examinee.room.right_m, stop) > _AT_EDGE_M
+    could = least_of_last(examinee.room.right_m - examinee.to_right_edge_m, stop) > -_AT_EDGE_M
     there = held_for((at_edge | could) & ~moves, steps_from_s(_SETTLES_S))
     counts = near & settled & clear & there
     return greatest(

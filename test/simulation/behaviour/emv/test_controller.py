@@ -65,7 +65,7 @@ def test_a_feasible_intent_is_executed_whatever_it_gains_and_whoever_is_ahead(la
 
 
 def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
-    cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 48, 10, (0,))]
     world = lab.world_of(lab.straight_road(), lab.L1)
     state, _, events = steps(world, cars, 3, advice={"lane_change_intent": 1})
     assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
@@ -76,7 +76,7 @@ def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
 
 
 def test_the_pause_after_which_an_intent_is_dropped_begins_again_with_each_intent(lab, emv):
-    cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 48, 10, (0,))]
     world = lab.world_of(lab.straight_road(), lab.L1)
     left = {"lane_change_intent": 1}
     state, _, _ = steps(world, cars, 3, advice=left)
@@ -93,7 +93,7 @@ def test_the_pause_after_which_an_intent_is_dropped_begins_again_with_each_inten
 def test_an_intent_to_the_other_side_replaces_the_first(lab):
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 10, (0,), AMBULANCE)]
-    cars += [lab.Car(2 + side, lane, 52, 10, (0,)) for side, lane in ((1, 0), (2, 2))]
+    cars += [lab.Car(2 + side, lane, 48, 10, (0,)) for side, lane in ((1, 0), (2, 2))]
     world = lab.world_of(network, lab.L1)
     state, commands, _ = steps(world, cars, 3, advice={"lane_change_intent": 1})
     _, _, events = steps(world, cars, 1, state, 3, advice={"lane_change_intent": -1})

@@ -5,7 +5,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
@@ -33,17 +33,17 @@ LIMIT_S: Final = 1800.0
 """Wall time after which an episode's programs are killed."""
 _WATCH: Final = """
 import os, signal, sys, time
-sys.stdin.read()
+groups = sys.stdin.read().split()
 for number, wait_s in ((signal.SIGCONT, 0.0), (signal.SIGTERM, {ends_s}), (signal.SIGKILL, 0.0)):
-    for group in map(int, sys.argv[1:]):
+    for group in map(int, groups):
         try:
             os.killpg(group, number)
         except ProcessLookupError:
             pass
     time.sleep(wait_s)
 """
-"""Source of a program that ends groups of processes when its input ends, which happens when the process at the other
-end of the pipe is killed. Users' programs cannot watch that process themselves."""
+"""Source of a program that reads groups of processes and ends them when its input ends, which happens when the process
+at the other end of the pipe is killed. Users' programs cannot watch that process themselves."""
 _SAID: Final = 300
 """Number of letters of a program's last output in messages."""
 
@@ -107,14 +107,16 @@ def _run(
             stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8", errors="backslashreplace"))
             for _ in range(2)
         )
+        watch = stack.enter_context(_watch())
         cosim = _child(cosim_words, environment, words)
+        watch(cosim)
         stack.callback(end_program, cosim)
         try:
             driver = _child(shlex.split(program), environment, driver_words)
         except (OSError, ValueError, IndexError) as error:
             raise InputError("av", program, f"the command line of a program ({error})") from error
+        watch(driver)
         stack.callback(end_program, driver)
-        stack.enter_context(_watched(cosim, driver))
         code = wait_for_episode(cosim, driver, limit_s)
         ended = driver.poll()
         last = f"exit code {ended}: {' '.join(lines_of(driver_words)[-1:])}"[:_SAID] if ended else ""
@@ -155,13 +157,18 @@ def _child(words: list[str], environment: Mapping[str, str], output: object) -> 
 
 
 @contextmanager
-def _watched(*programs: "subprocess.Popen[str]") -> Iterator[None]:
-    """Context in which the programs and their children end soon after this process, however it ends."""
-    groups = [str(program.pid) for program in programs]
-    words = [sys.executable, "-I", "-S", "-c", _WATCH.format(ends_s=ENDS_S), *groups]
+def _watch() -> Iterator[Callable[["subprocess.Popen[str]"], None]]:
+    """Gives the function by which a program and its children end soon after this process, however it ends."""
+    words = [sys.executable, "-I", "-S", "-c", _WATCH.format(ends_s=ENDS_S)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True) as watch:  # noqa: S603 - our own
+
+        def add(program: "subprocess.Popen[str]") -> None:
+            if watch.stdin is not None:
+                watch.stdin.write(f"{program.pid}\n".encode())
+                watch.stdin.flush()
+
         try:
-            yield
+            yield add
         finally:
             watch.kill()
 

@@ -150,7 +150,7 @@ _LAG_M: Final = 0.5
 _THERE_M: Final = 0.35
 """A driver within this distance of its target position has reached it."""
 _NEARLY_M: Final = 1.0
-"""The same distance while an EMV passes: then it stands, and does not roll on for the rest."""
+"""The same distance while an EMV passes: then it stands, and does not roll on for the rest before the last one."""
 _CLOSE_M: Final = 0.1
 """The same distance where the EMV needs the width between two queues."""
 _TRIES_S: Final = 3.0
@@ -351,7 +351,8 @@ class LawfulDriver:
         clearing = self._speed_in_junction(sight, cruise)
         if clearing is not None:
             return clearing
-        passes = any(siren.along and siren.ahead_m < 0.0 and siren.gap_m < _QUEUES_M for siren in sight.sirens)
+        near_emv_m = _QUEUES_M if sight.speed_mps > _STANDS_MPS else self.habits.heard_m
+        passes = any(siren.along and siren.ahead_m < 0.0 and siren.gap_m < near_emv_m for siren in sight.sirens)
         near_m = _CLOSE_M if self.habits.splits_queues else _NEARLY_M if passes else _THERE_M
         if abs(sight.left_m - self._aside_m(state.side, sight)) < near_m:
             stands = self.habits.stops and not (self.habits.splits_queues and emv_waits(sight))

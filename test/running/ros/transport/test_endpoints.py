@@ -117,6 +117,8 @@ def test_a_second_publisher_is_named_also_under_the_name_of_ours(graph: Graph, s
 def test_one_that_came_and_left_before_ours_is_counted_too(graph: Graph) -> None:
     graph.watch(EPISODE)
     graph.meets(graph.publish_on(EPISODE, "stranger"))
+    graph.spin_until(lambda: graph.listener.count_publishers(EPISODE.name))  # discovery has two directions
+    graph.spin_until(lambda: False, QUIET_S)
     graph.end("stranger")
     graph.spin_until(lambda: graph.left)
     assert graph.told == []

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.braking import safe_following_mps
-from siren_ros.running.seat.sight import SPACING_M, Sight
+from siren_ros.running.seat.sight import SPACING_M, Other, Sight
 from siren_ros.simulation.world.actors import TURN_LIGHTS, Lights, indicator_to
 from siren_ros.simulation.world.commands import AvControl
 
@@ -66,14 +66,19 @@ def speed_to_limit(sight: Sight, factor: float = 1.0) -> float:
     return min(least, math.sqrt(2.0 * _GENTLE_MPS2 * rest_m))
 
 
+def _behind_mps(other: Other) -> float:
+    """Safe speed behind somebody ahead."""
+    free_m = max(other.gap_m - _STANDSTILL_M, 0.0)
+    return safe_following_mps(max(other.speed_mps, 0.0), free_m, _GENTLE_MPS2, _HEADWAY_S)
+
+
 def speed_to_leader(sight: Sight, offset_m: float) -> float:
     """Speed behind the leader at the given or the present offset, in m/s; infinite without one."""
     least = math.inf
     for other in sight.others:
         across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
         if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
-            free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
-            least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
+            least = min(least, _behind_mps(other))
     return least
 
 
@@ -89,8 +94,7 @@ def speed_to_merge(sight: Sight) -> float:
     for other in sight.others if side else ():
         there = 0.5 * sight.width_m < side * (other.left_m - sight.left_m) < 1.5 * lane_m
         if there and other.gap_m > -sight.length_m - _STANDSTILL_M:
-            free_m, speed_mps = max(other.gap_m - _STANDSTILL_M, 0.0), max(other.speed_mps, 0.0)
-            least = min(least, safe_following_mps(speed_mps, free_m, _GENTLE_MPS2, _HEADWAY_S))
+            least = min(least, _behind_mps(other))
     return least
 
 
@@ -206,8 +210,8 @@ _STARTS_MPS2: Final = 2.0
 """Acceleration with which a driver leaves a line."""
 _TURNS_ON_M: Final = {Lights.INDICATOR_LEFT: 10.0, Lights.INDICATOR_RIGHT: -6.0}
 """Radius of the turn that an indicator announces, left positive."""
-_EITHER: Final = int(Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT)
 _PREDICTS_S: Final = 0.25
+"""Time between the places at which somebody who comes across is predicted."""
 
 
 def speed_to_crossing(sight: Sight) -> float:
@@ -231,7 +235,7 @@ def speed_to_crossing(sight: Sight) -> float:
         yaw, speed_mps, body = float(states.yaw_rad[k]), float(states.speed_mps[k]), sight.bodies[states.actor_id[k]]
         if abs(math.remainder(yaw - own_yaw, 2.0 * math.pi)) < _ACROSS_RAD:
             continue
-        radius_m = _TURNS_ON_M.get(Lights(int(states.lights[k]) & _EITHER), math.inf)
+        radius_m = _TURNS_ON_M.get(Lights(int(states.lights[k])) & Lights.INDICATORS, math.inf)
         turned = yaw + np.clip(speed_mps / radius_m * after_s, -0.5 * math.pi, 0.5 * math.pi)
         way_m = np.cumsum(speed_mps * _PREDICTS_S * np.stack((np.cos(turned), np.sin(turned))), axis=1)
         x = states.x_m[k] + way_m[0] + 0.5 * body.length_m * np.cos(turned)

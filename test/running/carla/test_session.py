@@ -15,6 +15,9 @@ from siren_ros.cli.main import main
 
 pytest.importorskip("carla", reason="CARLA's client has no wheel for this machine")
 
+PROGRAM = "import sys; from siren_ros.cli.main import main; sys.exit(main())"
+"""As the installed program. With ``-m``, CPython ends by the signal where it comes in a text that ``exec`` runs."""
+
 
 def played(bag, out, port, capsys):
     code = main([*play_words(bag, port, out), "--timeout-s", "1"])
@@ -80,7 +83,7 @@ def test_another_version_another_map_and_a_death_at_the_begin(server, bag, tmp_p
 def test_a_signal_ends_the_play_and_puts_the_server_back(signal_, code, server, bag, tmp_path):
     server.set(fault=("slow", 0))
     words = play_words(bag, server.port(), tmp_path / "out")
-    with subprocess.Popen([sys.executable, "-m", "siren_ros.cli.main", *words], stderr=subprocess.DEVNULL) as program:
+    with subprocess.Popen([sys.executable, "-c", PROGRAM, *words], stderr=subprocess.DEVNULL) as program:
         while len(server.get("history")) < 5 and program.poll() is None:
             time.sleep(0.05)
         program.send_signal(signal_)

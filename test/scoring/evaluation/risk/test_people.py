@@ -220,7 +220,7 @@ def test_the_page_of_a_set_in_a_browser(browser: PageBrowser, path: Path) -> Non
         card = page.locator("#S6_004")
         card.locator("svg").first.click(position={"x": 300, "y": 40})
         page.wait_for_function("document.querySelector('#S6_004 video').currentTime > 5")
-        page.wait_for_function("document.querySelector('#S6_004 line.now').style.opacity === '1'")
+        page.wait_for_function("Number(document.querySelector('#S6_004 line.now').getAttribute('x1')) > 0")
         at, x = page.evaluate(
             "[document.querySelector('#S6_004 video').currentTime,"
             " Number(document.querySelector('#S6_004 line.now').getAttribute('x1'))]"

@@ -51,6 +51,8 @@ _PLACE, _BEND_SPEED = range(2)
 """Columns of the table of places that a vehicle has passed."""
 _AHEAD_M: Final = 90.0
 """Distance within which a bend ahead counts: 16 m/s come down to walking speed within it."""
+_FASTEST: Final = 1.5
+"""Greatest wished speed over a lane's limit: a driver's factor of at most 1.25, a template's of at most 1.2."""
 _STEP_MPS: Final = 0.05
 """Smallest change of a speed limit that is sent to SUMO."""
 
@@ -146,8 +148,8 @@ class _Profiles:
 
 
 def look_ahead_m(lane: Lane) -> float:
-    """How far beyond a lane's end bends count: at least the stopping distance from the lane's limit."""
-    return max(_AHEAD_M, braking_distance_m(lane.speed_limit_mps * lane.speed_limit_mps, BRAKING_MPS2))
+    """How far beyond a lane's end bends count: at least the stopping distance from the greatest speed on the lane."""
+    return max(_AHEAD_M, braking_distance_m((_FASTEST * lane.speed_limit_mps) ** 2, BRAKING_MPS2))
 
 
 class BendLimits:

@@ -182,16 +182,24 @@ def test_a_route_counts_from_the_edge_that_the_vehicle_is_on(
     assert (drive("a", "b").limit_mps("a_0", 90.0, index=index) < OWN_MPS) == limited
 
 
-def test_a_bend_counts_from_90_m_behind_a_lanes_end_on_or_from_as_far_as_it_takes_to_stop(
+def test_a_bend_counts_from_90_m_behind_a_lanes_end_on_or_from_as_far_as_the_fastest_need_to_stop(
     drive: Callable[..., Drive],
 ) -> None:
-    far = drive("z", "a", "b")
+    network = bend_ahead()
+    slow = replace(network, lanes=tuple(replace(lane, speed_limit_mps=8.0) for lane in network.lanes))
+    far = drive("z", "a", "b", network=slow)
     assert far.limit_mps("z_0", 99.0) == OWN_MPS
     assert far.limit_mps("za_0", 5.0) == OWN_MPS
     assert far.limit_mps("a_0", 1.0, index=1) == pytest.approx(before_bend_mps(1.0), rel=0.01)
-    lane = bend_ahead().lanes[0]
-    assert look_ahead_m(lane) == 90.0
-    assert look_ahead_m(replace(lane, speed_limit_mps=30.0)) == pytest.approx(30.0**2 / (2.0 * BRAKING_MPS2))
+    assert look_ahead_m(slow.lanes[0]) == 90.0
+    assert look_ahead_m(replace(slow.lanes[0], speed_limit_mps=30.0)) == pytest.approx(45.0**2 / (2.0 * BRAKING_MPS2))
+
+
+def test_who_is_faster_than_the_limit_brakes_for_a_far_bend_before_its_road_begins(drive: Callable[..., Drive]) -> None:
+    """The bend is 100 m from where the road begins: more than 90 m, and than 64 m to stop from the limit."""
+    far = drive("z", "a", "b")
+    limits = [far.limit_mps(*place) for place in (("z_0", 100.0, 0.0, 0), ("za_0", 10.0, 0.0, 0), ("a_0", 0.0, 0.0, 1))]
+    assert limits == [pytest.approx(before_bend_mps(at_m), rel=0.02) for at_m in (-10.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

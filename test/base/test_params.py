@@ -139,9 +139,10 @@ def test_noted_files_are_those_that_were_read(tmp_path: Path) -> None:
     mine.write_text("title: own\n", encoding="utf-8")
     noted = NotedFiles(FILES_ON_DISK)
     assert noted.seen == ()
-    for name in (str(mine), "paper", str(mine)):
-        noted.read("preset", "presets", name)
-    assert [(file.folder, file.name) for file in noted.seen] == [("presets", str(mine)), ("presets", "paper")]
+    for folder, name in (("presets", str(mine)), ("presets", "paper"), ("presets", str(mine)), ("looks", str(mine))):
+        noted.read("preset", folder, name)
+    of_presets = [("presets", str(mine)), ("presets", "paper")]
+    assert [(file.folder, file.name) for file in noted.seen] == [("looks", str(mine)), *of_presets]
     assert noted.seen[0].text == "title: own\n"
 
 

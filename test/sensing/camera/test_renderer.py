@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from siren_ros.sensing.camera.renderer import DrawingContext
-from siren_ros.sensing.meshes.mesh import SemanticClass
+from siren_ros.sensing.meshes.mesh import Material, SemanticClass, VehicleShape, Wheel
 from siren_ros.sensing.specification import map_from_base, optical_from_map, transform
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.actors import ActorClass, Lights
 from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
@@ -85,6 +85,66 @@ def test_pictures_under_way_at_once_do_not_disturb_each_other(renderer, boxes):
         assert np.array_equal(seen.instance, expected.instance)
         assert np.array_equal(seen.depth_m, expected.depth_m)
     assert alone[0].rgba.tobytes() != alone[1].rgba.tobytes()
+
+
+def test_steered_wheels_turn_left_and_others_do_not_and_all_roll_forwards(boxes):
+    """A wheel like a beam, whose longer end is ahead, about a hub in the middle of the vehicle: from the side."""
+    class_of = {True: SEDAN, False: BUS}
+
+    class Beams(boxes):
+        @classmethod
+        def shapes(cls):
+            beam, speck = cls.box((0.6, 0.0, 0.0), (2.0, 0.3, 0.4)), cls.box((0.0, 0.0, 2.0), np.full(3, 0.01))
+            wheels = {steered: Wheel(beam, (0.0, 0.0, 2.0), 2.0, steered) for steered in (True, False)}
+            return {
+                class_of[steered]: VehicleShape(class_of[steered], speck, (wheels[steered],), 2, 2, 2)
+                for steered in wheels
+            }
+
+    renderer, eye = Beams.renderer(boxes.crossroads()), map_from_base(0.0, -5.0, 0.0, np.pi / 2) @ EYE
+
+    def mask(yaw, steer, rolled_m=0.0, steered=True):
+        placement = Beams.placed((class_of[steered], 0.0, 0.0, yaw), steer_rad=[steer])
+        return renderer.render(CAMERA, eye, placement, np.array([rolled_m]), {}, 0, labels=True).instance == 1
+
+    for turn in (0.4, -0.4):
+        assert np.array_equal(mask(0.0, turn), mask(turn, 0.0))
+        assert np.array_equal(mask(0.0, turn, steered=False), mask(0.0, 0.0))
+    assert not np.array_equal(mask(0.4, 0.0), mask(-0.4, 0.0))
+    for steered in class_of:
+        up, level, down = (np.nonzero(mask(0.0, 0.0, way_m, steered))[0].mean() for way_m in (-np.pi, 0.0, np.pi))
+        assert up < level - 5.0 < down - 10.0
+
+
+LAMPS = {
+    ActorClass.SEDAN: (Material.BRAKE_LAMP, Lights.BRAKE, (0, 5)),
+    ActorClass.BUS: (Material.INDICATOR_LEFT_LAMP, Lights.INDICATOR_LEFT, (0, 5)),
+    ActorClass.VAN: (Material.INDICATOR_RIGHT_LAMP, Lights.INDICATOR_RIGHT, (0, 5)),
+    ActorClass.TRUCK: (Material.BEACON_BLUE, Lights.BEACON, (0,)),
+    ActorClass.PICKUP: (Material.BEACON_RED, Lights.BEACON, (5,)),
+}
+"""The lamp that a vehicle consists of, what switches it, and the steps 0 and 5 (0.25 s) at which it then shines."""
+
+
+def test_each_lamp_shines_by_its_own_switch_alone_and_the_beacons_by_turns(boxes):
+    class Lamp(boxes):
+        @classmethod
+        def shapes(cls):
+            bodies = {
+                kind: cls.box((0.0, 0.0, 1.0), (1.0, 1.0, 2.0), material) for kind, (material, *_) in LAMPS.items()
+            }
+            return {kind: VehicleShape(kind, body, (), 1.0, 1.0, 2.0) for kind, body in bodies.items()}
+
+    renderer = Lamp.renderer(boxes.crossroads())
+    for kind, (_, switch, shines) in LAMPS.items():
+        for step in (0, 5):
+            off, on, others = (
+                picture(renderer, Lamp.placed((kind, 6.0, 0.0, 0.0), lights=[lights]), step=step)
+                for lights in (0, int(switch), int(~switch & sum(Lights)))
+            )
+            brighter = int(on.rgba.sum(dtype=np.int64) - off.rgba.sum(dtype=np.int64))
+            assert (brighter > 1000) is (step in shines), (kind, step)
+            assert others.rgba.tobytes() == off.rgba.tobytes(), kind
 
 
 OPTION = "mesa_glthread"

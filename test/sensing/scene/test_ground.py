@@ -172,6 +172,17 @@ def test_arrows_show_the_movements_8_m_before_the_line():
     assert SIGNALLED.white.intersection(inside).area == SIGNALLED.yellow.intersection(inside).area == 0.0
 
 
+def test_a_signal_of_a_map_without_crossings_gets_stripes_over_the_whole_width_of_each_leg(network):
+    """Half a metre wide and as far apart, over 9 m of lanes and shoulder on each side, from 0.9 m behind the line."""
+    white, depth_m = markings_of(network).white, SceneConfig().zebra_depth_m
+    for along in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+        for side in (1.0, -1.0):
+            lefts_m = side * np.arange(0.5, 9.5, 0.5)
+            ahead_m = 16.0 - 0.9 - 0.5 * depth_m
+            places = [(ahead_m * along[0] - left * along[1], ahead_m * along[1] + left * along[0]) for left in lefts_m]
+            assert painted(white, *places) == [True, False] * 9
+
+
 def street(there, back):
     """A road of 100 m to the east with some lanes, and the way back north of y = 0."""
     lanes: list[Lane] = []

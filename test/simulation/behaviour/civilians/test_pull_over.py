@@ -288,6 +288,9 @@ def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     beside_others = lab.view(lab.straight_road(), lab.L3, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)])
     assert edge_offset_m(beside_others.ego(1), 0, 1) == pytest.approx(1.65 - truck / 2), "not into the lane on the left"
     assert edge_offset_m(beside_others.ego(1), 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
+    cars[1] = lab.Car(2, 1, 80, 5, (0,), ActorClass.TRUCK)
+    between = lab.view(lab.straight_road(3), lab.L3, cars[:2])
+    assert edge_offset_m(between.ego(1), 1, -1) == edge_offset_m(beside_others.ego(1), 0, -1), "and into a lane there"
 
 
 @pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])

@@ -206,6 +206,11 @@ def test_who_lets_another_one_in_reacts_after_the_delay_and_only_who_hears_the_s
     kept = replace(state, drivers={2: state.drivers[2]}, units={2: state.units[2]})
     assert 3 not in modes(steps(never, cars, 2, kept, 1)[1])
     assert 3 not in modes(steps(replace(world, av_id=3), cars, 2)[1])
+    bumpers_m = 0.5 * (lab.vehicles[AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
+    far_m = 50.0 + bumpers_m + world.preset.response_distance_m.mean - 1.0
+    for beside_m, hears in ((0.5, True), (1.5, False)):
+        cars = [emv_at(lab), lab.Car(2, 0, far_m, 8, (0,)), lab.Car(3, 1, far_m + beside_m, 8, (0,))]
+        assert (3 in modes(steps(world, cars, 2)[1])) is hears
 
 
 def test_right_side_is_preferred(lab):

@@ -296,6 +296,7 @@ def test_cities_with_right_hand_traffic(name, lat, lon):
 def test_roundabouts_are_driven_with_the_traffic():
     assert not keeps_left(osm(51.5, -0.1, roundabout("12341")))
     assert keeps_left(osm(52.5, 13.4, roundabout("14321")))
+    assert keeps_left(osm(52.5, 13.4, roundabout("143921"))), "also one of which the extract lacks a node"
     assert keeps_left(osm(52.5, 13.4, roundabout("12341", '<tag k="oneway" v="-1"/>')))
     assert not keeps_left(osm(52.5, 13.4, roundabout("1432"))), "a way that is not closed has no direction"
 

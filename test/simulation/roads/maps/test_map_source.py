@@ -162,5 +162,8 @@ def test_copies_of_objects():
     ):
         reason = refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{repeat.format(length, distance)}</OpenDRIVE>")
         assert (not reason) == allowed
+    halves = repeat.format(0.6 * MOST_REPEATS, 1)
+    assert not refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{halves}</OpenDRIVE>")
+    assert "copies of objects" in refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{2 * halves}</OpenDRIVE>"), "on two roads"
     without = '<road id="7"><objects><object><repeat length="1"/></object></objects></road>'
     assert "a distance in metres (road '7')" in refusal(SourceKind.OPENDRIVE, f"<OpenDRIVE>{without}</OpenDRIVE>")

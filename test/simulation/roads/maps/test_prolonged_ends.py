@@ -64,6 +64,14 @@ def test_a_cul_de_sac_between_other_roads_stays(tmp_path: Path) -> None:
     assert after.edge_by_id["e_c"].prolonged_m > 100.0
 
 
+@pytest.mark.parametrize("y_m", [9.0, -9.0])
+def test_a_road_ahead_of_half_of_the_lanes_stands_in_the_way(tmp_path: Path, y_m: float) -> None:
+    """The eastern arm and the road from p to q are 12.8 m wide."""
+    after = prolonged(made_net(tmp_path, {**CROSSING, "p": (300.0, y_m), "q": (600.0, y_m)}, (*ARMS, "p q")))
+    assert after.edge_by_id["e_c"].prolonged_m == 0.0
+    assert after.edge_by_id["n_c"].prolonged_m > 100.0
+
+
 def test_roads_that_come_together_are_prolonged_less(tmp_path: Path) -> None:
     nodes = {"c": (0, 0), "a": (0, 40), "d": (200, 0), "b": (120, 40), "w": (-300, 0), "e": (500, 0)}
     after = prolonged(made_net(tmp_path, nodes, ("w c", "c d", "d e", "a c", "b d")))

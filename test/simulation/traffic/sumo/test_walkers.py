@@ -339,6 +339,13 @@ def test_people_wait_or_hurry_where_a_siren_comes(
     assert walkers.waiting == ()
 
 
+@pytest.mark.parametrize("turned", [0.0, np.pi])
+def test_who_walks_along_the_road_goes_on_where_a_siren_comes(sumo: SumoPeople, turned: float) -> None:
+    walkers, states = at_a_crossing(sumo, 30.0, 40.0, 10.0)
+    walkers.heed(replace(states, yaw_rad=states.yaw_rad[[0, 0, 2]] + [0.0, turned, 0.0]), {}, np.array([1], np.uint32))
+    assert (sumo.told_mps, walkers.waiting) == ({"crosses": pytest.approx(1.95)}, ())
+
+
 @pytest.mark.parametrize(("behind_m", "paces"), [(0.25, {}), (0.35, {"kerb": 0.3 * 1.3, "crosses": 0.3 * 1.3})])
 def test_sumo_waits_for_those_whom_it_has_left_behind(
     sumo: SumoPeople, behind_m: float, paces: dict[str, float]

@@ -241,14 +241,14 @@ def speed_to_crossing(sight: Sight) -> float:
         x = states.x_m[k] + way_m[0] + 0.5 * body.length_m * np.cos(turned)
         y = states.y_m[k] + way_m[1] + 0.5 * body.length_m * np.sin(turned)
         apart_m = np.hypot(own[:, :1] - x, own[:, 1:] - y)
-        if apart_m.min() < 0.5 * (sight.width_m + body.width_m) + _FREE_BESIDE_M:
+        if apart_m.min() < 0.5 * (sight.width_m + body.width_m) + FREE_BESIDE_M:
             return entry_mps
     return math.inf
 
 
 COMES_S: Final = 2.5
 """Time for which approaching vehicles are predicted."""
-_FREE_BESIDE_M: Final = 0.5
+FREE_BESIDE_M: Final = 0.5
 """Lateral distance kept to other vehicles."""
 _FREE_BEHIND_M: Final = 5.0
 """Distance kept to vehicles behind."""
@@ -256,13 +256,14 @@ _FREE_AHEAD_M: Final = 1.0
 """Distance kept to vehicles ahead at the same speed."""
 
 
-def is_free(wanted_m: float, sight: Sight, comes_s: float = COMES_S) -> bool:
+def is_free(wanted_m: float, sight: Sight, comes_s: float = COMES_S, apart_m: float = FREE_BESIDE_M) -> bool:
     """Whether no other vehicle is beside the own one on a move to the side, or will come there.
 
     Args:
         wanted_m: Where the move ends across the way, left positive.
         sight: The step.
         comes_s: How far ahead in time others are looked for.
+        apart_m: Lateral distance to keep to them.
     """
     least, greatest = sorted((sight.left_m, wanted_m))
     for other in sight.others:
@@ -270,7 +271,7 @@ def is_free(wanted_m: float, sight: Sight, comes_s: float = COMES_S) -> bool:
         beside = -sight.length_m - _FREE_BEHIND_M - max(comes_m, 0.0) < other.gap_m < _FREE_AHEAD_M - min(comes_m, 0.0)
         away_m = abs(min(max(other.left_m, least), greatest) - other.left_m)
         nearer = away_m < abs(sight.left_m - other.left_m) - 0.02
-        if beside and nearer and away_m < other.half_width_m + 0.5 * sight.width_m + _FREE_BESIDE_M:
+        if beside and nearer and away_m < other.half_width_m + 0.5 * sight.width_m + apart_m:
             return False
     return True
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.running.seat.control import (
-    COMES_S,
+    FREE_BESIDE_M,
     emv_waits,
     indicators,
     is_free,
@@ -140,7 +140,9 @@ _SIGNALLED_M: Final = 0.8
 _AGAIN_M: Final = 80.0
 """Gap at which a driver notices the siren of another EMV."""
 _NEAR_M: Final = 25.0
-"""A driver does not move into the path of an EMV nearer than this."""
+"""A driver does not move into the path of an EMV nearer than this, or that comes before it has crossed that path."""
+_RETURNS_APART_M: Final = 1.0
+"""Lateral distance that a driver keeps to others when it goes back to its lane, as courts ask of those who pass."""
 _QUEUES_M: Final = 12.0
 """Distance to an EMV that stands in traffic, behind which a queue forms."""
 _ASIDE_M: Final = 1.2
@@ -222,13 +224,13 @@ class LawfulDriver:
         if sight.speed_mps < _STANDS_MPS and ahead_m < _AT_LINE_M:
             state = replace(state, stood_m=line_m)
         target, lights = self._target(state, sight)
-        if state.phase is Phase.RETURNS and not self._is_free(target, sight):
+        if state.phase is Phase.RETURNS and not self._is_free(target, sight, state):
             target = _middle_m(sight)
         most = _SHIFT_MPS * STEP_S
         moved = state.offset_m + min(max(target - state.offset_m, -most), most)
         if sight.speed_mps < _ROLLS_MPS:  # a wheeled vehicle cannot move sideways without rolling
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
-        state = replace(state, offset_m=moved if self._is_free(moved, sight) else sight.left_m)
+        state = replace(state, offset_m=moved if self._is_free(moved, sight, state) else sight.left_m)
         hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
         return state, steered(sight, self._wanted(state, sight), state.offset_m, lights, hardest)
 
@@ -286,7 +288,7 @@ class LawfulDriver:
         way, row = sight.way, sight.way.row(sight.s_m)
         tried = (sight.step - state.since) * STEP_S > _TRIES_S and abs(sight.left_m) < _TRIED_M
         in_queue = tried and sight.speed_mps < _CRAWL_MPS + _ROLLS_MPS and bool(way.leftmost[row])
-        return in_queue and not is_free(sight.left_m - float(way.lanes.width_m[row]), sight)
+        return in_queue and not self._is_free(sight.left_m - float(way.lanes.width_m[row]), sight, state)
 
     def _has_to_wait(self, sight: Sight) -> bool:
         """Whether an EMV comes, or has passed and is still near."""
@@ -354,7 +356,8 @@ class LawfulDriver:
         near_emv_m = _QUEUES_M if sight.speed_mps > _STANDS_MPS else self.habits.heard_m
         passes = any(siren.along and siren.ahead_m < 0.0 and siren.gap_m < near_emv_m for siren in sight.sirens)
         near_m = _CLOSE_M if self.habits.splits_queues else _NEARLY_M if passes else _THERE_M
-        if abs(sight.left_m - self._aside_m(state.side, sight)) < near_m:
+        aside_m = self._aside_m(state.side, sight)
+        if abs(sight.left_m - aside_m) < near_m or self._comes_between(aside_m, sight):
             stands = self.habits.stops and not (self.habits.splits_queues and emv_waits(sight))
             return 0.0 if stands else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed
@@ -380,15 +383,22 @@ class LawfulDriver:
         passed = [one for one in sight.sirens if self.habits.chases and one.along and 0.0 < one.ahead_m < _CHASE_M]
         return min(passed, key=lambda one: one.ahead_m, default=None)
 
-    def _is_free(self, wanted_m: float, sight: Sight) -> bool:
+    def _is_free(self, wanted_m: float, sight: Sight, state: LawfulState) -> bool:
         """Whether a move to the side is free of other vehicles and approaching EMVs."""
-        move = wanted_m - sight.left_m
-        emv_comes = self.habits.waits_for_all and any(
-            one.behind and one.gap_m < _NEAR_M and one.left_m * move > 0.0 and abs(one.left_m) > _ASIDE_M
-            for one in sight.sirens
-        )
-        comes_s = COMES_S if self.habits.waits_for_all else 0.0
-        return not emv_comes and is_free(wanted_m, sight, comes_s)
+        apart_m = _RETURNS_APART_M if state.phase is Phase.RETURNS else FREE_BESIDE_M
+        if not self.habits.waits_for_all:
+            return is_free(wanted_m, sight, 0.0)
+        return not self._comes_between(wanted_m, sight) and is_free(wanted_m, sight, apart_m=apart_m)
+
+    def _comes_between(self, wanted_m: float, sight: Sight) -> bool:
+        """Whether an EMV comes on the side of a move before the driver has crossed its way."""
+        for one in sight.sirens:
+            crosses_m = abs(one.left_m) + 0.5 * (sight.width_m + sight.bodies[one.actor_id].width_m)
+            near_m = max(_NEAR_M, crosses_m / _SHIFT_MPS * (one.speed_mps - sight.speed_mps))
+            aside = abs(one.left_m) > _ASIDE_M and one.left_m * (wanted_m - sight.left_m) > 0.0
+            if one.behind and aside and one.gap_m < near_m:
+                return True
+        return False
 
     def _speed_behind_emvs(self, sight: Sight) -> float:
         """Speed behind EMVs that have passed."""

@@ -75,10 +75,16 @@ def test_it_stands_until_the_last_one_is_far_ahead():
 
 def test_it_does_not_move_beside_somebody_and_not_before_an_emv_on_the_right():
     driver = driver_of("lawful-california")
-    for hindered in ({"others": (car(-3.0, left_m=-3.4, speed_mps=10.0),)}, {"sirens": (siren(10.0, left_m=-3.4),)}):
+    # To cross the way of the last one takes 5.4 s, in which it gains 54 m, or 11 m.
+    for hindered, free in (
+        ({"others": (car(-3.0, left_m=-3.4, speed_mps=10.0),)}, False),
+        ({"sirens": (siren(10.0, left_m=-3.4),)}, False),
+        ({"sirens": (siren(40.0, left_m=-3.4, speed_mps=20.0),)}, False),
+        ({"sirens": (siren(40.0, left_m=-3.4, speed_mps=12.0),)}, True),
+    ):
         state, _ = after(driver, 5.0, **{"sirens": CALLED, **hindered})
         assert state.phase is Phase.MAKES_WAY
-        assert state.offset_m > -0.8
+        assert (state.offset_m > -0.8) is not free
     behind = car(-20.0, left_m=-3.4, speed_mps=18.0)  # is beside it in 2.5 s
     assert after(driver, 5.0, sirens=CALLED, others=(behind,))[0].offset_m > -0.8
 
@@ -136,6 +142,10 @@ def test_it_goes_back_when_nobody_comes_and_drives_in_the_middle_of_the_lane_tha
     assert state.offset_m == pytest.approx(-3.5)
     state, _ = after(driver_of("lawful-international"), 3.0, back, left_m=-4.0, speed_mps=6.0)
     assert state.offset_m > -2.5
+    for beside_m, offset_m in ((-2.6, 0.6), (-2.8, 0.0)):  # 0.8 m, and 1 m, from somebody next to it
+        aside = {"left_m": 0.6, "speed_mps": 6.0, "others": (car(-3.0, left_m=beside_m, speed_mps=6.0),)}
+        state, _ = after(driver_of("lawful-international"), 3.0, replace(back, offset_m=0.6), **aside)
+        assert state.offset_m == pytest.approx(offset_m)
 
 
 def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():

@@ -85,7 +85,7 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
 def speed_to_merge(sight: Sight) -> float:
     """Speed behind those in the lane to which the path changes soon, in m/s; infinite where nobody is there.
 
-    One that is beside the driver counts, too: the driver falls back behind it.
+    One that is beside the driver, and not behind its middle, counts, too: the driver falls back behind it.
     """
     row = sight.way.row(sight.s_m)
     soon = sight.way.changes[row : row + 1 + int(_MERGES_S * max(sight.speed_mps, _SLOW_MPS))]
@@ -93,7 +93,7 @@ def speed_to_merge(sight: Sight) -> float:
     least, lane_m = math.inf, float(sight.way.lanes.width_m[row])
     for other in sight.others if side else ():
         there = 0.5 * sight.width_m < side * (other.left_m - sight.left_m) < 1.5 * lane_m
-        if there and other.gap_m > -sight.length_m - _STANDSTILL_M:
+        if there and other.gap_m + other.length_m > -0.5 * sight.length_m:
             least = min(least, _behind_mps(other))
     return least
 
@@ -250,7 +250,7 @@ COMES_S: Final = 2.5
 """Time for which approaching vehicles are predicted."""
 FREE_BESIDE_M: Final = 0.5
 """Lateral distance kept to other vehicles."""
-_FREE_BEHIND_M: Final = 5.0
+_FREE_BEHIND_M: Final = 0.5
 """Distance kept to vehicles behind."""
 _FREE_AHEAD_M: Final = 1.0
 """Distance kept to vehicles ahead at the same speed."""
@@ -268,12 +268,22 @@ def is_free(wanted_m: float, sight: Sight, comes_s: float = COMES_S, apart_m: fl
     least, greatest = sorted((sight.left_m, wanted_m))
     for other in sight.others:
         comes_m = comes_s * (other.speed_mps - sight.speed_mps)
-        beside = -sight.length_m - _FREE_BEHIND_M - max(comes_m, 0.0) < other.gap_m < _FREE_AHEAD_M - min(comes_m, 0.0)
+        behind_m = -other.gap_m - other.length_m - sight.length_m
+        beside = behind_m < _FREE_BEHIND_M + max(comes_m, 0.0) and other.gap_m < _FREE_AHEAD_M - min(comes_m, 0.0)
         away_m = abs(min(max(other.left_m, least), greatest) - other.left_m)
         nearer = away_m < abs(sight.left_m - other.left_m) - 0.02
         if beside and nearer and away_m < other.half_width_m + 0.5 * sight.width_m + apart_m:
             return False
     return True
+
+
+def change_ahead_m(sight: Sight) -> float:
+    """How far the path changes to the side on the way that the steering looks ahead, left positive."""
+    way, row = sight.way, sight.way.row(sight.s_m)
+    rows, width_m = slice(row, way.row(sight.s_m + _reach_m(sight))), float(way.lanes.width_m[row])
+    moves_m = -np.diff(way.lane_left_m[row : rows.stop + 1])
+    moves_m -= width_m * np.round(moves_m / width_m)  # beyond the line it is measured from the next lane
+    return float(moves_m[way.changes[rows] != 0.0].sum())
 
 
 _WHEELBASE_M: Final = 2.7
@@ -308,11 +318,15 @@ def steered(
     if wanted_mps < 0.05 and sight.speed_mps < 0.3:
         brake = 0.3
     throttle = 0.0 if brake else min(max(0.3 * push, 0.0), 0.7)
-    curve, reach_m = sight.way.curve, max(_LEAST_REACH_M, sight.speed_mps)
-    target = curve.offset_points(sight.s_m + reach_m, offset_m)
+    curve = sight.way.curve
+    target = curve.offset_points(sight.s_m + _reach_m(sight), offset_m)
     here = curve.offset_points(sight.s_m, sight.left_m)
     yaw = float(curve.heading_rad(sight.s_m)) + sight.turn_rad
     dx, dy = float(target[0] - here[0]), float(target[1] - here[1])
     side = math.cos(yaw) * dy - math.sin(yaw) * dx
     steer = math.atan(2.0 * _WHEELBASE_M * side / max(dx * dx + dy * dy, 1.0))
     return AvControl(sight.step, throttle, brake, min(max(steer, -_LARGEST_STEER_RAD), _LARGEST_STEER_RAD), lights)
+
+
+def _reach_m(sight: Sight) -> float:
+    return max(_LEAST_REACH_M, sight.speed_mps)

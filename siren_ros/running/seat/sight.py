@@ -216,6 +216,8 @@ class Other:
     """Half width across the path."""
     speed_mps: float
     """Speed along the path."""
+    length_m: float
+    """Length along the path."""
 
 
 @dataclass(frozen=True)
@@ -328,9 +330,9 @@ def _other(body: ActorDescription, speed_mps: float, place: _OnWay, ahead_m: flo
     """Make an ``Other`` for an actor near the path, at this distance along it from the own front."""
     turned = np.cos(place.turn_rad)
     cos, sin = abs(turned), abs(np.sin(place.turn_rad))
-    gap = ahead_m - 0.5 * (body.length_m * cos + body.width_m * sin)
+    length = body.length_m * cos + body.width_m * sin
     half = 0.5 * (body.length_m * sin + body.width_m * cos)
-    return Other(float(gap), place.left_m, float(half), float(speed_mps * turned))
+    return Other(float(ahead_m - 0.5 * length), place.left_m, float(half), float(speed_mps * turned), float(length))
 
 
 def _siren(emv: ActorDescription, speed_mps: float, reach_m: float, *seen: tuple[float, float, float]) -> Siren:

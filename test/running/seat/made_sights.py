@@ -39,6 +39,16 @@ def straight_way(**columns):
     return replace(way, **columns)
 
 
+def to_the_right():
+    """Columns of a path that changes to the right lane from 60 to 80 m, by 17.5 cm in each row."""
+    rows = np.arange(ROWS)
+    moved_m = 0.175 * np.clip(rows - 60, 0, 20)
+    return {
+        "changes": np.where((rows >= 60) & (rows < 80), -1.0, 0.0),
+        "lane_left_m": 1.75 + np.where(rows < 70, moved_m, moved_m - 3.5),  # from the middle on, of the right lane
+    }
+
+
 def sight(s_m=20.0, **known):
     """Alone at the speed limit in the middle of the lane."""
     plain = {
@@ -68,4 +78,4 @@ def siren(gap_m, left_m=0.0, length_m=6.0, speed_mps=12.0):
 
 
 def car(gap_m, left_m=0.0, speed_mps=0.0):
-    return Other(gap_m, left_m, 0.9, speed_mps)
+    return Other(gap_m, left_m, 0.9, speed_mps, 4.5)

@@ -8,11 +8,12 @@ import pytest
 from hand_made_record import NORTHBOUND, Driven, at_speed, line
 from hypothesis import given
 from hypothesis import strategies as st
-from made_sights import LENGTH_M, LIMIT_MPS, ROWS, car, sight, siren, straight_way
+from made_sights import LENGTH_M, LIMIT_MPS, ROWS, car, sight, siren, straight_way, to_the_right
 from seen_on_crossing import sight_at
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.running.seat.control import (
+    change_ahead_m,
     emv_waits,
     indicators,
     is_free,
@@ -135,6 +136,24 @@ def test_a_move_to_the_right_needs_a_gap(gap_m, left_m, speed_mps, free) -> None
     seen = sight(others=(car(gap_m, left_m, speed_mps),))
     assert is_free(-3.5, seen) is free
     assert is_free(0.0, seen), "nobody is in the own place"
+
+
+def test_a_long_vehicle_is_beside_until_its_front_is_behind() -> None:
+    behind = car(-12.0, -3.5, LIMIT_MPS)
+    assert is_free(-3.5, sight(others=(behind,)))
+    assert not is_free(-3.5, sight(others=(replace(behind, length_m=8.4),)))  # its front is 0.9 m before the own rear
+    changes = np.zeros(ROWS)
+    changes[60:80] = -1.0
+    seen = sight(50.0, way=straight_way(changes=changes), speed_mps=8.0)
+    beside = car(-9.7, -3.0, 7.0)
+    assert speed_to_merge(replace(seen, others=(beside,))) == math.inf
+    assert speed_to_merge(replace(seen, others=(replace(beside, length_m=8.4),))) < 8.0
+
+
+@pytest.mark.parametrize(("s_m", "expected_m"), [(10.0, 0.0), (55.0, -0.525), (65.0, -1.4), (74.0, -1.05), (90.0, 0.0)])
+def test_how_far_the_path_changes_lanes_on_the_way_that_the_steering_looks_ahead(s_m, expected_m) -> None:
+    seen = sight(s_m, way=straight_way(**to_the_right()), speed_mps=8.0)
+    assert change_ahead_m(seen) == pytest.approx(expected_m)
 
 
 def test_somebody_who_is_too_near_already_does_not_keep_it_from_going_away() -> None:

@@ -12,6 +12,7 @@ from typing import Any, Final
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.running.seat.control import (
     FREE_BESIDE_M,
+    change_ahead_m,
     emv_waits,
     indicators,
     is_free,
@@ -231,6 +232,9 @@ class LawfulDriver:
         if sight.speed_mps < _ROLLS_MPS:  # a wheeled vehicle cannot move sideways without rolling
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
         state = replace(state, offset_m=moved if self._is_free(moved, sight, state) else sight.left_m)
+        change_m = change_ahead_m(sight)
+        if not is_free(sight.left_m + change_m, sight, 0.0):  # somebody is where the path changes to
+            state = replace(state, offset_m=sight.left_m - change_m)
         hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
         return state, steered(sight, self._wanted(state, sight), state.offset_m, lights, hardest)
 

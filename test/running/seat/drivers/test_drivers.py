@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_made_record import EASTBOUND, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
-from made_sights import LIMIT_MPS, ROWS, car, sight, siren, straight_way
+from made_sights import LIMIT_MPS, ROWS, car, sight, siren, straight_way, to_the_right
 from seen_on_crossing import EMV, OWN, sight_at
 
 from siren_ros.base.numerics.geometry import Polyline
@@ -127,9 +127,10 @@ def test_where_a_queue_keeps_it_from_going_right_it_goes_to_the_side_that_the_pl
     queue = {"sirens": CALLED, "others": (car(-3.0, left_m=-3.4),), "speed_mps": 1.0}
     assert after(driver_of(f"lawful-{place}"), 3.0, **queue)[0].side == -1.0
     rightmost = straight_way(leftmost=np.zeros(ROWS, np.bool_))
-    sides = {"queue": side, "alone": -1.0, "fast": -1.0, "rightmost": -1.0, "moved": -1.0}
+    sides = {"queue": side, "emv": side, "alone": -1.0, "fast": -1.0, "rightmost": -1.0, "moved": -1.0}
     for name, changed in (
-        ("queue", {}), ("alone", {"others": ()}), ("fast", {"speed_mps": LIMIT_MPS}), ("rightmost", {"way": rightmost}),
+        ("queue", {}), ("emv", {"others": (), "sirens": (siren(20.0, left_m=-3.0),)}),
+        ("alone", {"others": ()}), ("fast", {"speed_mps": LIMIT_MPS}), ("rightmost", {"way": rightmost}),
         ("moved", {"left_m": -0.8, "others": (car(-3.0, left_m=-3.9),)}),
     ):  # fmt: skip
         assert after(driver_of(f"lawful-{place}"), 5.0, **{**queue, **changed})[0].side == sides[name], name
@@ -145,6 +146,13 @@ def test_it_goes_back_when_nobody_comes_and_drives_in_the_middle_of_the_lane_tha
     for beside_m, offset_m in ((-2.6, 0.6), (-2.8, 0.0)):  # 0.8 m, and 1 m, from somebody next to it
         aside = {"left_m": 0.6, "speed_mps": 6.0, "others": (car(-3.0, left_m=beside_m, speed_mps=6.0),)}
         state, _ = after(driver_of("lawful-international"), 3.0, replace(back, offset_m=0.6), **aside)
+        assert state.offset_m == pytest.approx(offset_m)
+
+
+def test_it_keeps_its_place_while_somebody_is_beside_it_where_its_path_changes_to():
+    changing = {"s_m": 55.0, "way": straight_way(**to_the_right()), "speed_mps": 8.0}
+    for gap_m, offset_m in ((-3.0, 0.525), (-12.0, 0.0)):  # the path moves by that to the right
+        state, _ = after(driver_of("lawful-germany"), 0.1, others=(car(gap_m, left_m=-2.7),), **changing)
         assert state.offset_m == pytest.approx(offset_m)
 
 

@@ -114,12 +114,12 @@ def test_a_node_that_is_stopped_does_not_outlive_a_killed_episode(start: Start) 
 
 def test_a_node_that_hangs_is_named(start: Start) -> None:
     """The one that writes the bag; that others are named which the step waits for, an AV that does not answer shows."""
-    episode = start("processes:=true", "step_timeout_s:=3.0")
+    episode = start("processes:=true", "step_timeout_s:=8.0")
     episode.wait_until_recorded()
     os.kill(episode.process_of("recorder"), signal.SIGSTOP)
     episode.wait_until_gone()
     assert episode.error.startswith("cosim: recorder: did not finish step ")
-    assert episode.error.endswith(" within 3 s")
+    assert episode.error.endswith(" within 8 s")
     recover_bag(episode.working)
     assert episode.saved_steps >= 20
 
@@ -133,10 +133,10 @@ EmvController.on_step = lambda node, step, inputs: time.sleep(1000) if step == 5
 
 
 def test_a_node_that_hangs_in_the_one_process_is_named(start: Start) -> None:
-    episode = start("step_timeout_s:=3.0", prelude=HANGING_CONTROLLER)
+    episode = start("step_timeout_s:=8.0", prelude=HANGING_CONTROLLER)
     episode.wait_until_recorded()
     episode.wait_until_gone()
-    assert episode.error.startswith("cosim: emv_controller: did not finish step 50 within 3 s; ")
+    assert episode.error.startswith("cosim: emv_controller: did not finish step 50 within 8 s; ")
     assert episode.out.splitlines()[-1] == "exit code 1: the episode failed"
     assert recover_bag(episode.bag).steps >= 20
 

@@ -41,7 +41,7 @@ def test_a_participant_hears_every_step_and_listeners_change_nothing_also_when_t
 def test_a_participant_that_hangs_ends_the_episode_under_its_name(tmp_path: Path) -> None:
     domain, suite = Domain(), tmp_path / "small.yaml"
     suite.write_text(SMALL_SUITE, encoding="utf-8")
-    parameters = (f"sensors:={suite}", "kitti:=false", "duration_s:=40.0", "bag:=bag", "step_timeout_s:=4.0")
+    parameters = (f"sensors:={suite}", "kitti:=false", "duration_s:=40.0", "bag:=bag", "step_timeout_s:=8.0")
     with (
         domain.episode(*parameters, "external:=[my_stack]", cwd=tmp_path) as episode,
         domain.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
@@ -52,7 +52,7 @@ def test_a_participant_that_hangs_ends_the_episode_under_its_name(tmp_path: Path
     assert run.code == 1
     assert "episode failed" in run.out
     assert ": my_stack: did not finish step" in run.out
-    assert "within 4 s" in run.out
+    assert "within 8 s" in run.out
 
 
 def test_programs_that_never_come_are_named(tmp_path: Path) -> None:

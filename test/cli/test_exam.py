@@ -109,6 +109,8 @@ def test_two_certificates_are_compared_and_the_papers_driver_is_graded_where_the
     for driver, alone in (("siren", []), ("idm", ["--alone"])):
         siren(["exam", "--driver", driver, *MATRIX, *alone, "--out", str(tmp_path / driver)], code=1)
     files = [str(tmp_path / driver / "certificate.json") for driver in ("siren", "idm")]
+    verify = ["exam", "verify", files[1], str(tmp_path / "idm"), "--workers", "1"]
+    assert "2 episodes, 0 differences" in siren(verify).out, "made alone, without the paper's driver"
     episode = json.loads(Path(files[0]).read_bytes())["episodes"][0]
     assert read_episode(Path(episode["bag"])).actors[episode["actor_id"]].name == "platoon0"
     assert episode["others"] == {}

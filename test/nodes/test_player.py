@@ -188,10 +188,12 @@ PAUSES = (
     + """
 listen(1.5)
 assert not steps, "it waits"
+assert call("SetRate", "set_rate", rate=0.8).success
 call("Resume", "resume")
 while len(steps) < 30:
     rclpy.spin_once(node, timeout_sec=0.1)
 assert steps[:30] == [*range(20), *range(10)], steps
+assert call("GetRate", "get_rate").rate == 0.8, "as before the bag's end"
 call("Pause", "pause")
 assert call("IsPaused", "is_paused").paused
 count = -1

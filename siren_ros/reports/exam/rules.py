@@ -55,7 +55,8 @@ _RANKS: Final[Mapping[str, int]] = {"G": 2, "y": 2, "Y": 2, "g": 1}
 def speeding(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest speed above the limit of the lane that lasts for ``lasting_s``; junctions do not count."""
     limit = _limit_mps(examinee)
-    over = least_of_last(examinee.track.speed_mps - limit, steps_from_s(numbers["lasting_s"]))
+    over = least_of_last(examinee.track.speed_mps - limit, steps := steps_from_s(numbers["lasting_s"]))
+    over[:steps] = 0.0  # it has not lasted
     on_road = np.isfinite(limit) & ~examinee.in_junction
     return greatest(examinee, np.maximum(over, 0.0), on_road, "the driver was on no lane")
 

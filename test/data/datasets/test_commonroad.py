@@ -284,6 +284,13 @@ def test_a_path_begins_and_ends_with_its_lanes():
     assert lanelet_bounds(lane_graph(far), {})[SURFACE_PATHS + STRAIGHT].left[0, 0] == pytest.approx(5.03), (
         "that is another place"
     )
+    for to_right_m, edges_m in ((1.2, (3.5, 9.4)), (-1.2, (1.1, 7.0))):  # one edge is the road's, the other is far away
+        lanes = [
+            *bent(network, **{f"lane{SURFACE_PATHS + STRAIGHT}": aside + np.array((to_right_m - 0.03, 0.0))}).lanes
+        ]
+        lanes[SURFACE_PATHS + STRAIGHT] = replace(lanes[SURFACE_PATHS + STRAIGHT], width_m=5.9)
+        path = lanelet_bounds(lane_graph(replace(network, lanes=tuple(lanes))), {})[SURFACE_PATHS + STRAIGHT]
+        assert (path.left[0, 0], path.right[0, 0]) == pytest.approx(edges_m)
 
 
 def test_the_inner_boundary_of_a_tight_bend_does_not_run_backwards():

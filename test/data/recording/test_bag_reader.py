@@ -229,6 +229,8 @@ def test_a_folder_of_bags_stands_for_those_at_any_depth_but_in_hidden_folders(tm
         (tmp_path / name / "x_0.mcap").touch()
     inside = [tmp_path / "a", tmp_path / "b" / "deep" / "er"]
     assert bag_reader.bags_among([tmp_path / "none", inside[1], tmp_path]) == (tmp_path / "none", inside[1], *inside)
+    hidden = tmp_path / ".work"
+    assert bag_reader.bags_among([hidden]) == (hidden / "half",), "whoever names a hidden folder means it"
     (inside[0] / "x_1.mcap").mkdir()
     (inside[0] / "w_1.mcap").touch()
     assert [path.name for path in bag_reader.storage_files(inside[0])] == ["w_1.mcap", "x_0.mcap"]

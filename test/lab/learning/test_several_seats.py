@@ -52,10 +52,12 @@ def test_each_driver_has_an_end_of_its_own() -> None:
 
 
 def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: Path) -> None:
-    env = parallel_env(**SHORT)
+    env = parallel_env(**SHORT, render_mode="rgb_array")
     _, infos = env.reset(seed=4)
+    first = env.render()
     for _ in range(5):
         env.step(dict.fromkeys(env.agents, 0))
+    assert (first.shape, bool((env.render() == first).all())) == ((400, 640, 3), False), "it shows the present step"
     env.save(tmp_path / "bag")
     env.close()
     record = read_episode(tmp_path / "bag")

@@ -13,6 +13,7 @@ from made_seat_state import state_of
 from seen_on_crossing import NETWORK
 
 from siren_ros.lab.learning.top_view import RASTER_SHAPE, RasterView, Window
+from siren_ros.simulation.world.actors import Lights
 
 VIEW = RasterView(NETWORK)
 
@@ -37,6 +38,17 @@ def test_others_are_where_they_are() -> None:
     assert picture[12, 32, 1] == 255
     assert picture[22, 25, 1] == 255
     assert picture[22, 39, 1] == 0
+
+
+@pytest.mark.parametrize(("siren", "shown"), [(0, 180), (int(Lights.SIREN), 255)])
+def test_an_emv_is_bright_by_its_own_siren_whoever_else_is_near(siren, shown) -> None:
+    """The first EMV is too far away to be drawn; the siren of all others is as that of number 3 is not."""
+    state = state_of(own_m=100.0, emv_m=20.0, others={3: Driven(NORTHBOUND, at_speed(80.0, 10.0, 2))})
+    sight, number_3 = state.sight, state.sight.bodies[3]
+    lights = np.where(sight.states.actor_id == 3, siren, int(Lights.SIREN) - siren).astype(np.uint8)
+    bodies = {**sight.bodies, 3: replace(number_3, is_emv=True)}
+    seen = replace(sight, bodies=bodies, states=replace(sight.states, lights=lights))
+    assert VIEW.draw(replace(state, sight=seen))[52, 32, 2] == shown
 
 
 def test_the_picture_turns_with_the_own_heading() -> None:

@@ -60,6 +60,13 @@ CASES = {
         Driven(IN_LANE, arc((0.0, 10.0), start_m=50.0)),
         6.0,
     ),
+    # The first stands there from the record's first step on.
+    "obstruction from the first step on": (
+        {"gap_m": 10.0, "slow_mps": 2.0, "left_line_m": 0.5},
+        (starts(40.0, (0.0, 10.0)), starts(0.0, (10.0, 1.0), (0.0, 9.0))),
+        Driven(IN_LANE, arc((0.0, 10.0), start_m=50.0)),
+        10.0,
+    ),
     # It follows from 7 s, when it gets faster, until it enters the junction at 12 s; the second passed 7 m aside.
     "following": (
         FOLLOW,

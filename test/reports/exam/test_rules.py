@@ -69,8 +69,9 @@ def north(*pieces, start_m=0.0):
 def test_speed_above_the_limit_has_to_last_and_time_off_the_road_counts():
     assert value("speeding", recorded({CAR: north((20.0, 4.0))}), lasting_s=1.0) == pytest.approx(20.0 - LIMIT_MPS)
     assert value("speeding", recorded({CAR: north((13.0, 4.0))}), lasting_s=1.0) == 0.0
-    brief = north((13.0, 2.0), (20.0, 0.6), (13.0, 2.0))
-    assert value("speeding", recorded({CAR: brief}), lasting_s=1.0) == 0.0
+    for before_s in (2.0, 0.0):  # or as its record begins
+        brief = north((13.0, before_s), (20.0, 0.6), (13.0, 2.0))
+        assert value("speeding", recorded({CAR: brief}), lasting_s=1.0) == 0.0
     verge = line((10.9, -120.0), (10.9, -20.0))  # the shoulder ends at 9.5 m, the next road begins at 12.25 m
     assert value("off_road", recorded({CAR: Driven(verge, arc((10.0, 5.0)))})) == pytest.approx(5.0, abs=0.1)
     whole = value("off_road", recorded({CAR: north((10.0, 22.0))}))  # across the junction
@@ -168,6 +169,16 @@ def test_time_before_somebody_with_the_right_of_way():
 def test_the_signal_says_who_goes_first(letters, binds):
     record = recorded(crossed_by(OTHER, 0.8), control=JunctionKind.SIGNAL, signal=lambda _: letters)
     assert found("right_of_way", record).measure.valid is binds
+
+
+@pytest.mark.parametrize(("then", "binds"), [("gggrGrr", True), ("gggrrrr", False)])
+def test_the_signal_of_the_other_one_is_that_at_which_it_enters(then, binds):
+    """The driver is on the junction from 8 s on, the other one from 9.3 s on."""
+    before = {"gggrGrr": "gggrrrr", "gggrrrr": "gggrGrr"}[then]
+    changes = recorded(
+        crossed_by(OTHER, 0.8), control=JunctionKind.SIGNAL, signal=lambda step: before if step < 175 else then
+    )
+    assert found("right_of_way", changes).measure.valid is binds
 
 
 def test_a_junction_is_left_unless_others_go_first():

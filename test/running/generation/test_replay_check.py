@@ -22,7 +22,7 @@ from siren_ros.data.interfaces.conversions import (
 from siren_ros.data.recording.bag_folder import default_bag_path_of, default_kitti_path
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import BagError, EpisodeError, InputError, MapError
-from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, record_of
+from siren_ros.running.generation.closed_loop import LoopStep, closed_loop, driven, record_of
 from siren_ros.running.generation.episode_setup import (
     default_bag_path,
     plan_length,
@@ -33,6 +33,7 @@ from siren_ros.running.generation.replay_check import (
     Decision,
     Difference,
     Mismatch,
+    answers_in,
     decisions_of,
     first_difference,
     first_mismatch,
@@ -45,6 +46,7 @@ from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.world.actors import EventKind, Mode
+from siren_ros.simulation.world.commands import AvControl, Controls
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
@@ -136,6 +138,24 @@ def found(difference: Difference | None) -> Difference:
 def test_a_record_is_repeated_to_the_last_bit(episode: tuple[EpisodeRecord, list[LoopStep]]) -> None:
     record, _ = episode
     assert request_of(record) == REQUEST
+    assert repeat_episode(record) is None
+
+
+def test_whoever_sits_in_a_seat_drives_again_by_the_answers_of_each_step(
+    episode: tuple[EpisodeRecord, list[LoopStep]],
+) -> None:
+    """The answers differ from step to step; those for a vehicle that is not there are nobody's."""
+    (emv_id, *_), request = episode[0].description.emv_ids, request_of(episode[0])
+    setup, given = set_up_episode(request), {}
+
+    def answer(step: LoopStep) -> Controls:
+        controls = {one: AvControl(step.states.step, 0.01 * step.states.step) for one in (emv_id, 999)}
+        given[step.states.step] = {emv_id: controls[emv_id]}
+        return controls
+
+    steps = [step for step, _ in driven(closed_loop(setup, 8), answer)]
+    record = record_of(setup, steps)
+    assert answers_in(record) == {step: controls for step, controls in given.items() if step < 7}
     assert repeat_episode(record) is None
 
 

@@ -34,6 +34,7 @@ def test_an_episode_that_ends_gives_its_code(child: Child, ends: str) -> None:
     assert av_program.wait_for_episode(child(ends), child(LASTS), 60.0) == (3 if ends else 0)
 
 
+@pytest.mark.timeout(60)
 def test_an_episode_is_not_waited_for_once_its_driver_has_failed(child: Child, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that does not start would cost two minutes in each episode of an exam."""
     monkeypatch.setattr(av_program, "TOLD_S", 0.5)

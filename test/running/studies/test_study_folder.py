@@ -49,6 +49,13 @@ def test_a_bag_goes_to_its_place_and_its_row_next_to_it(study: LocalFolder, tmp_
     assert study.row_of("episodes/S2_L2/other") is None
 
 
+def test_a_row_has_the_site_of_its_bag_and_without_one_the_site_that_was_asked_for() -> None:
+    pinned = replace(PLANNED, request=replace(PLANNED.request, site="asked for"))
+    assert EpisodeRow.planned(pinned, Status.REFUSED).site == "asked for"
+    for asked in (pinned, PLANNED):
+        assert EpisodeRow.planned(asked, Status.COMPLETE, site="made at").site == "made at"
+
+
 def test_a_later_bag_replaces_an_earlier_one(study: LocalFolder, tmp_path: Path) -> None:
     study.take(bag_in(tmp_path / "one"), ROW)
     (tmp_path / "study" / ROW.path / "left").touch()

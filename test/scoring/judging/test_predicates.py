@@ -172,6 +172,8 @@ def test_an_emv_that_stands_too_long_does_not_get_through(stands_s, most_s, hold
     verdict = evaluate_predicate(replace(record, description=replace(record.description, parameters=told)))
     assert [part.name for part in verdict.failing] == ([] if holds else ["standstill_s"])
     assert verdict.parts[-1].value == pytest.approx(stands_s, abs=0.06)
+    (begin,) = evaluate_predicate(replace(record, states=record.states[20:])).parts[-1].moments
+    assert begin.step == 20, "the EMV comes later than the record begins"
 
 
 @pytest.mark.parametrize(("end_m", "stands_s"), [(226.0, 0.0), (180.0, 20.0)])

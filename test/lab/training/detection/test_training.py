@@ -44,6 +44,7 @@ def test_weights_and_card_are_written(tmp_path) -> None:
     assert card["data"] == {"train": {"keys": ["made S2 1", "made S2 2"], "contents": []}}
     assert "--steps 5 --seed 0" in card["command"]
     assert card["fitting"] == {"processor_s": 12, "plans": [{"from_step": 0, "steps": 5, "frames": 6}]}
+    assert {"fitting", "python", "siren_ros", "eclipse-sumo", "numpy"} <= {*card["made_with"]}, "to train it again"
     assert (card["form_version"], card["parameters"], card["figures"]) == (FORM_VERSION, 7, {})
 
 

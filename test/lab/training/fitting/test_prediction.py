@@ -86,6 +86,15 @@ def test_a_network_keeps_the_velocity_before_training_and_learns(episode_files, 
         assert answered == pytest.approx(answers(run.network, features)[0], abs=1e-4)
 
 
+def test_who_rolls_back_goes_straight_on_behind_the_begin_of_its_paths(store, network) -> None:
+    back = PathNetwork(network.size).eval()
+    with torch.no_grad():
+        back.drive[-1].bias[:FUTURE_POINTS] = -20.0  # 60 m/s
+    features = store.batch(slice(0, 40))
+    expected = (features.speed_mps[:, None] - 60.0) * future_times_s()
+    assert answers(back, features)[0][..., 0] == pytest.approx(np.repeat(expected[:, None], MODES, axis=1), rel=0.03)
+
+
 @pytest.mark.parametrize(("name", "alone"), [("lstm", True), ("transformer", False), ("paths", False)])
 def test_the_lstm_alone_does_not_see_the_neighbours(store, name, alone) -> None:
     torch.manual_seed(2)

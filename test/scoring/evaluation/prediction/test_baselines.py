@@ -37,7 +37,7 @@ from siren_ros.scoring.evaluation.prediction.samples import (
     future_times_s,
     samples_of,
 )
-from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass
 
 IDM = Idm()
@@ -493,6 +493,23 @@ def test_a_red_signal_stops_whoever_is_no_emv(crossroads, make, letters: str, is
     assert bool(front_m <= line_m + 0.01) is stops  # the first sample is 3 s later, at −40 m
     free = make_decay_lane() if make is make_decay_stop else IdmPredictor()
     assert stops or np.array_equal(make().predict(batch).xy_m, free.predict(batch).xy_m)
+
+
+@pytest.mark.parametrize("letter", "rG")
+@pytest.mark.parametrize(("ahead", "line_m"), [((2, 3), 0.0), ((2, 0), -100.0)])
+def test_of_several_lines_the_nearest_red_one_stops(
+    crossroads, letter: str, ahead: tuple[int, int], line_m: float
+) -> None:
+    """The further line, or the nearer one, is that of a lane with a greater number."""
+    network = crossroads if line_m == 0.0 else with_lines(crossroads, {2: [(-200.0, 0.0), (-100.0, 0.0)]})
+    turns = network.connections if line_m == 0.0 else network.connections[::2]
+    further, nearer = ("rrr", letter) if line_m == 0.0 else (letter * 2, "r")
+    letters = further + nearer
+    link = Connection(*ahead, (), "s", None, -1, False, "k")
+    network = with_signal(replace(network, connections=(*turns, link)), letters)
+    batch = showing(batch_of({1: moving(line_m - 70.0, 0.0, 10.0)}, network), letters)
+    front_m = make_idm_stop().predict(batch).xy_m[0, 0, -1, 0] + 0.5 * batch.actors.length_m[batch.target[0]]
+    assert line_m - 10.0 < front_m <= line_m
 
 
 def test_who_has_stopped_at_a_stop_sign_goes_on(crossroads) -> None:

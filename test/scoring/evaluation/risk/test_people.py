@@ -15,7 +15,14 @@ from matplotlib.figure import Figure
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.risk.labels import Evidence, Moments, RiskClass, RiskThresholds, label_of
+from siren_ros.scoring.evaluation.risk.labels import (
+    Evidence,
+    Moments,
+    RiskClass,
+    RiskThresholds,
+    SeenEncroachment,
+    label_of,
+)
 from siren_ros.scoring.evaluation.risk.people import blind_name, cohens_kappa, consensus, read_rating, write_rating_page
 from siren_ros.scoring.evaluation.risk.report import HEIGHT, WIDTH, charts_of, curves_of, save_confusions, write_page
 from siren_ros.scoring.evaluation.risk.scoring import ModelScores, oracle, score_answers
@@ -168,6 +175,13 @@ def test_charts_keep_their_scale_and_lift_the_pen() -> None:
     assert ttc.limit_y == pytest.approx(HEIGHT * 0.7)
     assert ttc.extreme == "2.50 s at 0.1 s"
     assert (pet.path, pet.dots, pet.extreme) == ("", (), "")
+    soon, late = (
+        SeenEncroachment(number, step, time_s, 0.0, 0.0) for number, step, time_s in ((2, 40, 0.8), (3, 60, 2.5))
+    )
+    for order in (1, -1):
+        _, pet, _ = charts_of(curves_of(video_of(replace(found, encroachments=(soon, late)[::order])), LIMITS), LIMITS)
+        assert pet.extreme == "0.80 s at 1.0 s"
+        assert sorted(text for *_, text in pet.dots) == ["0.80 s at 1.0 s", "2.50 s at 2.0 s"]
     assert drac.extreme == "20.00 m/s² at 0.0 s"
     assert drac.path.startswith("M0.0 0.0")
 

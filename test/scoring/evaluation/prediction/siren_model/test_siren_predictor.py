@@ -101,14 +101,17 @@ def test_predictions_turn_and_move_with_the_scene(crossroads) -> None:
 
 
 def test_where_traffic_keeps_left_predictions_are_mirrored(crossroads) -> None:
-    batch = scene(crossroads)
+    batch = lit(scene(crossroads), 1, Lights.INDICATOR_LEFT)
     actors = replace(
         batch.actors,
+        lights=np.where(batch.actors.lights == Lights.INDICATOR_LEFT, Lights.INDICATOR_RIGHT, batch.actors.lights),
         xy_m=batch.actors.xy_m * MIRROR,
         velocity_mps=batch.actors.velocity_mps * MIRROR,
         yaw_rad=-batch.actors.yaw_rad,
     )
     image = replace(batch, network=mirrored_network(batch.network), actors=actors)
+    for name, values in vars(image.right_hand.actors).items():
+        np.testing.assert_array_equal(values, getattr(batch.actors, name), err_msg=name)
     here, there = MODEL.predict(batch), MODEL.predict(image)
     assert (there.xy_m == here.xy_m * MIRROR).all()
     assert (there.probability == here.probability).all()

@@ -296,7 +296,7 @@ def return_to_lane(examinee: Examinee, numbers: Numbers) -> Finding:
     stands, blocked = examinee.track.speed_mps < STANDS_MPS, examinee.room.ahead_m <= _GO_ON_M
     back = ~(aside | (stands & ~blocked))[last:]
     back &= ~examinee.called[last:]
-    ahead = [call.passed & (-call.gap_m < _RIGHT_AHEAD_M) & (call.speed_mps < STANDS_MPS) for call in examinee.calls]
+    ahead = [one.passed & (abs(one.gap_m) < _RIGHT_AHEAD_M) & (one.speed_mps < STANDS_MPS) for one in examinee.calls]
     for call in examinee.calls:  # from the driver's front to the EMV's rear
         lengths_m = examinee.actor.length_m + examinee.record.actors[call.emv_id].length_m
         ahead.append(call.passed & call.siren & (-call.gap_m - lengths_m < numbers["near_m"]))

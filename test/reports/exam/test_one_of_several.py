@@ -124,6 +124,17 @@ def test_of_two_emvs_the_worse_one_counts(case):
             assert found(case.split()[0], driver, numbers).measure.value == pytest.approx(expected, abs=0.16)
 
 
+@pytest.mark.parametrize("lasts_s", [20.0, 9.0])
+def test_an_emv_that_has_passed_and_left_the_map_has_passed(lasts_s):
+    """It passes at 7.1 s; the driver goes on before the second one has passed, at 15.2 s, or returns at 12.25 s."""
+    first = Driven(NORTHBOUND, arc((10.0, lasts_s)))
+    goes_on = found("moves_off", driver_among({EMV: first, SECOND: starts(-60.0)}, RETURNS), {})
+    assert goes_on.measure.value == pytest.approx(5.0 * (15.2 - 10.0), abs=1.0)
+    assert found("return_to_lane", driver_among({EMV: first}, RETURNS), RETURN).measure.value == pytest.approx(
+        5.15, abs=0.16
+    )
+
+
 @pytest.mark.parametrize(("stop_s", "speed_mps"), [(1.0, 5.0), (4.0, 0.0)])
 def test_a_driver_has_the_time_to_respond_and_to_stop(stop_s, speed_mps):
     stops = Driven(AT_EDGE, arc((5.0, 6.0), (0.0, 8.0), start_m=36.0))

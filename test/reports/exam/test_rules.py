@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_made_record import (
+    BESIDE,
     CAR_LENGTH_M,
+    EAST,
     EASTBOUND,
     EMV,
     EMV_LENGTH_M,
@@ -161,6 +163,16 @@ def test_time_before_somebody_with_the_right_of_way():
     # A movement that gives way has no right of way, but a siren has it.
     network = replace(record.network, connections=tuple(replace(c, gives_way=True) for c in record.network.connections))
     assert not found("right_of_way", replace(record, network=network)).measure.valid
+    # Its movement is at another junction, or the one here was an earlier one that gives way.
+    for name, changes in (("K", {EAST: {"junction": "K"}}), ("J", {BESIDE: {"gives_way": True}})):
+        ways = tuple(replace(c, **changes.get(k, {})) for k, c in enumerate(record.network.connections))
+        vehicles = crossed_by(OTHER, 0.8) if name == "K" else {CAR: north((0.0, 11.6), (10.0, 13.0), start_m=20.0)}
+        again = Driven(
+            line((14.0, -40.0), (14.0, 20.0), (-60.0, 20.0), (-60.0, -5.25), (60.0, -5.25)), arc((10.0, 27.0))
+        )
+        other = recorded({**({OTHER: again} if name == "J" else {}), **vehicles})
+        other = replace(other, network=replace(other.network, connections=ways))
+        assert found("right_of_way", other).measure.valid is (name == "J")
     sounds = recorded(crossed_by(EMV, 0.8, emv=True), siren=(EMV,))
     assert value("right_of_way", replace(sounds, network=network)) == pytest.approx(0.8, abs=0.11)
 
@@ -184,6 +196,8 @@ def test_the_signal_of_the_other_one_is_that_at_which_it_enters(then, binds):
 def test_a_junction_is_left_unless_others_go_first():
     stands = {CAR: north((10.0, 3.0), (0.0, 6.0), (10.0, 5.0), start_m=80.0)}
     assert value("blocks_junction", recorded(stands)) == pytest.approx(6.0, abs=0.15)
+    before = {CAR: north((10.0, 1.0), (0.0, 6.0), (10.0, 6.0), start_m=80.0)}
+    assert value("blocks_junction", recorded(before)) == 0.0
     waits = recorded(stands, control=JunctionKind.SIGNAL, signal=lambda _: "ggggggg")
     assert value("blocks_junction", waits) == 0.0
     assert not found("blocks_junction", recorded({CAR: north((1.0, 5.0))})).measure.valid
@@ -219,6 +233,8 @@ def test_nobody_enters_before_a_siren_that_comes_across(emvs):
     # It stands as it hears the siren, at 50 m, so that the whole way to the line is left.
     assert value("enters_before_siren", record, **numbers) == pytest.approx(8.0, abs=0.6)
     assert found("enters_before_siren", record, heard_m=8.0, **numbers).measure.value == 0.0
+    both = recorded({**dict(zip(emvs, (late, comes), strict=True)), CAR: car}, siren=(EMV, OTHER))
+    assert value("enters_before_siren", both, **numbers) == pytest.approx(8.0, abs=0.6)
     unheard = replace(record, description=replace(record.description, emv_ids=(EMV, OTHER)))
     silent = with_states(unheard, lights=lambda state: np.zeros(len(state), np.uint8))
     assert not found("enters_before_siren", silent, **numbers).measure.valid
@@ -299,6 +315,8 @@ def test_each_of_two_emvs_counts(emvs):
     record = recorded({**dict(zip(emvs, (comes, off), strict=True)), CAR: north((4.0, 18.0), start_m=20.0)}, siren=emvs)
     numbers = {"gap_m": 30.0, "aside_m": 12.0, "edge_m": 1.0, "seen_m": 300.0, "stop_s": 1.0}
     assert value("before_oncoming", record, **numbers) == pytest.approx(4.0, abs=0.1)
+    brief = found("before_oncoming", record, **{**numbers, "stop_s": 20.0}).measure
+    assert brief.lack == "it came too briefly"
     # Within 30 m of one of them, from 15.35 s on, a driver need not get on, nor after the paper's episode has ended.
     waits = recorded({**dict(zip(emvs, (comes, off), strict=True)), CAR: north((5.0, 8.0), (1.0, 10.0))}, siren=emvs)
     paper = recorded({CAR: north((5.0, 12.0))})

@@ -319,10 +319,7 @@ def _present_frames(table: Rows, offsets: npt.NDArray[np.int64]) -> Flags:
 
 
 def _points(table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
-    """Rows of the points at offsets from actors' frames, −1 if not logged; ``(len(actor), len(offsets))``.
-
-    All points are within the table: those of a sample's window are, and nobody's history here is longer.
-    """
+    """Rows of the points at offsets within the window, −1 if not logged; ``(len(actor), len(offsets))``."""
     return np.asarray(table[actor[:, None], frame[:, None] + offsets])
 
 

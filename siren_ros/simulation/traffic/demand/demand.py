@@ -14,7 +14,7 @@ import numpy.typing as npt
 from shapely import LineString, contains_xy
 
 from siren_ros.base.numerics.arrays import Floats, chances, drawn, random_stream
-from siren_ros.base.numerics.braking import bend_speeds_mps, speed_before_mps, stops_within, with_braking
+from siren_ros.base.numerics.braking import speed_before_mps, stops_within
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.errors import MapError
@@ -35,11 +35,10 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     long_enough_route,
 )
 from siren_ros.simulation.traffic.demand.group_demand import (
-    BRAKE_MPS2,
-    LATERAL_MPS2,
     QUEUED_CAR_M,
     STAGE_BEHIND_M,
     GroupPlan,
+    before_bends_mps,
     plan_groups,
     route_length_m,
 )
@@ -60,8 +59,6 @@ from siren_ros.simulation.traffic.demand.road_users import Dimensions, VehicleFa
 from siren_ros.simulation.world.actors import ActorClass
 
 _PLACEMENT_TRIES: Final = 400
-_EDGES_AHEAD: Final = 4
-"""Number of edges of a vehicle's route whose bends limit its first speed."""
 
 
 _COORDINATED_M: Final = 800.0
@@ -452,9 +449,7 @@ class _Planner:
         stoppable_mps = speed_before_mps(0.0, _COMFORTABLE_DECEL_MPS2, free_m)
         if not fast:
             return stoppable_mps
-        lanes = chain_along(network, lane, [network.edge_by_id[edge].index for edge in route[:_EDGES_AHEAD]]).lanes
-        ahead = Polyline.joined([network.lanes[item].centre for item in lanes]).cut(front_m, front_m + 2.0 * gap_m)
-        return min(stoppable_mps, float(with_braking(bend_speeds_mps(ahead, LATERAL_MPS2), BRAKE_MPS2)[0]))
+        return min(stoppable_mps, before_bends_mps(network, lane, front_m, route, 2.0 * gap_m))
 
     @cached_property
     def _leading_on(self) -> list[Lane]:

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Floats, random_stream
-from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
+from siren_ros.base.numerics.braking import SAMPLE_M, bend_speeds_mps, braking_distance_m, with_braking
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
@@ -431,6 +431,17 @@ ROUTE_SLACK_S: Final = 20.0
 ROUTE_SPEED_MPS: Final = 16.0
 
 
+_EDGES_AHEAD: Final = 4
+"""Number of edges of a vehicle's route whose bends limit its first speed."""
+
+
+def before_bends_mps(network: RoadNetwork, lane: Lane, front_m: float, route: Sequence[str], reach_m: float) -> float:
+    """Greatest speed of a vehicle that is put on a lane from which it can brake for the bends within a distance."""
+    lanes = chain_along(network, lane, [network.edge_by_id[edge].index for edge in route[:_EDGES_AHEAD]]).lanes
+    ahead = Polyline.joined([network.lanes[item].centre for item in lanes]).cut(front_m, front_m + reach_m)
+    return float(with_braking(bend_speeds_mps(ahead, LATERAL_MPS2), BRAKE_MPS2)[0])
+
+
 def route_length_m(template: Template) -> float:
     """Length of civilians' routes that lasts for warm-up and episode."""
     return ROUTE_SPEED_MPS * (template.warm_up_s + template.duration_s + ROUTE_SLACK_S)
@@ -498,6 +509,8 @@ class _GroupPlanner:
         # On a very long edge it would end before the site.
         needed_m = max(route_length_m(self.template), front + ROUTE_SLACK_S * ROUTE_SPEED_MPS)
         route = self.factory.draw_route(edges, needed_m, rng, lane, actor_class)
+        reach_m = braking_distance_m(group.speed_mps * group.speed_mps, BRAKE_MPS2) + SAMPLE_M
+        speed = min(speed, before_bends_mps(self.network, self.network.lanes[lane], front, route, reach_m))
         spot = Spot(lane, front, 0.0 if group.standing and not row.headway_s else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 

@@ -91,7 +91,7 @@ _SHAPES: Final = by_class(
     }
 )
 # These are no parameters: they are properties of vehicles and drivers that SUMO lacks, the same for all.
-_YELLOW_REACTION_S: Final = 1.0
+YELLOW_REACTION_S: Final = 1.0
 """``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which
 yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""
 _WAITING_GAP_M: Final = 1.2
@@ -171,7 +171,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "lcMaxSpeedLatFactor": 0.3,
         "lcSpeedGain": 0.0 if cycles else driver.speed_gain_eagerness,
         "lcCooperative": driver.cooperation,
-        "jmDriveAfterYellowTime": _YELLOW_REACTION_S,
+        "jmDriveAfterYellowTime": YELLOW_REACTION_S,
         "jmStoplineGapMinor": _WAITING_GAP_M,
         "jmCrossingGap": _CROSSING_GAP_M,
     }

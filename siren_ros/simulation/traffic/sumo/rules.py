@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.conflicts.junction_approach import NOBODY
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
@@ -37,7 +38,7 @@ from siren_ros.simulation.traffic.sumo.driving_corrections import (
 )
 from siren_ros.simulation.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE, Mirror
 from siren_ros.simulation.traffic.sumo.orders import GapOut, JamOrders, RouteEnds, StandOffs
-from siren_ros.simulation.traffic.sumo.population import MIRRORS_M, SumoPopulation
+from siren_ros.simulation.traffic.sumo.population import MIRRORS_M, YELLOW_REACTION_S, SumoPopulation
 from siren_ros.simulation.traffic.sumo.readings import ANGLE, SPEED, SumoColumns, X, Y
 from siren_ros.simulation.traffic.sumo.walkers import Walkers
 from siren_ros.simulation.world.actors import Indices, Owner, TrafficState, rows_of_ids
@@ -434,6 +435,51 @@ def _rescue_lane(setting: Setting) -> Act | None:
     return lambda road: lane.apply(road.columns, road.vehicles, road.outside, emvs)
 
 
+_GENTLE_STOP_MPS2: Final = 3.05
+"""Deceleration with which drivers stop at yellow, 10 ft/s² (ITE, Traffic Engineering Handbook: yellow times)."""
+_BEFORE_LINE_M: Final = 2.0
+"""Distance from the stop line at which SUMO's drivers come to a stand."""
+HEEDS_LIGHTS: Final = 16
+"""The part of SUMO's speed mode by which a driver stops at yellow and red lights."""
+
+
+def goes_at_yellow(ahead_m: float, mps: float, yellow_s: float) -> bool:
+    """Whether a driver reaches the line while it is yellow, and after reacting could not stop gently before it."""
+    stop_m = mps * YELLOW_REACTION_S + braking_distance_m(mps * mps, _GENTLE_STOP_MPS2) + _BEFORE_LINE_M
+    return ahead_m < min(stop_m, mps * yellow_s)
+
+
+def _yellow(setting: Setting) -> Act | None:
+    ways = [way for way in setting.network.connections if way.signal_id is not None and way.yellow_s > 0.0]
+    going, shown = dict[int, int](), [""] * len(ways)
+    """Number of the movement of each actor who goes, and the light that each movement had at the step before."""
+
+    def act(road: Road) -> None:
+        traffic, lanes = road.last, setting.network.lanes
+        if traffic is None:
+            return
+        states = {signal.signal_id: signal.state for signal in traffic.signals}
+        inside = traffic.owner == Owner.SUMO
+        for number, way in enumerate(ways):
+            before, shown[number] = shown[number], way.letter_in(states[str(way.signal_id)]).lower()
+            if (before, shown[number]) == ("g", "y"):
+                for row in np.flatnonzero(inside & (traffic.lane == way.from_lane)).tolist():
+                    ahead_m = lanes[way.from_lane].length_m - float(traffic.lane_position_m[row])
+                    follows = lanes[way.to_lane].edge in traffic.route_of_row(row)[1:2]
+                    if follows and goes_at_yellow(ahead_m, float(traffic.sumo_speed_mps[row]), way.yellow_s):
+                        going[int(traffic.actor_id[row])] = number
+        rows = rows_of_ids(traffic.actor_id, np.array([*going], np.uint32)).tolist()
+        for row, (actor_id, number) in zip(rows, [*going.items()], strict=True):
+            there = row >= 0 and bool(inside[row])
+            if not there or traffic.lane[row] != ways[number].from_lane or shown[number] != "y":
+                del going[actor_id]
+            if there and actor_id in road.reported:
+                name, heeds = road.reported[actor_id].name, 0 if actor_id in going else HEEDS_LIGHTS
+                libsumo.vehicle.setSpeedMode(name, libsumo.vehicle.getSpeedMode(name) & ~HEEDS_LIGHTS | heeds)
+
+    return act if ways else None
+
+
 def _continuity(setting: Setting) -> Act:
     continuity = LaneContinuity(setting.network)
 
@@ -447,6 +493,7 @@ def _continuity(setting: Setting) -> Act:
 RULES: Final = (
     Rule("caution", Moment.CAUTION, _caution, "drivers wait for vehicles from outside, and for people on crossings"),
     Rule("oncoming", Moment.CAUTION, _oncoming, "drivers who meet an EMV with a siren slow down and keep right"),
+    Rule("yellow", Moment.CAUTION, _yellow, "who could not stop gently at yellow drives on"),
     Rule("stand-offs", Moment.ORDERS, _stand_offs, "for whom drivers on a junction need not wait"),
     Rule("route ends", Moment.ORDERS, _route_ends, "EMVs that SUMO drives stop where their route ends"),
     Rule("gap out", Moment.ORDERS, _gap_out, "a green waits for the platoon and ends behind it"),

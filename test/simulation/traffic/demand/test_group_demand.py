@@ -402,6 +402,20 @@ def test_a_platoon_ahead_of_the_emv() -> None:
     assert all(vehicle.route[0] == "a" for vehicle in plan.vehicles)
 
 
+def test_who_starts_before_a_bend_can_brake_for_it() -> None:
+    """A quarter circle of 12 m, driven at 6 m/s, begins 4.5 m ahead of the foremost, and is full 2 m later."""
+    lanes, angle = list(NETWORK.lanes), np.linspace(0.0, np.pi / 2.0, 40)
+    (x_m, y_m), straight = lanes[A_LEFT].centre.at(130.0), lanes[A_LEFT].centre.at(np.array([0.0, 130.0]))
+    bend = np.stack((x_m + 12.0 * np.sin(angle), y_m - 12.0 + 12.0 * np.cos(angle)), axis=-1)
+    centre = Polyline.through(np.concatenate((straight, bend[1:], bend[-1:] - [[0.0, 60.0]])))
+    lanes[A_LEFT] = replace(lanes[A_LEFT], centre=centre)
+    network = replace(NETWORK, lanes=tuple(lanes))
+    factory = VehicleFactory(network, same_drivers(), DIMENSIONS)
+    plan = plan_groups(network, signal_site(), start_at(90.0), template_with(platoon()), 0, factory, CONFIG)
+    expected_mps = [8.0, 8.0, np.sqrt(36.0 + 2.0 * 1.5 * (4.5 + 2.0))]
+    assert [vehicle.spot.speed_mps for vehicle in plan.vehicles] == pytest.approx(expected_mps, rel=0.03)
+
+
 def test_two_rows_are_filled_in_turn() -> None:
     """All lanes but the EMV's: with the EMV on the site's edge, both of the first road's lanes lead there."""
     both = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=2), name="first")

@@ -330,7 +330,7 @@ def start_rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
         unit = changed(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0)
         return YieldStep(unit, FULL_BRAKE if standing(ego) else navigate(unit, ego, 0.0, ego.world.hold_navigator)[1])
     lane = lane_of(unit, ego)
-    if lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+    if lane == NO_LANE or _is_back(ego, lane):
         return _hand_back(unit, ego)
     config, half_length, navigator_config = ego.civilian_driver, ego.half_length_m, ego.navigator_config
     reference = ego.line_along(lane, _REJOIN_AHEAD_M, 2.0, civilian=True, through_junctions=False)
@@ -362,19 +362,25 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     config = ego.civilian_driver.yielding
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     lane = lane_of(unit, ego)
-    if lane == NO_LANE or _straight(ego, lane, _REJOIN_OFFSET_M):
+    if lane == NO_LANE or _is_back(ego, lane):
         return _hand_back(unit, ego)
     blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and _straight(ego, lane)
-    if (blocked or unit.navigator.done) and not _comes_too_near(ego, lane):
+    shift_m = kept_offset_m(ego, lane) - offset_in_lane(ego, lane)[0]
+    # SUMO does not look for somebody ahead on the way into the lane.
+    if (blocked or unit.navigator.done) and not sweeps_somebody(ego, shift_m, LEAST_SIDEWAYS_M):
         return _hand_back(unit, ego)
     navigator, command, _ = navigate(unit, ego, config.rejoin_speed_mps, ego.world.civilian_navigator)
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
 
 
-def _comes_too_near(ego: Ego, lane: int) -> bool:
-    """Whether SUMO, which does not look, would drive a vehicle into somebody ahead on the way into its lane."""
-    shift_m = kept_offset_m(ego, lane) - offset_in_lane(ego, lane)[0]
-    return sweeps_somebody(ego, shift_m, LEAST_SIDEWAYS_M)
+_MIRRORS_M: Final = 0.4
+"""Lateral distance of bodies within which SUMO, for which both have mirrors, takes the one in front for a leader."""
+
+
+def _is_back(ego: Ego, lane: int) -> bool:
+    """Whether a vehicle is back in its lane, and SUMO would not brake at once for somebody who reaches into it."""
+    brakes = not standing(ego) and sweeps_somebody(ego, 0.0, LEAST_SIDEWAYS_M, lane, _MIRRORS_M)
+    return _straight(ego, lane, _REJOIN_OFFSET_M) and not brakes
 
 
 def is_over_red_line(ego: Ego) -> bool:

@@ -222,11 +222,11 @@ def offset_in_lane(ego: Ego, lane: int) -> tuple[float, float]:
     return left, math.remainder(ego.pose[2] - heading, 2.0 * math.pi)
 
 
-def sweeps_somebody(ego: Ego, shift_m: float, way_m: float) -> bool:
+def sweeps_somebody(ego: Ego, shift_m: float, way_m: float, lane: int = NO_LANE, margin_m: float = 0.0) -> bool:
     """Whether somebody ahead is in what a vehicle sweeps on a lateral move by ``shift_m``, left positive.
 
     ``way_m`` is its length, to which the stopping distance is added. Of two whose ways meet the one in front goes
-    first.
+    first. With a ``lane`` it asks instead for anybody in another lane within ``margin_m`` of either side, front ahead.
     """
     seen, (cos, sin), (x_m, y_m), speed = ego.seen, ego.direction, ego.place, ego.speed_mps
     braking_m = braking_distance_m(speed * speed, ego.civilian_driver.driving.comfort_brake_mps2)
@@ -238,6 +238,10 @@ def sweeps_somebody(ego: Ego, shift_m: float, way_m: float) -> bool:
     across = np.sqrt(1.0 - along * along)
     reach_m = along * seen.half_length_m[rows] + across * seen.half_width_m[rows]
     side_m = across * seen.half_length_m[rows] + along * seen.half_width_m[rows]
+    if lane != NO_LANE:
+        others = (ego.traffic.lane[rows] != lane) & (ahead_m + reach_m > ego.half_length_m)
+        beside = others & (np.abs(aside_m) - side_m < ego.half_width_m + margin_m)
+        return bool(np.any(beside & (ahead_m - reach_m < sweeps_m)))
     beside = (aside_m > 0.0) & (aside_m - side_m < ego.half_width_m + abs(shift_m))
     return bool(np.any(beside & (ahead_m > 0.0) & (ahead_m - reach_m < sweeps_m)))
 

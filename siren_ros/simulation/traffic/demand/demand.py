@@ -443,13 +443,11 @@ class _Planner:
         It can still stop before the lane's end, or behind another one at the least gap. Out of town it goes on beyond
         the lane's end, and can brake for the bends ahead.
         """
-        gap_m, network = least_gap_m(lane.speed_limit_mps), self._network
-        fast = gap_m > PLACEMENT_GAP_M
-        free_m = gap_m if fast else min(lane.length_m - front_m, gap_m)
-        stoppable_mps = speed_before_mps(0.0, _COMFORTABLE_DECEL_MPS2, free_m)
-        if not fast:
-            return stoppable_mps
-        return min(stoppable_mps, before_bends_mps(network, lane, front_m, route, 2.0 * gap_m))
+        gap_m = least_gap_m(lane.speed_limit_mps)
+        if gap_m <= PLACEMENT_GAP_M:
+            return speed_before_mps(0.0, _COMFORTABLE_DECEL_MPS2, min(lane.length_m - front_m, gap_m))
+        bends_mps = before_bends_mps(self._network, lane, front_m, route, 2.0 * gap_m)
+        return min(speed_before_mps(0.0, _COMFORTABLE_DECEL_MPS2, gap_m), bends_mps)
 
     @cached_property
     def _leading_on(self) -> list[Lane]:

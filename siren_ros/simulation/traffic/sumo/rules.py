@@ -451,8 +451,7 @@ def goes_at_yellow(ahead_m: float, mps: float, yellow_s: float) -> bool:
 
 def _yellow(setting: Setting) -> Act | None:
     ways = [way for way in setting.network.connections if way.signal_id is not None and way.yellow_s > 0.0]
-    going, shown = dict[int, int](), [""] * len(ways)
-    """Number of the movement of each actor who goes, and the light that each movement had at the step before."""
+    going, shown = dict[int, int](), [""] * len(ways)  # each goer's movement, and the light of each movement before
 
     def act(road: Road) -> None:
         traffic, lanes = road.last, setting.network.lanes
@@ -470,10 +469,10 @@ def _yellow(setting: Setting) -> Act | None:
                         going[int(traffic.actor_id[row])] = number
         rows = rows_of_ids(traffic.actor_id, np.array([*going], np.uint32)).tolist()
         for row, (actor_id, number) in zip(rows, [*going.items()], strict=True):
-            there = row >= 0 and bool(inside[row])
+            there = row >= 0 and inside[row]
             if not there or traffic.lane[row] != ways[number].from_lane or shown[number] != "y":
                 del going[actor_id]
-            if there and actor_id in road.reported:
+            if there:
                 name, heeds = road.reported[actor_id].name, 0 if actor_id in going else HEEDS_LIGHTS
                 libsumo.vehicle.setSpeedMode(name, libsumo.vehicle.getSpeedMode(name) & ~HEEDS_LIGHTS | heeds)
 

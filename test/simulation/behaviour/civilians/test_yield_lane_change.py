@@ -457,6 +457,28 @@ def test_nobody_is_handed_back_into_the_way_of_who_is_in_front(lab, ahead_m, asi
     assert (steps(unit, beside, 60).unit is None) is back
 
 
+@pytest.mark.parametrize(
+    ("lane", "ahead_m", "aside_m", "speed", "back"),
+    [
+        (1, 1.0, 2.1, 5.0, False),  # both bodies are 1.83 m wide: 0.27 m lie between them, less than two mirrors
+        (1, 1.0, 2.3, 5.0, True),
+        (1, -1.0, 2.1, 5.0, True),  # the driver itself is in front
+        (1, 18.0, 2.1, 5.0, True),  # it can stop, and move aside, before
+        (0, 8.0, 0.1, 5.0, True),  # SUMO follows who is ahead in the lane
+        (1, 1.0, 2.1, 0.0, True),
+    ],
+)
+def test_who_moves_is_not_handed_back_next_to_a_body_that_sumo_would_brake_for(
+    lab, lane, ahead_m, aside_m, speed, back
+):
+    view = view_beside(lab, 0.0, speed=speed)[0]
+    x_m, y_m = view.ego(0).place
+    cars = [lab.Car(2, 0, 100.0, speed, (0,)), lab.Car(3, lane, 100.0 + ahead_m, 0.0, (0,))]
+    poses = np.array([[x_m, y_m, 0.0, speed], [x_m + ahead_m, y_m + aside_m, 0.0, 0.0]])
+    beside = lab.view(view.world.network, lab.L3, cars, poses=poses)
+    assert (start_rejoin(HELD_UNIT, beside.ego(0)).unit is None) is back
+
+
 def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
     unit, _ = rejoining(lab)
     assert rejoin(unit, view_beside(lab, -NEAR_M + 0.02, speed=3.0, s=110.0)[0].ego(0)).unit is None

@@ -99,6 +99,19 @@ def test_the_lamps_of_a_crossing_made_by_hand_face_their_approach(scene, network
     assert approaches == {(c.signal_id, c.signal_link) for c in network.connections if c.direction == "s"}
 
 
+def test_the_head_on_the_post_is_the_right_lanes_and_those_on_the_mast_are_each_over_their_own(scene, network):
+    """The driving lanes of an approach are those with the positions 2, on the right, and 3."""
+    by_link = {c.signal_link: c for c in network.connections if c.direction == "s"}
+    on_posts = set()
+    for lamp in scene.signal_lamps:
+        *place, z_m = scene.mesh.vertices_m[scene.mesh.triangles[lamp.start : lamp.stop]].mean(axis=(0, 1))
+        if z_m < 4.0:
+            on_posts.add(lamp.link)
+        else:
+            assert abs(network.lanes[by_link[lamp.link].to_lane].centre.project(place)[1]) < 0.5
+    assert on_posts == {link for link, c in by_link.items() if network.lanes[c.from_lane].position == 2}
+
+
 def test_sidewalks_stand_a_kerb_above_the_road_and_no_ray_falls_through_the_ground(scene, network):
     walks = [lane for lane in network.lanes if lane.kind is LaneKind.SIDEWALK]
     places = np.concatenate([lane.centre.at(np.arange(5.0, 80.0, 3.1)) for lane in walks])

@@ -142,6 +142,7 @@ def test_stop_signs_bind_by_link_state(state, stops):
     assert (connection.signal_id, connection.signal_link, connection.must_stop) == ("j", 3, False)
 
 
+@pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize(
     ("states", "alternates", "yellow_s"),
     [
@@ -150,10 +151,11 @@ def test_stop_signs_bind_by_link_state(state, stops):
     ],
 )
 def test_a_signal_alternates_where_its_programme_has_red_and_green_and_its_longest_yellow_counts(
-    states, alternates, yellow_s
+    states, alternates, yellow_s, order
 ):
-    """Those of the movement's own link."""
-    phases = "".join(f'<phase duration="{s}" state="{state}"/>' for s, state in enumerate(states.split(), start=1))
+    """Those of the movement's own link, in whatever order the phases are."""
+    phases = [f'<phase duration="{s}" state="{state}"/>' for s, state in enumerate(states.split(), start=1)]
+    phases = "".join(phases[::order])
     programme = f'<tlLogic id="T" type="static" programID="0" offset="0">{phases}</tlLogic><connection '
     signal = NET.replace('dir="l" state="w"', 'dir="l" state="o" tl="T" linkIndex="0"').replace(
         "<connection ", programme, 1

@@ -238,6 +238,9 @@ def test_every_template_can_have_people_and_has_none_by_itself(name):
     template = load_template(name)
     assert template.demand.people == PeopleDemand(0, 0, 0)
     assert not set(PEOPLE) & template.drawn.keys()
+    for path in PEOPLE:
+        with pytest.raises(InputError, match="a whole number"):
+            template.with_values({path: 2.5})
     changed = template.with_values({"demand.people.cyclists": 12.0})
     assert changed.demand.people == PeopleDemand(cyclists=12, motorcycles=0)
     assert changed.value("demand.people.cyclists") == 12.0

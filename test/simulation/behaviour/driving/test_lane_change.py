@@ -373,6 +373,15 @@ def test_nothing_of_a_request_is_left_when_the_change_starts(lab):
     assert events[1].detail == {"side": 1, "reason": SUMO, "lane": 2}
 
 
+@pytest.mark.parametrize("intent", [0, 1])
+def test_a_change_starts_only_at_a_step_with_the_intent(lab, intent):
+    """One that has paused for 0.25 s is still a request, and waits."""
+    view = view_at(lab, network=lab.straight_road(3), advice={"lane_change_intent": intent})
+    unit = replace(follow_route(EmvUnit(1), view.ego(0))[0], request=LateralRequest(1, SUMO, 95))
+    unit, events = forced_lane_change(unit, view.ego(0))
+    assert (unit.change_side, len(events), unit.request.side) == (intent, intent, 1 - intent)
+
+
 @pytest.mark.parametrize("ended", [complete_lane_change, lambda *what: cancel_lane_change(*what, "corridor")])
 def test_who_changes_no_lanes_has_nothing_to_end(lab, ended):
     unit = EmvUnit(1, plan=PLAN)

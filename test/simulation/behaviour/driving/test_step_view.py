@@ -78,6 +78,16 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
     assert (view.ego(1).pose, view.world.edge_of_lane.tolist()) == (pytest.approx((90.0, 0.0, 0.0)), [0, 0])
 
 
+def test_the_gaps_and_decelerations_of_each_task_are_its_own(lab):
+    """An EMV that may leave its lane keeps the space to pull out; who makes room comes closer, who holds brakes."""
+    worlds = [lab.world_of(lab.straight_road(), level) for level in (lab.L1, lab.L2, lab.L3)]
+    assert [world.emv_navigator.standstill_gap_m for world in worlds] == [4.0, 4.0, 6.0]
+    world = worlds[-1]
+    usual = world.civilian_navigator
+    assert world.room_navigator == replace(usual, standstill_gap_m=1.0) != usual
+    assert world.hold_navigator == replace(usual, ease_off_mps2=usual.comfort_brake_mps2) != usual
+
+
 def test_both_controllers_share_their_view_of_a_step(lab):
     world, cars = lab.world_of(lab.straight_road(), lab.L2), fleet(lab)
     traffic, nobody = scene(lab, cars), ActorTable.empty()

@@ -195,6 +195,9 @@ def test_followers_keep_the_headway_where_the_approach_has_to_be_prolonged(town:
     assert len(second.route) > len(first.route)
     points = [np.array(network.lanes[start.lane].centre.at(start.front_m)) for start in (first, second)]
     assert np.linalg.norm(points[0] - points[1]) < headway_m + 60.0
+    at_edge = replace(pair, start_m=0.0)
+    third = following_starts(network, site, replace(at_edge, count=3), 0.5 * (headway_m + 60.0))[-1]
+    assert third == following_starts(network, site, at_edge, headway_m + 60.0)[-1], "the second one of twice that"
 
 
 NETWORK = streets()

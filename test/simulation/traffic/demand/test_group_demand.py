@@ -382,6 +382,20 @@ def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() ->
         assert any(vehicle.actor_class is ActorClass.BUS for vehicle in plan.vehicles) is buses
 
 
+def test_a_jam_fills_every_lane_and_long_vehicles_stand_in_the_right_one() -> None:
+    """Four in each lane of a road, on top of the background; nine of ten would be buses."""
+    jam = group(Placement.EVERY_LANE, GroupAnchor.EMV, vehicles=4, standing=True)
+    classes = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
+    template = replace(template_with(jam), demand=replace(template_with(jam).demand, classes=classes))
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
+    plan = plan_groups(NETWORK, replace(signal_site(), junction=None), start_at(30.0), template, 0, factory, CONFIG)
+    right, left = ([one for one in plan.vehicles if one.spot.lane == lane] for lane in (A_RIGHT, A_LEFT))
+    assert (len(right), len(left), plan.on_top) == (4, 4, 8)
+    assert {one.actor_class for one in left} == {ActorClass.SEDAN}
+    assert ActorClass.BUS in {one.actor_class for one in right}
+    assert set(plan.heads) == {max(lane, key=lambda one: one.spot.front_m).name for lane in (right, left)}
+
+
 def test_a_queue_at_the_stop_line() -> None:
     plan = planned(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=4, standing=True))
     expected = [STOP_LINE_M - 7.0 - number * (CAR_M + 5.0) for number in range(4)]

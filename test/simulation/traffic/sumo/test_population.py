@@ -218,6 +218,12 @@ def test_a_replacement_keeps_its_gap_to_fronts_and_rears_in_its_lane(
     assert (streets_sumo.added == ["a"]) is free
 
 
+@pytest.mark.parametrize("apart_m", [10.0, -10.0, 0.0])
+def test_two_replacements_of_one_step_keep_their_gap_to_each_other(streets_sumo: SumoOfStreets, apart_m: float) -> None:
+    population(vehicle("a", A_LEFT, 100.0), vehicle("b", A_LEFT, 100.0 + apart_m)).refill((), 2)
+    assert streets_sumo.added == ["a"]
+
+
 @pytest.mark.parametrize(("left_m", "free"), [(3.4, False), (-3.4, False), (3.6, True), (-3.6, True)])
 def test_a_replacement_looks_a_lanes_width_to_both_sides(
     streets_sumo: SumoOfStreets, left_m: float, free: bool

@@ -393,6 +393,8 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
     if scene is None:
         return EmvView(-1, False, False, False, False)
     way, route = scene.way_m[ego.row], ego.route
+    # On a junction, the route begins with the edge before it, which an EMV on that junction has left.
+    ahead = math.isfinite(scene.road_m[ego.row]) or (len(route) > 0 and int(route[0]) in scene.edges_ahead)
     config, apart_m = ego.civilian_driver.pull_over, ego.distance_m(scene.row)
     slow = float(ego.seen.speed_mps[scene.row]) < config.stays_behind_mps
     return EmvView(
@@ -402,7 +404,7 @@ def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
         on_path=math.isfinite(way) and way > -2.0 * ego.half_length_m,
         on_road=scene.on_road[ego.row],
         dawdles=slow and apart_m < config.stays_behind_m,
-        turned_off=apart_m > _TURNED_OFF_M and len(route) > 0 and int(route[0]) not in scene.edges_ahead,
+        turned_off=apart_m > _TURNED_OFF_M and len(route) > 0 and not ahead,
     )
 
 

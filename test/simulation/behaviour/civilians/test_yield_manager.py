@@ -278,6 +278,21 @@ def test_the_emv_is_on_the_path_until_its_front_is_ahead_of_the_civilians_front(
     assert [event.detail["reason"] for event in events if event.actor_id == 2] == reasons
 
 
+@pytest.mark.parametrize(
+    ("lane", "s_m", "route", "reasons"),
+    [(3, 24.0, (0, 2), []), (4, 10.0, (2,), []), (7, 40.0, (4,), ["off_path"])],
+    ids=["on the same junction", "behind it", "on the road to the right"],
+)
+def test_the_emv_on_a_junction_still_comes_up_to_those_ahead_there_and_behind_it(lab, lane, s_m, route, reasons):
+    """The routes of both begin with the edge before the junction, which the EMV has left."""
+    held = replace(UNIT, phase=Mode.YIELD_HOLD, side=1)
+    cars = [lab.Car(1, 2, 2.0, 5, (0, 2), AMBULANCE), lab.Car(2, lane, s_m, 0, route)]
+    world = lab.world_of(lab.junction_road(), lab.L3)
+    state = replace(steps(world, cars)[0], units={2: held})
+    _, _, events = steps(world, cars, GRACE + 2, state, 1)
+    assert [event.detail["reason"] for event in events if event.kind.name == "YIELD_CANCELLED"] == reasons
+
+
 def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane(lab, world):
     cars = [lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
     state, _, _ = steps(world, [emv_at(lab), *cars])

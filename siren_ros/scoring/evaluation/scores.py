@@ -145,7 +145,7 @@ def standings(submissions: Mapping[str, BlockSums], metric: str, *, less_is_bett
     """
     sign = 1.0 if less_is_better else -1.0
     means = {name: interval_of_mean(sums) for name, sums in sorted(submissions.items())}
-    order = sorted(means, key=lambda name: (not means[name].valid, sign * means[name].value))
+    order = sorted(means, key=lambda name: sign * means[name].value)
     rng = np.random.default_rng(_SEED)
     values = [Score(name, ALL, ALL, metric, means[name], means[name].blocks) for name in order]
     differences = []

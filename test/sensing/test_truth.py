@@ -66,7 +66,7 @@ def _renderer(boxes):
 def labels(renderer, boxes, *rows, pose=EYE):
     placement = boxes.placed(*rows)
     image = renderer.render(CAMERA, pose, placement, np.zeros(len(placement)), {}, 0, instances=True)
-    emv = np.arange(len(placement)) == 0
+    emv = placement.actor_id % 2 == 1
     assert image.depth_m is None
     return ImageLabeller(boxes.shapes()).label(0, CAMERA, pose, placement, image.instance, emv)
 
@@ -104,4 +104,6 @@ def test_half_hidden_behind_a_bus_and_cut_off_at_the_pictures_edge(renderer, box
     assert truth.visible_fraction[0] > 0.95
     around = labels(renderer, boxes, (BUS, 0.0, 2.6, 0.0), (SEDAN, -20.0, 0.0, 0.0), (SEDAN, 0.0, 60.0, 0.0))
     assert around.actor_id.tolist() == [1]
+    others = labels(renderer, boxes, (SEDAN, -20.0, 0.0, 0.0), (SEDAN, 12.0, 1.0, 0.0), (BUS, 25.0, -6.0, 0.0))
+    assert (others.actor_id.tolist(), others.is_emv.tolist()) == ([2, 3], [False, True])
     assert around.truncation[0] > 0.5

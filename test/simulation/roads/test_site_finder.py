@@ -208,6 +208,9 @@ def test_only_signals_and_only_stop_signs():
     every = with_connections(signs, [CROSSING], signal_id=None, must_stop=True)
     stronger = between(list(stop_junctions(EdgeGraph.of(every))), B, C)
     assert (stronger.control, stronger.score - site.score) == (Control.ALL_WAY_STOP, pytest.approx(30.0))
+    free = replace(every.connections[CROSSING], must_stop=False)
+    some = replace(every, connections=(*every.connections, free))
+    assert between(list(stop_junctions(EdgeGraph.of(some))), B, C).control is Control.TWO_WAY_STOP, "not all stop"
     mixed = with_connections(signs, [STRAIGHT], must_stop=False, gives_way=True)
     (weaker,) = stop_junctions(EdgeGraph.of(mixed))
     assert (weaker.control, site.score - weaker.score) == (Control.GIVE_WAY, pytest.approx(30.0))

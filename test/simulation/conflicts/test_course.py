@@ -320,6 +320,14 @@ def test_a_book_that_remembers_the_last_step_gives_the_courses_of_a_new_one(step
                 assert rights.start_m[rights.first[row] : rights.last[row]].tolist() == starts
 
 
+def test_where_nobody_has_another_course_the_privilege_is_still_that_of_the_step():
+    network, emv = network_of_outlook(), EmvAdvice(1, 0, 0, 0.0, 0.0, 0)
+    book = CourseBook(network)
+    for owner in (Owner.SUMO, Owner.ROS, Owner.SUMO):
+        traffic = traffic_of([0], [(0, 2)], emvs=(emv,), owner=[owner])
+        assert book.rights_of(book.courses_of(traffic), {}).privileged.tolist() == [0] * (owner is Owner.ROS)
+
+
 def test_a_cyclist_crosses_the_junction_on_the_way_of_the_cycle_lane():
     """Beside the cars' way, which is what the course would follow otherwise."""
     lanes = (

@@ -213,6 +213,13 @@ def test_who_lets_another_one_in_reacts_after_the_delay_and_only_who_hears_the_s
         assert (3 in modes(steps(world, cars, 2)[1])) is hears
 
 
+@pytest.mark.parametrize("level", ["L2", "L3"])
+@pytest.mark.parametrize(("kind", "answers"), [(ActorClass.BICYCLE, False), (ActorClass.MOTORCYCLE, True)])
+def test_cyclists_do_not_respond_and_motorcyclists_do(lab, straight, level, kind, answers):
+    world = lab.world_of(straight, getattr(lab, level))
+    assert bool(steps(world, [emv_at(lab), lab.Car(2, 0, 75, 5, (0,), kind)])[2]) is answers
+
+
 def test_right_side_is_preferred(lab):
     world = lab.world_of(lab.straight_road(3), lab.L2)
     cars = [emv_at(lab, lane=1), lab.Car(2, 1, 80, 5, (0,))]

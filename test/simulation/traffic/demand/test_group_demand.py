@@ -396,6 +396,13 @@ def test_a_jam_fills_every_lane_and_long_vehicles_stand_in_the_right_one() -> No
     assert set(plan.heads) == {max(lane, key=lambda one: one.spot.front_m).name for lane in (right, left)}
 
 
+@pytest.mark.parametrize("spacing_m", [9.0, 50.0])
+def test_who_starts_close_to_the_next_one_keeps_that_headway_and_others_their_own(spacing_m: float) -> None:
+    (one,) = planned(replace(platoon(1), spacing_m=spacing_m)).vehicles
+    headway_s = (spacing_m - one.driver.driving.min_gap_m) / 8.0
+    assert one.driver.tau_s == pytest.approx(min(headway_s, 1.2))
+
+
 def test_a_queue_at_the_stop_line() -> None:
     plan = planned(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=4, standing=True))
     expected = [STOP_LINE_M - 7.0 - number * (CAR_M + 5.0) for number in range(4)]

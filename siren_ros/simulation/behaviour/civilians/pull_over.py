@@ -321,6 +321,9 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
     if movement is not None:
         if room and may_enter(ego, movement, ego.half_length_m - to_line, urgent=True):
             ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + _BEYOND_JUNCTION_M
+            # Those between the EMV and this driver follow, and need as much road.
+            emv = rows_of_ids(ego.seen.actor_id, np.array([unit.emv_id], np.uint32))
+            ahead += sum(ego.distance_m(row) for row in emv.tolist() if row >= 0)
         else:
             ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement, urgent=room)))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
@@ -328,13 +331,14 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
 
 
 def _crossing(unit: YieldUnit, ego: Ego) -> tuple[bool, bool]:
-    """Whether a driver's path crosses a junction, and whether the vehicle is already on it."""
+    """Whether a driver's path leads across a junction that the vehicle has not reached, or that it has."""
     path = unit.navigator.path
     if path is None:
         return False, False
-    rear, front = (path.index_at(unit.navigator.progress_m + side * ego.half_length_m) for side in (-1, 1))
-    inside = [on_junction(ego, lane) for lane in path.lane[rear:].tolist()]
-    return any(inside) and not inside[-1], any(inside[: front - rear + 1])
+    inside = [on_junction(ego, lane) for lane in path.lane.tolist()]
+    over = any(inside) and not inside[-1]
+    reached = any(inside[: path.index_at(unit.navigator.progress_m + ego.half_length_m) + 1])
+    return over and not reached, over and reached
 
 
 def _may_go(unit: YieldUnit, ego: Ego, movement: Connection | None) -> bool:
@@ -355,7 +359,7 @@ _STRAIGHT_RAD: Final = 0.04
 def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Drive to the lane's edge. It holds when the vehicle is there and aligned, or has stopped behind another one.
 
-    A driver who crosses a junction to make room does not hold on it.
+    A driver who crosses a junction to make room does not hold on it, nor before the end of the way.
     """
     unit, over = _is_over(unit, emv)
     if over:
@@ -369,15 +373,15 @@ def pull_over(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     stopped = unit.stopped_steps + 1 if standing(ego) else 0
     if stopped != unit.stopped_steps:
         unit = changed(unit, stopped_steps=stopped)
-    crosses, inside = _crossing(unit, ego)
-    going_on = (makes_room(unit, ego) or (crosses and inside)) and not unit.navigator.done
+    will_cross, crosses = _crossing(unit, ego)
+    going_on = (makes_room(unit, ego) or crosses) and not unit.navigator.done
     comes_straight = abs(turned) > _STRAIGHT_RAD and stopped == 0 and not unit.navigator.done
     if reached and aligned and not going_on and not comes_straight:
         return _hold_now(unit, ego, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, ego, offset, partial=True)
     ends = unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0)
-    turns_red = crosses and not inside and not _may_go(unit, ego, movement_from(ego, approach_lane_of(ego, lane)))
+    turns_red = will_cross and not _may_go(unit, ego, movement_from(ego, approach_lane_of(ego, lane)))
     if (ends or turns_red) and (other := pull_over_path(unit, ego, lane)) is not None:
         unit = changed(unit, navigator=unit.navigator.following(other, *ego.place))
     elif turns_red:

@@ -96,7 +96,7 @@ _CROSSING_MPS: Final = 1.0
 def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
     """Distances of the EMV's footprint from others along its path; None without a path.
 
-    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Riders who
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once. Those that
     come from behind, or pass the EMV, go on.
     """
     navigator, config = unit.navigator, ego.emv_driver.gap_escape
@@ -115,9 +115,9 @@ def free_way(unit: EmvUnit, ego: Ego) -> FreeWay | None:
 
 
 def _passes(ego: Ego, rows: Rows) -> Flags:
-    """Which vehicles are faster riders next to the EMV, or soon there, who will pass it.
+    """Which vehicles are faster, and next to the EMV or soon there: they will pass it.
 
-    A rider straight behind the EMV follows it.
+    Whoever is straight behind the EMV follows it.
     """
     seen, (cos, sin), (x, y) = ego.seen, ego.direction, ego.place
     ahead_m = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y)
@@ -126,7 +126,7 @@ def _passes(ego: Ego, rows: Rows) -> Flags:
     faster_mps = seen.speed_mps[rows] - ego.speed_mps
     comes_up_m = ego.half_length_m + seen.half_length_m[rows] + ego.emv_driver.gap_escape.oncoming_watch_s * faster_mps
     past = (aside_m > ego.half_width_m + seen.half_width_m[rows]) & (faster_mps > 0.0) & (-ahead_m < comes_up_m)
-    return np.asarray(np.isin(rows, seen.riders) & behind & past, np.bool_)
+    return np.asarray(behind & past, np.bool_)
 
 
 ESCAPE_TOUCH_M: Final = 0.06

@@ -37,7 +37,7 @@ from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZ
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego
 from siren_ros.simulation.behaviour.driving.tracked_path import Curve, LaneEnd, LanePath, along_reference
 from siren_ros.simulation.behaviour.emv.escape_search import STATION_M, EscapePath, RoadSpace, Start, search_lattice
-from siren_ros.simulation.behaviour.emv.rescue_corridor import corridor_mode, corridor_path
+from siren_ros.simulation.behaviour.emv.rescue_corridor import corridor_mode, corridor_path, way_opens
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import NO_ACTOR, Event, EventKind, Lights, Mode, Owner, TrafficState
 from siren_ros.simulation.world.commands import CommandRow, VehicleCommands
@@ -231,10 +231,14 @@ def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSp
 
 
 def gap_escape_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
-    """Latches the gap escape: begun after a sustained stop behind a blocker, ended some time after the last one."""
+    """Latches the gap escape: begun after a sustained stop behind a blocker, ended some time after the last one.
+
+    While drivers ahead move aside, the EMV waits for the corridor.
+    """
     constants = ego.world.constants.gap_escape
     blocker = blocker_of(unit, ego)
-    stopped_s = unit.stopped_s + STEP_S if ego.speed_mps <= constants.blocked_speed_mps else 0.0
+    blocked = ego.speed_mps <= constants.blocked_speed_mps and not way_opens(unit, ego)
+    stopped_s = unit.stopped_s + STEP_S if blocked else 0.0
     free_s = 0.0 if blocker != NO_ACTOR else unit.blocker_free_s + STEP_S
     unit = changed(unit, stopped_s=stopped_s, blocker_free_s=free_s)
     if unit.gap_escape_active and unit.blocker_free_s >= constants.blocker_grace_s - 0.5 * STEP_S:

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Floats, Points, changed
+from siren_ros.base.numerics.arrays import Floats, Points, Rows, changed
 from siren_ros.base.numerics.braking import stops_within
 from siren_ros.base.numerics.units import NEVER, steps_from_s
 from siren_ros.simulation.behaviour.driving.driver_states import (
@@ -17,7 +17,12 @@ from siren_ros.simulation.behaviour.driving.driver_states import (
     present_lane,
 )
 from siren_ros.simulation.behaviour.driving.lane_change import cancel_lane_change
-from siren_ros.simulation.behaviour.driving.lane_path import SHOULDER_REACH_M, road_limits, shoulder_into_turn
+from siren_ros.simulation.behaviour.driving.lane_path import (
+    SHOULDER_REACH_M,
+    connection_of_internal,
+    road_limits,
+    shoulder_into_turn,
+)
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import free_way
 from siren_ros.simulation.behaviour.driving.step_view import Ego
 from siren_ros.simulation.behaviour.driving.tracked_path import (
@@ -85,17 +90,27 @@ def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
     Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
     corridor, so they do not count.
     """
-    path, seen, traffic = unit.navigator.path, ego.seen, ego.traffic
+    rows = _yielding_ahead(unit, ego)
+    brakes = ((ego.traffic.lights[rows] & Lights.BRAKE) != 0) | (ego.seen.speed_mps[rows] < _STANDING_MPS)
+    return bool(brakes.any())
+
+
+def way_opens(unit: EmvUnit, ego: Ego) -> bool:
+    """Whether an EMV in the corridor waits behind drivers of whom some still move aside, or up to let others do so."""
+    return unit.corridor and bool(np.any(ego.seen.speed_mps[_yielding_ahead(unit, ego)] >= _STANDING_MPS))
+
+
+def _yielding_ahead(unit: EmvUnit, ego: Ego) -> Rows:
+    path, seen = unit.navigator.path, ego.seen
     rows = ego.near(_CORRIDOR_M)
     if path is None or len(rows) == 0:
-        return False
-    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < _STANDING_MPS)
-    yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != ego.world.av_id)
-    rows = rows[brakes & yields]
+        return rows[:0]
+    yields = (ego.traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != ego.world.av_id)
+    rows = rows[yields]
     s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
     same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > _ALONG_COSINE
     ahead = (s > unit.navigator.progress_m) & (s < path.length_m)
-    return bool(np.any(same & ahead & (np.abs(left) < _ROAD_HALF_WIDTH_M)))
+    return rows[same & ahead & (np.abs(left) < _ROAD_HALF_WIDTH_M)]
 
 
 _REPLAN_S: Final = 0.4
@@ -246,6 +261,8 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: floa
 
 _INFLUENCE_M: Final = 6.0
 """Distance along the road over which a vehicle shapes the corridor in front of and behind itself."""
+_AGAINST_COSINE: Final = -0.9
+"""Vehicles with a smaller cosine to the line come towards the EMV. Those that cross it will be gone."""
 _AMID_M: Final = 0.5
 """A vehicle whose centre is nearer than this to the corridor's line stands in its middle."""
 
@@ -256,8 +273,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
     lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
-    It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes without moving to the
-    middle of the space up to them; for people on foot there are the rules of crossings.
+    It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes and of vehicles that
+    come towards it without moving to the middle of the space up to them. Whatever crosses has other rules.
 
     ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
     from instead of that line.
@@ -276,8 +293,9 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    followed = seen.is_emv[rows] & (np.cos(turned) > _ALONG_COSINE)
-    near = (np.abs(left) < _ROAD_HALF_WIDTH_M) & (place > s_m[0]) & (place < s_m[-1]) & ~followed
+    same = np.cos(turned) > _ALONG_COSINE
+    shapes = (same & ~seen.is_emv[rows]) | (np.cos(turned) < _AGAINST_COSINE)
+    near = (np.abs(left) < _ROAD_HALF_WIDTH_M) & (place > s_m[0]) & (place < s_m[-1]) & shapes
     place, left = place[near], left[near]
     extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + _INFLUENCE_M
     side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
@@ -289,8 +307,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
-    lined = beside & ~np.isin(rows[near], _on_cycle_lanes(ego))
-    both = np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)
+    lined = beside & (same & ~np.isin(rows, _on_cycle_lanes(ego)))[near]
+    both = (np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)) | (low > high)
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
@@ -321,8 +339,14 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, ego: Ego) -> Floats:
     known = np.isfinite(offset)
     if not known.any():
         return np.zeros(len(s_m))
+    at_m, line_m, first = s_m[known], offset[known], reference.lanes[0]
+    movement = connection_of_internal(network, first, ego.route)
+    if movement is not None and first in movement.via:  # the line comes from the lanes before the junction
+        before_m = reference.start_m[0] - network.length_m(movement.via[: movement.via.index(first)])
+        at_m = np.append(before_m, at_m)
+        line_m = np.append(rescue_boundary_m(network, movement.from_lane), line_m)
     radius = max(_LINE_SMOOTHING_M, config.merge_s * ego.speed_mps) / float(s_m[1] - s_m[0])
-    return smoothed(np.interp(s_m, s_m[known], offset[known]), min(round(radius), (len(s_m) - 1) // 2))
+    return smoothed(np.interp(s_m, at_m, line_m), min(round(radius), (len(s_m) - 1) // 2))
 
 
 def smoothed(values: Floats, radius: int) -> Floats:

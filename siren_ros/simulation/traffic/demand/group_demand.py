@@ -124,7 +124,9 @@ def group_rows(
         # On a road with one lane the EMV could not pass.
         lanes = [lane for lane in lanes if lane.index != approach.index]
     rows = [approach_row(network, site, start, lane) for lane in lanes]
-    if group.standing and group.placement is not Placement.EMV_LANE:
+    if group.placement is Placement.TURNING_LANES:
+        rows = [_beside_emv(network, row, start) for row in rows if start.lanes_to_site[-1] not in row.chain.lanes]
+    elif group.standing and group.placement is not Placement.EMV_LANE:
         # A lane that branches off from the EMV's lane may be the one that the EMV takes.
         rows = [row for row in rows if not set(row.chain.lanes) & set(start.lanes_to_site)]
     if group.anchor is GroupAnchor.STOP_LINE:
@@ -142,6 +144,13 @@ def group_rows(
         replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m + most_m)
         for row, anchor_m in zip(rows, anchors_m, strict=True)
     ]
+
+
+def _beside_emv(network: RoadNetwork, row: GroupRow, start: EmvStart) -> GroupRow:
+    """A row as far as it is beside the EMV's lane: behind the place at which its lane branches off, if it does."""
+    shared = [place for place, lane in enumerate(row.chain.lanes) if lane in start.lanes_to_site]
+    branch_m = network.length_m(row.chain.lanes[: shared[-1] + 1]) if shared else 0.0
+    return replace(row, least_m=max(row.least_m, branch_m))
 
 
 def _together_m(

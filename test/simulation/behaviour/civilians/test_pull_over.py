@@ -217,6 +217,15 @@ def joined_road(lab, *, oncoming_turns=False):
     return road.built()
 
 
+@pytest.mark.parametrize("emv_m", [90.0, 60.0])
+def test_who_crosses_leaves_as_much_road_behind_the_junction_as_stands_before_the_emv(lab, emv_m):
+    half_m = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    cars = [lab.Car(1, 0, 149.0 - half_m - emv_m, 0.0, (0, 2), AMBULANCE), lab.Car(2, 1, 149.0 - half_m, 0, (0, 2))]
+    view = view_of(lab, *cars, network=lab.junction_road())
+    end_m = pull_over_path(WAITED, view.ego(1), 1).curve.points[-1, 0]
+    assert end_m - half_m == pytest.approx(175.0 + 2.0 + emv_m, abs=4.0)
+
+
 @pytest.mark.parametrize("crossed", [False, True])
 def test_pulls_over_on_a_junction_that_nobody_crosses(lab, crossed):
     world = lab.world_of(joined_road(lab, oncoming_turns=crossed), lab.L3)

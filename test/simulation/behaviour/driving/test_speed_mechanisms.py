@@ -133,12 +133,13 @@ def test_the_farther_the_emv_is_off_its_path_the_more_it_keeps_from_riders(lab, 
         (ActorClass.BICYCLE, 90.0, -1.9, 5.5, 5.0, False),
         (ActorClass.BICYCLE, 90.0, -0.1, 5.5, 2.0, False),
         (ActorClass.SEDAN, 90.0, -1.9, 5.5, 2.0, False),
+        (ActorClass.SEDAN, 90.0, -2.3, 5.5, 2.0, True),
     ],
 )
-def test_between_queues_the_emv_moves_sideways_behind_a_rider_who_comes_up(
+def test_between_queues_the_emv_moves_sideways_behind_whoever_comes_up_beside_it(
     lab, kind, at_m, left_m, speed_mps, emv_mps, stops
 ):
-    """The path leads 2 m to the right within 12 m, where the rider goes past at 1.9 m to the right of the EMV."""
+    """The path leads 2 m to the right within 12 m, where the other one goes past on the right of the EMV."""
     cars = [lab.Car(1, 0, 100, emv_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, at_m, speed_mps, (0,), kind)]
     poses = np.array([[100.0, 0.0, 0.0, emv_mps], [at_m, left_m, 0.0, speed_mps]])
     view = lab.view(lab.straight_road(), lab.L3, cars, poses=poses)
@@ -148,7 +149,7 @@ def test_between_queues_the_emv_moves_sideways_behind_a_rider_who_comes_up(
     unit = replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True)
     limit = passage_limit(unit, view.ego(0))
     assert (limit.blocker_id == 2) is stops
-    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the rider to be past"
+    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the other one to be past"
 
 
 @pytest.mark.parametrize(("gap_m", "stops"), [(0.05, True), (0.07, False)])

@@ -510,6 +510,17 @@ def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_f
     assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])
 
 
+def test_no_escape_begins_while_drivers_ahead_move_aside(lab, monkeypatch):
+    """When they stand, the stop counts from then on."""
+    view, opens = view_at(lab, speed=0.0), [True]
+    monkeypatch.setattr(controller, "way_opens", lambda *_: opens[0])
+    waiting, _ = run(EmvUnit(1, blocker_id=2, corridor=True), view, 100)
+    assert not waiting.gap_escape_active
+    opens[0] = False
+    assert not run(waiting, view, 59)[0].gap_escape_active
+    assert run(waiting, view, 60)[0].gap_escape_active
+
+
 def test_an_escape_that_begins_plans_at_once_and_starts_without_a_path(lab):
     """Whatever an escape before it has left behind."""
     before = EmvUnit(1, blocker_id=2, stopped_s=5.0, escape_planned_step=95, escape_offset_m=1.0)

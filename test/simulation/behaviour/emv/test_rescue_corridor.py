@@ -21,6 +21,7 @@ from siren_ros.simulation.behaviour.emv.rescue_corridor import (
     corridor_offsets,
     corridor_path,
     smoothed,
+    way_opens,
 )
 from siren_ros.simulation.roads.road_network import LaneKind
 from siren_ros.simulation.world.actors import ActorClass, Lights, Owner
@@ -124,6 +125,33 @@ def test_another_emv_ahead_is_followed_and_does_not_shape_the_corridor(lab, kind
     poses = [[100.0, 0.0, 0.0, 8.0], [140.0, 1.65, turned, 0.0]]
     offset = offsets(view_at(lab, [other], poses=np.array(poses)), 0)
     assert bool(np.abs(offset - offsets(empty, 0)).max() > 0.5) is shapes
+
+
+@pytest.mark.parametrize(("aside_m", "drawn"), [(5.0, False), (2.0, True)])
+def test_who_comes_towards_the_emv_does_not_draw_the_corridor_out_of_the_queues(lab, aside_m, drawn):
+    """Between two drivers on the left nobody lines the corridor there, as far as there is room enough."""
+    right = lab.Car(2, 0, 140, 0, (0,), ActorClass.BUS)
+    poses = np.array([[100.0, 0.0, 0.0, 8.0], [140.0, -0.8, 0.0, 0.0], [140.0, aside_m, np.pi, 0.0]])
+    alone = view_at(lab, [right], poses=poses[:2])
+    together = view_at(lab, [right, lab.Car(3, 1, 140, 0, (0,))], poses=poses)
+    assert bool(np.abs(offsets(together, 0) - offsets(alone, 0)).max() > 0.1) is drawn
+
+
+@pytest.mark.parametrize(("turned_deg", "shapes"), [(90.0, False), (135.0, False), (170.0, True), (45.0, True)])
+def test_a_vehicle_that_crosses_does_not_shape_the_corridor(lab, turned_deg, shapes):
+    poses = np.array([[100.0, 0.0, 0.0, 8.0], [140.0, 2.0, np.radians(turned_deg), 0.0]])
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,))], poses=poses)
+    assert bool(np.abs(offsets(view, 0) - offsets(view_at(lab), 0)).max() > 0.5) is shapes
+
+
+@pytest.mark.parametrize(
+    ("speed", "owner", "opens"), [(1.0, Owner.ROS, True), (0.0, Owner.ROS, False), (1.0, Owner.SUMO, False)]
+)
+def test_the_way_opens_while_somebody_ahead_moves_aside(lab, speed, owner, opens):
+    view = view_at(lab, [lab.Car(2, 1, 150, speed, (0,))], owners={2: int(owner)})
+    unit = on_route(view)
+    assert way_opens(replace(unit, corridor=True), view.ego(0)) is opens
+    assert not way_opens(unit, view.ego(0)), "outside the corridor"
 
 
 def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns(lab):
@@ -321,6 +349,20 @@ def test_the_line_between_two_lanes_goes_on_across_a_junction(lab, junction):
     np.testing.assert_allclose(middle_m, 1.65, atol=1e-6)
     inside = path_on_lanes(junction, (2,), LaneEnd.HORIZON, 2.0, 20.0)
     np.testing.assert_allclose(corridor_offsets(inside, np.linspace(2.0, 18.0, 17), view.ego(0)), 0.0)
+
+
+def test_inside_a_junction_the_line_still_comes_from_the_lanes_before_it(lab):
+    """Behind the junction, which is 60 m long, a third lane on the left moves the line aside by a lane."""
+    road = lab.RoadBuilder().edge([[0, 0], [100, 0]], 2, ("W", "J"))
+    road.edge([[100, 0], [160, 0]], 2, ("J", "J"), internal=True)
+    road.edge([[160, 0], [400, 0]], 3, ("J", "E"))
+    network = road.connect(0, 4, via=(2,)).connect(1, 5, via=(3,)).built()
+    for place_m, lane in ((20.0, 2), (40.0, 2)):
+        view = lab.view(network, lab.L3, [lab.Car(1, lane, place_m, 2, (0, 2), ActorClass.AMBULANCE)])
+        reference = path_on_lanes(network, (2, 4), LaneEnd.HORIZON, place_m - 2.0, 82.0)
+        middle_m = corridor_offsets(reference, np.linspace(2.0, 82.0, 81), view.ego(0))
+        assert middle_m[10] == pytest.approx(1.65 + 3.3 * (place_m + 10.0) / 60.0, abs=0.4)
+        assert middle_m[70] == pytest.approx(4.95)
 
 
 @pytest.mark.parametrize("radius", [1, 3])

@@ -290,6 +290,18 @@ def test_drivers_who_turn_wait_in_the_lanes_from_which_nobody_follows_the_emv() 
     assert (row.anchor_m, row.forwards) == (pytest.approx(STOP_LINE_M), False)
 
 
+def test_drivers_wait_in_a_turning_lane_that_branches_off_from_the_emvs_lane_behind_the_branch() -> None:
+    """Both lanes of B begin on the EMV's lane of A, which is 200 m long; only the left one leads on."""
+    branching = with_connection(0, from_lane=A_LEFT)
+    start = EmvStart(A_LEFT, 90.0, (A, B, C), (A_LEFT, *branching.connections_to[B_LEFT][0].via, B_LEFT))
+    turning = group(Placement.TURNING_LANES, GroupAnchor.STOP_LINE, standing=True, optional=True)
+    (row,) = rows(turning, start, network=branching, connections=(3,))
+    assert [lane for lane in row.chain.lanes if lane in {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT}] == [A_LEFT, B_RIGHT]
+    assert (row.anchor_m, row.least_m) == (pytest.approx(STOP_LINE_M), pytest.approx(200.0))
+    taken = replace(start, lanes_to_site=(A_LEFT, B_RIGHT))
+    assert rows(turning, taken, network=branching, connections=(3,)) == []
+
+
 @pytest.mark.parametrize(("lane", "first"), [(C_LEFT, A_LEFT), (C_RIGHT, A_RIGHT)])
 def test_a_row_before_the_site_reaches_back_over_several_edges(lane: int, first: int) -> None:
     """200 m, 10 m, 100 m, 20 m and 200 m: all of them lead to the end of the last edge."""

@@ -361,7 +361,10 @@ class LawfulDriver:
         passes = any(siren.along and siren.ahead_m < 0.0 and siren.gap_m < near_emv_m for siren in sight.sirens)
         near_m = _CLOSE_M if self.habits.splits_queues else _NEARLY_M if passes else _THERE_M
         aside_m = self._aside_m(state.side, sight)
-        if abs(sight.left_m - aside_m) < near_m or self._comes_between(aside_m, sight):
+        widths_m = ((one, sight.width_m + sight.bodies[one.actor_id].width_m) for one in sight.sirens)
+        in_way = emv_waits(sight) or any(one.behind and 2.0 * abs(one.left_m) < width_m for one, width_m in widths_m)
+        lets_by = self._comes_between(aside_m, sight) and not in_way
+        if abs(sight.left_m - aside_m) < near_m or lets_by:
             stands = self.habits.stops and not (self.habits.splits_queues and emv_waits(sight))
             return 0.0 if stands else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed

@@ -164,6 +164,13 @@ def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():
     assert after(driver, 0.05, waiting, sirens=(siren(20.0, speed_mps=2.0),), speed_mps=2.0)[1].brake == 0.0
 
 
+@pytest.mark.parametrize(("left_m", "emv_mps", "stands"), [(-2.4, 6.0, True), (-2.4, 1.0, False), (-1.9, 6.0, False)])
+def test_an_emv_that_comes_between_is_let_by_and_one_that_cannot_pass_gets_way(left_m, emv_mps, stands):
+    waiting = LawfulState(Phase.MAKES_WAY, since=-100, speed_mps=4.0)
+    comes = {"sirens": (siren(6.0, left_m, speed_mps=emv_mps),), "speed_mps": 0.0}
+    assert (after(driver_of("lawful-california"), 0.05, waiting, **comes)[1].throttle == 0.0) is stands
+
+
 def test_what_single_faults_change():
     assert driver_of("creeps-germany") == LawfulDriver(faulty(HABITS["germany"], "creeps"))
     for fault in FAULTS:

@@ -1,5 +1,7 @@
 """The camera model, smooth edges, and the renderer without OpenGL."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -9,6 +11,8 @@ from scipy.ndimage import gaussian_filter
 from siren_ros.sensing import rig as rig_module
 from siren_ros.sensing.camera.camera import RaycastRenderer, smooth_edges
 from siren_ros.sensing.camera.renderer import RendererUnavailableError
+from siren_ros.sensing.look import Look
+from siren_ros.sensing.meshes.mesh import SemanticClass
 from siren_ros.sensing.rig import SensorRig
 from siren_ros.sensing.specification import CameraSpec, Mount, map_from_base, optical_from_map, transform
 from siren_ros.sensing.suite import SensorSuite, load_suite
@@ -140,6 +144,99 @@ def test_it_shows_what_opengl_shows(boxes):
     near = same & (cast.depth_m > 0.0) & (cast.depth_m < 60.0)
     assert np.quantile(np.abs(cast.depth_m - drawn.depth_m)[near], 0.99) < 0.02
     assert np.abs(cast.rgba[..., :3].astype(float) - drawn.rgba[..., :3]).mean() < 25.0
+
+
+DRAWN_BY = pytest.mark.parametrize("by", ["opengl", "rays"])
+
+
+def drawn_by(by, boxes, scene, look=None):
+    return boxes.renderer(scene, look) if by == "opengl" else RaycastRenderer(scene, boxes.shapes(), look)
+
+
+def shot(renderer, placement, signals=None, camera=SMALL_CAMERA, pose=POSE, **options):
+    rolled = np.zeros(len(placement))
+    return renderer.render(camera, pose, placement, rolled, signals or {}, 0, labels=True, **options)
+
+
+def brightness(image, where):
+    return image.rgba[..., :3][where].mean()
+
+
+@DRAWN_BY
+def test_each_vehicle_has_its_own_paint_and_light_by_the_way_that_its_faces_look(by, boxes):
+    """The sun stands in the north-west: faces to the west lie in its light, those to the east do not."""
+    renderer = drawn_by(by, boxes, boxes.scene())
+    pair = boxes.placed((ActorClass.SEDAN, 10.0, 3.0, 0.0), (ActorClass.SEDAN, 10.0, -3.0, np.pi / 2))
+    painted = shot(renderer, replace(pair, colour_rgb=np.array([[200, 20, 20], [20, 20, 200]], np.uint8)))
+    for actor, (strong, weak) in ((1, (0, 2)), (2, (2, 0))):
+        mean = painted.rgba[..., :3][painted.instance == actor].mean(axis=0)
+        assert mean[strong] > mean[weak] + 60, actor
+    eye = transform(np.eye(3), (0.0, 0.0, 0.7))
+    west, east = ([], [])
+    for yaw in (0.0, np.pi / 2, np.pi):
+        placement = boxes.placed((ActorClass.SEDAN, 0.0, 0.0, yaw))
+        for seen, back in ((west, eye), (east, map_from_base(0.0, 0.0, 0.0, np.pi) @ eye)):
+            pose = back @ transform(np.eye(3), (-9.0, 0.0, 0.0))
+            seen.append(shot(renderer, placement, pose=pose).rgba[60, 80, :3].astype(int))
+    for faces in (west, east):
+        assert np.ptp(faces, axis=0).max() < 12
+    assert np.mean(west) > np.mean(east) + 15
+
+
+@DRAWN_BY
+def test_a_lit_lens_shines_unless_a_vehicle_is_before_it(by, boxes):
+    renderer = drawn_by(by, boxes, boxes.crossroads())
+    before = boxes.placed((ActorClass.BUS, 3.5, -1.5, 0.2 + np.pi / 2))
+    dark, red = (shot(renderer, boxes.placed(), {"s": state}) for state in "Gr")
+    lens = dark.semantic == SemanticClass.TRAFFIC_LIGHT
+    assert lens.sum() > 5
+    assert red.rgba[..., 0][lens].mean() > dark.rgba[..., 0][lens].mean() + 60
+    dark, red = (shot(renderer, before, {"s": state}) for state in "Gr")
+    assert (dark.instance[lens] == 1).all()
+    assert np.array_equal(red.rgba, dark.rgba)
+
+
+@DRAWN_BY
+def test_exposure_brightens_and_haze_hides_what_is_far(by, boxes):
+    scene = boxes.crossroads()
+    clear = drawn_by(by, boxes, scene)
+    plain = shot(clear, boxes.placed())
+    assert shot(clear, boxes.placed(), exposure=2.0).rgba[..., :3].mean() > plain.rgba[..., :3].mean() + 10
+    thick = shot(drawn_by(by, boxes, scene, Look(haze_per_m=0.2)), boxes.placed())
+    far = (plain.depth_m > 30.0) & (plain.semantic == SemanticClass.BUILDING)
+    assert far.sum() > 100
+    assert thick.rgba[..., :3][far].std(axis=0).max() < 2.0 < plain.rgba[..., :3][far].std(axis=0).max()
+
+
+@DRAWN_BY
+def test_the_sky_is_brightest_at_the_sun_and_pales_towards_the_horizon(by, boxes):
+    look = Look(cloud_cover=0.0)
+    renderer = drawn_by(by, boxes, boxes.scene(), look)
+
+    def sky(azimuth_rad, elevation_rad):
+        cos, sin = np.cos(elevation_rad), np.sin(elevation_rad)
+        up = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+        pose = map_from_base(30.0, -20.0, 0.0, azimuth_rad) @ transform(up, (0.0, 0.0, 1.5))
+        return shot(renderer, boxes.placed(), pose=pose).rgba[..., :3].astype(int)
+
+    high, low = sky(look.sun_azimuth_rad + np.pi, 1.3), sky(look.sun_azimuth_rad + np.pi, 0.3)
+    assert low[40:80].mean() > high[40:80].mean() + 20
+    if by == "opengl":
+        at_sun = sky(look.sun_azimuth_rad, look.sun_elevation_rad).sum(axis=2)
+        assert np.linalg.norm(np.argwhere(at_sun == at_sun.max()).mean(axis=0) - [59.5, 79.5]) < 3.0
+
+
+@DRAWN_BY
+@pytest.mark.parametrize(("x_m", "shown"), [(445.0, True), (455.0, False)])
+def test_vehicles_beyond_450_m_are_not_drawn(by, boxes, x_m, shown):
+    renderer, camera = drawn_by(by, boxes, boxes.scene()), CameraIntrinsics.centred(160, 120, 1600.0)
+    image = shot(
+        renderer,
+        boxes.placed((ActorClass.SEDAN, x_m, 0.0, 0.0)),
+        camera=camera,
+        pose=transform(np.eye(3), (0.0, 0.0, 1.5)),
+    )
+    assert bool(image.instance.any()) is shown
 
 
 def test_a_machine_without_egl_casts_rays_and_says_so(boxes, monkeypatch):

@@ -104,7 +104,7 @@ def test_response_distance_reaches_beyond_the_interaction_region(lab, world):
     assert not steps(world, [emv_at(lab), beyond])[2]
     state, _, events = steps(far, [emv_at(lab), beyond])
     assert kinds(events) == ["yield_requested", "yield_started"]
-    state, _, events = steps(far, [emv_at(lab, 41.0), beyond], 1, state, 1)
+    state, _, events = steps(far, [emv_at(lab, 40.2), beyond], 1, state, 1)
     assert not events
     _, _, events = steps(far, [emv_at(lab, 39.0), beyond], 1, state, 2)
     assert events[0].detail["reason"] == "emv_gone"

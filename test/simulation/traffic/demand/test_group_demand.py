@@ -1,5 +1,6 @@
 """The rows of a template's groups on two streets that cross, and on a straight approach to a signal."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -24,6 +25,8 @@ from made_streets import (
     NEAR,
     STOP_LINE_M,
     STRAIGHT,
+    STRAIGHT_LEFT,
+    TURN,
     A,
     B,
     C,
@@ -44,7 +47,7 @@ from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
-from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, ValueRange
+from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, SignalDemand, ValueRange
 from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand.emv_start import (
     EmvStart,
@@ -161,6 +164,25 @@ def test_a_bend_on_the_way_brings_the_stream_nearer() -> None:
     # 18.85 m at 6 m/s, and before it braking from 12 m/s with 1.5 m/s²: (12² − 6²) / 3 = 36 m in 4 s.
     expected_m = 18.85 + 36.0 + (12.0 - 18.85 / 6.0 - 4.0) * 12.0
     assert way_m == pytest.approx(expected_m, abs=3.0)
+    assert flat.headway_s == 0.0
+    assert 6.0 < bent_line_mps(row) < 7.0, "where the bend ends"
+
+
+def bent_line_mps(row: GroupRow) -> float:
+    """Speed at the line for which a queue's headway of 2 s has the time that 7.6 m take longer than at 12 m/s."""
+    return 1.0 / ((row.headway_s - 2.0) / 7.6 + 1.0 / 12.0)
+
+
+def test_a_bend_right_behind_the_line_slows_a_stream_at_the_line() -> None:
+    """A quarter circle of 12 m, driven at 6 m/s."""
+    angle, lanes = np.linspace(0.0, np.pi / 2.0, 40), list(NETWORK.lanes)
+    bend = np.stack((12.0 * np.sin(angle), -17.25 + 12.0 * np.cos(angle)), axis=-1)
+    (path,) = NETWORK.connections[STRAIGHT].via
+    lanes[path] = replace(lanes[path], centre=Polyline.through(bend))
+    lanes[C_RIGHT] = replace(lanes[C_RIGHT], centre=Polyline.through([(12.0, -17.25), (12.0, -217.0)]))
+    fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0, first_gap_m=12.0)
+    (row,) = rows(fast, network=replace(NETWORK, lanes=tuple(lanes)))
+    assert 6.0 < bent_line_mps(row) < 7.0
 
 
 def crossing(vehicles: int, spacing_m: float = 3.0) -> DemandGroup:
@@ -177,14 +199,103 @@ def test_a_crossing_row_that_nothing_holds_is_a_stream_in_whose_middle_the_emv_c
     assert 300.0 - row.anchor_m == pytest.approx(8.0 * (12.0 - 2.0), abs=1.0)
     (held,) = rows(crossing(2), network=with_connection(CROSSING, signal_id=None, must_stop=True))
     assert (held.headway_s, held.anchor_m) == (0.0, pytest.approx(300.0))
+    slow = replace(NETWORK.lanes[NEAR], speed_limit_mps=6.0)
+    lanes = tuple(slow if lane.index == NEAR else lane for lane in NETWORK.lanes)
+    (row,) = rows(crossing(2), network=replace(free, lanes=lanes))
+    assert 300.0 - row.anchor_m == pytest.approx(6.0 * (12.0 - 2.0), abs=1.0), "the limit of the street"
+    row, other = rows(crossing(8), network=free, crossing=(CROSSING, TURN))
+    assert 300.0 - row.anchor_m == pytest.approx(8.0 * (12.0 - 4.0), abs=1.0), "four of eight in each row"
+    assert (other.movement, other.headway_s) == (TURN, 0.0)
 
 
-@pytest.mark.parametrize(("vehicles", "anchor_m"), [(22, 22 * 8.0), (40, 300.0)])
-def test_on_a_short_street_it_is_a_queue_as_far_back_as_it_fits(vehicles: int, anchor_m: float) -> None:
-    """The last of 22 vehicles would be 8 m/s · 34 s before the line, and 22 in a queue are 176 m long."""
+def crossing_order(*crossing_ways: int, network: RoadNetwork = NETWORK, **site: Any) -> list[int | None]:
+    """Movements of the crossing rows; the queues are long enough for three."""
+    return [row.movement for row in rows(crossing(10), network=network, crossing=crossing_ways, **site)]
+
+
+def test_crossing_rows_come_from_each_side_in_turn_and_first_those_straight_on_to_other_roads() -> None:
+    assert crossing_order(CROSSING, TURN) == crossing_order(TURN, CROSSING) == [CROSSING, TURN]
+    merging = with_connection(CROSSING, to_lane=C_RIGHT)
+    assert crossing_order(CROSSING, TURN, network=merging) == [TURN, CROSSING]
+    sides = crossing_order(STRAIGHT, STRAIGHT_LEFT, CROSSING, connections=())
+    assert sides == [STRAIGHT, CROSSING, STRAIGHT_LEFT]
+    east = replace(NETWORK.connections[CROSSING], to_lane=C_RIGHT, direction="l")
+    both, added = replace(NETWORK, connections=(*NETWORK.connections, east)), len(NETWORK.connections)
+    for ways in ((CROSSING, added), (added, CROSSING)):
+        assert crossing_order(*ways, network=both) == [CROSSING], "none leads on; the other joins the EMV's road"
+
+
+def test_every_other_queue_at_stop_signs_begins_farther_back() -> None:
+    """The approach of the side street is 300 m long, the other one 310 m."""
+    signed = tuple(replace(way, must_stop=way.junction == "J") for way in NETWORK.connections)
+    stops = replace(NETWORK, connections=signed)
+    for ways, network, anchors_m in (
+        ((CROSSING, TURN), stops, {CROSSING: 300.0, TURN: 302.0}),
+        ((TURN, CROSSING), stops, {CROSSING: 292.0, TURN: 310.0}),
+        ((TURN, CROSSING), NETWORK, {CROSSING: 300.0, TURN: 310.0}),
+    ):
+        found = rows(crossing(10), network=network, crossing=ways)
+        assert {row.movement: row.anchor_m for row in found} == pytest.approx(anchors_m)
+
+
+def test_the_first_crossing_row_lasts_until_the_emv_comes() -> None:
+    """Four at least, and one in 2 s of red: of seven vehicles the second row gets some only after a short red."""
+    factory, site = (
+        VehicleFactory(NETWORK, same_drivers(), DIMENSIONS),
+        replace(signal_site(), crossing=(CROSSING, TURN)),
+    )
+    for vehicles, red_s, ways in ((7, 4.0, (CROSSING, TURN)), (6, 4.0, (CROSSING,)), (7, 12.0, (CROSSING,))):
+        template = replace(template_with(crossing(vehicles)), signal=SignalDemand(red_s))
+        plan = plan_groups(NETWORK, site, start_at(90.0), template, 0, factory, CONFIG)
+        assert plan.crossing == ways
+
+
+def at_stop(*groups: DemandGroup, kind: SiteKind = SiteKind.STOP_JUNCTION, **demand: Any) -> list[str]:
+    """Names of the vehicles that are planned there, within 40 s."""
+    template = replace(template_with(*groups), duration_s=40.0)
+    template = replace(template, demand=replace(template.demand, **demand))
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
+    plan = plan_groups(NETWORK, replace(signal_site(), kind=kind), start_at(90.0), template, 0, factory, CONFIG)
+    return [vehicle.name for vehicle in plan.vehicles]
+
+
+def test_with_riders_fewer_lead_the_emv_at_a_stop_sign() -> None:
+    """Each takes 9.6 s, and the EMV the turn after the last of them; others wait as they are."""
+    queue = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, 5, standing=True), name="own")
+    others = replace(crossing(5), name="other")
+    riders = {"people": replace(template_with().demand.people, cyclists=3)}
+    assert len(at_stop(queue, others)) == 10
+    assert at_stop(queue, others, **riders) == [*(f"own{n}" for n in range(3)), *(f"other{n}" for n in range(5))]
+    assert len(at_stop(queue, others, kind=SiteKind.SIGNAL_JUNCTION, **riders)) == 10
+
+
+def test_at_a_stop_sign_the_queue_of_missing_lanes_waits_behind_the_other_one_as_many_as_go_in_time() -> None:
+    """One in 4 s until the EMV comes, and one more."""
+    queue = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, 2, standing=True), name="own")
+    turning = replace(group(Placement.TURNING_LANES, GroupAnchor.STOP_LINE, 9, standing=True), name="turning")
+    emv = template_with().emv
+    in_time = math.ceil(unhindered_arrival_s(NETWORK, start_at(90.0), emv, math.inf) / 4.0) + 1
+    assert 4 < in_time < 10
+    assert len(at_stop(queue, turning)) == in_time
+    assert len(at_stop(queue, replace(turning, vehicles=1))) == 3
+    assert len(at_stop(queue, turning, background_vehicles=4)) == 4
+    assert at_stop(queue, turning, kind=SiteKind.SIGNAL_JUNCTION) == ["own0", "own1"]
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "arrival_s", "anchor_m"),
+    [(22, 40.0, 22 * 8.0), (40, 40.0, 300.0), (20, 34.0, 300.0 - 8.0 * (34.0 - 20.0 - 1.6))],
+)
+def test_on_a_short_street_it_is_a_queue_as_far_back_as_it_fits(
+    vehicles: int, arrival_s: float, anchor_m: float
+) -> None:
+    """The last of 22 vehicles would be 8 m/s · 34 s before the line, and 22 in a queue are 176 m long.
+
+    20 drive off later by the 1.6 s that they lose then.
+    """
     free = with_connection(CROSSING, signal_id=None, must_stop=False)
-    (row,) = rows(crossing(vehicles), network=free, arrival_s=40.0)
-    assert (row.headway_s, row.anchor_m) == (0.0, pytest.approx(anchor_m))
+    (row,) = rows(crossing(vehicles), network=free, arrival_s=arrival_s)
+    assert (row.headway_s, row.anchor_m) == (0.0, pytest.approx(anchor_m, abs=1.0))
 
 
 def test_crossing_rows_do_not_leave_the_map_behind_the_junction_where_another_way_leads_on() -> None:
@@ -213,8 +324,19 @@ def test_crossing_rows_go_back_straight_on_or_around_the_only_bend_up_to_signals
     for control in ({"signal_id": "L"}, {"must_stop": True}):
         (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, **control))
         assert (row.chain.lanes, row.edges) == ((NEAR,), (N, D))
-    turn = {"direction": "r"}
-    joined = with_connection(6, **turn)
+    gives_way = with_connection(6, gives_way=True)
+    (held,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=gives_way)
+    assert held.edges == (M, N, D)
+    ways = [replace(way, signal_id=None) for way in gives_way.connections]
+    (free,) = rows(crossing(2), network=replace(NETWORK, connections=tuple(ways)))
+    assert free.edges == (N, D), "a stream would wait there"
+    (ring,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=with_connection(6, from_lane=NEAR))
+    assert ring.chain.lanes == (NEAR,)
+    cycle_lane = replace(NETWORK.lanes[FAR], kind=LaneKind.CYCLE)
+    lanes = tuple(cycle_lane if lane.index == FAR else lane for lane in NETWORK.lanes)
+    (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=replace(NETWORK, lanes=lanes))
+    assert row.edges == (N, D)
+    joined = with_connection(6, direction="r")
     (row,) = rows(group(Placement.CROSSING, GroupAnchor.STOP_LINE), network=joined)
     bend = row.chain.lanes
     assert bend[-1] == NEAR
@@ -293,11 +415,12 @@ def test_drivers_who_turn_wait_in_the_lanes_from_which_nobody_follows_the_emv() 
 def test_drivers_wait_in_a_turning_lane_that_branches_off_from_the_emvs_lane_behind_the_branch() -> None:
     """Both lanes of B begin on the EMV's lane of A, which is 200 m long; only the left one leads on."""
     branching = with_connection(0, from_lane=A_LEFT)
-    start = EmvStart(A_LEFT, 90.0, (A, B, C), (A_LEFT, *branching.connections_to[B_LEFT][0].via, B_LEFT))
     turning = group(Placement.TURNING_LANES, GroupAnchor.STOP_LINE, standing=True, optional=True)
-    (row,) = rows(turning, start, network=branching, connections=(3,))
-    assert [lane for lane in row.chain.lanes if lane in {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT}] == [A_LEFT, B_RIGHT]
-    assert (row.anchor_m, row.least_m) == (pytest.approx(STOP_LINE_M), pytest.approx(200.0))
+    for path, branch_m in ((branching.connections_to[B_LEFT][0].via, 200.0), (branching.connections[0].via, 210.0)):
+        start = EmvStart(A_LEFT, 90.0, (A, B, C), (A_LEFT, *path, B_LEFT))
+        (row,) = rows(turning, start, network=branching, connections=(3,))
+        assert [lane for lane in row.chain.lanes if lane in {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT}] == [A_LEFT, B_RIGHT]
+        assert (row.anchor_m, row.least_m) == (pytest.approx(STOP_LINE_M), pytest.approx(branch_m))
     taken = replace(start, lanes_to_site=(A_LEFT, B_RIGHT))
     assert rows(turning, taken, network=branching, connections=(3,)) == []
 
@@ -406,6 +529,9 @@ def test_a_jam_fills_every_lane_and_long_vehicles_stand_in_the_right_one() -> No
     assert {one.actor_class for one in left} == {ActorClass.SEDAN}
     assert ActorClass.BUS in {one.actor_class for one in right}
     assert set(plan.heads) == {max(lane, key=lambda one: one.spot.front_m).name for lane in (right, left)}
+    short = EmvStart(A_LEFT, 170.0, (A,), (A_LEFT,))
+    with pytest.raises(MapError, match="2 would fit"):  # in each lane
+        plan_groups(NETWORK, replace(signal_site(), junction=None), short, template_with(jam), 0, factory, CONFIG)
 
 
 @pytest.mark.parametrize("spacing_m", [9.0, 50.0])
@@ -423,6 +549,7 @@ def test_a_queue_at_the_stop_line() -> None:
     assert {vehicle.spot.speed_mps for vehicle in plan.vehicles} == {0.0}
     assert [vehicle.name for vehicle in plan.vehicles] == ["group0", "group1", "group2", "group3"]
     assert plan.foremost_m == pytest.approx(STOP_LINE_M - 7.0)
+    assert (plan.on_top, plan.heads) == (0, ())
 
 
 def test_a_platoon_ahead_of_the_emv() -> None:

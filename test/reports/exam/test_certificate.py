@@ -1,6 +1,7 @@
 """Certificates of an exam as page, JSON and JUnit XML, and two of them compared."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from made_encounters import CAR, IN_LANE, arc, record_of
 
 from siren_ros.base.params.folders import params_dir
 from siren_ros.base.params.plain_files import sha256_of
+from siren_ros.base.tables import Interval, Measure
 from siren_ros.errors import InputError
 from siren_ros.reports.exam.certificate import (
     Certificate,
@@ -19,9 +21,9 @@ from siren_ros.reports.exam.certificate import (
     compared,
     page_of,
     read_certificate,
-    violations_of,
 )
-from siren_ros.reports.exam.grading import FOLDER, Grade, Sitting, examine, load_rulebook
+from siren_ros.reports.exam.finding import Finding
+from siren_ros.reports.exam.grading import FOLDER, Clause, Grade, Mark, Rulebook, Sitting, examine, load_rulebook
 from siren_ros.reports.study_report.page import EpisodePages, html_of
 from siren_ros.running.generation.closed_loop import AnswerTimes
 
@@ -83,21 +85,6 @@ def test_a_certificate_needs_enough_episodes_and_few_violations(certificate):
     assert lacks(23, 7) == ("Responds at once: violated in 7 of 30 episodes",)
 
 
-def test_junit_counts_failures_and_skipped_cases(certificate):
-    root = ElementTree.fromstring(as_junit(certificate))
-    last = root[-1]  # what else keeps the driver from passing
-    assert [case.get("name") for case in last] == [*certificate.lacks]
-    assert last.get("failures") == str(len(certificate.lacks))
-    for suite, sitting in zip(root[:-1], certificate.sittings, strict=True):
-        grades = [mark.grade for mark in sitting.marks]
-        assert suite.get("tests") == str(len(suite)) == str(len(grades))
-        assert suite.get("failures") == str(len(suite.findall("testcase/failure"))) == str(grades.count(Grade.MAJOR))
-        assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
-    failure = root[0].find("testcase/failure")
-    assert "siren view" in failure.text
-    assert "--actor 2" in failure.text
-
-
 def test_junit_can_be_read_whatever_a_program_or_a_rulebook_says(certificate):
     """A CI loses the whole report otherwise, just when the program crashes."""
     first = certificate.sittings[0]
@@ -114,18 +101,6 @@ def test_junit_can_be_read_whatever_a_program_or_a_rulebook_says(certificate):
     assert r"\x07 \ufffe \ud800" in root[0][0][0].text
 
 
-def test_violations_are_told_with_the_place_and_the_worst_first(certificate):
-    sitting = certificate.sittings[0]
-    kept = [mark for mark in sitting.marks if mark.clause.clause_id == "obstruction"]
-    minor = replace(kept[0], grade=Grade.MINOR, finding=replace(kept[0].finding, about="bus 7"))
-    sittings = (replace(sitting, marks=(minor,)), replace(sitting, marks=tuple(kept), episode="second"))
-    told = [(mark.grade, line) for _, mark, line in violations_of(sittings)]
-    assert [grade for grade, _ in told] == [Grade.MAJOR, Grade.MINOR]
-    assert told[0][1].startswith("second: major, ")
-    assert "(bus 7)" in told[1][1]
-    assert violations_of(certificate.sittings[1:]) == []
-
-
 def test_the_page_escapes_names_and_links_the_moments(certificate, tmp_path):
     page = html_of(page_of(certificate, "./env siren exam bags"))
     assert "a &lt;driver&gt; does not pass" in page
@@ -140,58 +115,21 @@ def test_the_page_escapes_names_and_links_the_moments(certificate, tmp_path):
     assert "pages/0%20%3Cb%3E.html#t=" in page
 
 
-def test_an_episode_without_a_result_fails_the_exam_and_loses_no_other(certificate):
-    lacking = Sitting("out/episodes/S2 <x>", "S2_L2_seed7_town", 0, (), "the <program> hangs")
-    good = certificate.sittings[1]
-    assert Certificate("x", BOOK, (good,)).passed
-    whole = Certificate("x", BOOK, (good, lacking))
-    assert not whole.passed
-    assert whole.without_result == (lacking,)
-    assert whole.graded == (good,)
-    assert whole.summary() == Certificate("x", BOOK, (good,)).summary()
-    suite = ElementTree.fromstring(as_junit(whole))[1]
-    assert (suite.get("errors"), suite.get("failures"), suite.get("tests")) == ("1", "0", "1")
-    assert suite.find("testcase/error").get("message") == "the <program> hangs"
-    page = html_of(page_of(whole, "./env siren exam"))
-    assert "S2_L2_seed7_town: no result: the &lt;program&gt; hangs" in page
-    assert json.loads(as_json(whole))["episodes"][1]["no_result"] == "the <program> hangs"
-
-
-def test_effects_are_means_with_intervals_and_real_time_has_its_latency(certificate):
-    good = certificate.sittings[1]
-    assert Certificate("x", BOOK, (good,)).effects() is None
-    delays = (1.0, 2.0, 3.0, 2.0, 2.0)
-    paired = tuple(replace(good, others={"emv_delay_s": delay, "braked_hard": 0.0}) for delay in delays)
-    table = Certificate("x", BOOK, paired).effects()
-    assert table.rows[0][1].value == pytest.approx(2.0)
-    assert table.rows[0][1].low < 2.0 < table.rows[0][1].high
-    assert table.rows[1][1].value == 0.0
-    content = json.loads(as_json(Certificate("x", BOOK, paired)))["means"]
-    assert content["emv_delay_s"]["value"] == pytest.approx(2.0)
-    violated = sum(mark.grade in {Grade.MINOR, Grade.MAJOR} for mark in good.marks)
-    assert content["violations"]["value"] == violated
-    (good, *_) = certificate.graded
-    assert Certificate("x", BOOK, (good,)).latency() is None
-    timed = tuple(replace(good, answers=AnswerTimes(median, p95, 90.0)) for median, p95 in ((2.0, 4.0), (4.0, 60.0)))
-    table = Certificate("x", BOOK, timed).latency()
-    assert [value for _, value in table.rows] == [3.0, 60.0, 90.0, 1.0]
-    assert json.loads(as_json(Certificate("x", BOOK, timed)))["episodes"][1]["answers"]["p95_ms"] == 60.0
-
-
-def made_certificate(driver, grades, delays=(), rulebook="california"):
-    """A certificate of one clause, with its grade and the EMV's delay in each episode."""
+def made_certificate(driver, *grades, rulebook="california", **others):
+    """A certificate with the grades of its clauses, by a letter each, and the effects on others in each episode."""
+    names = {"-": "not applicable", "p": "pass", "m": "minor", "M": "major"}
     return {
         "driver": driver,
         "rulebook": rulebook,
         "rulebook_sha256": f"hash of {rulebook}",
-        "clauses": [{"title": "Stands"}],
+        "clauses": [{"title": title} for title in ("Stands", "Waits")],
         "episodes": [
             {
                 "episode": f"S2_L2_seed{seed}_town",
-                "marks": [{"grade": grade}] if grade else [],
-                "others": {"emv_delay_s": delays[seed], "braked_hard": 0.0} if delays else {},
+                "marks": [{"grade": names[letter]} for letter in letters],
+                "others": {key: values[seed] for key, values in others.items() if values[seed] is not None},
             }
-            for seed, grade in enumerate(grades)
+            for seed, letters in enumerate(grades)
         ],
     }
 
@@ -200,37 +138,42 @@ def made_certificate(driver, grades, delays=(), rulebook="california"):
     "change", [{"clauses": 2}, {"episodes": [1]}, {"episodes": [{"episode": "a", "marks": [1]}]}], ids=str
 )
 def test_a_certificate_of_something_else_is_refused(change):
-    other = made_certificate("a", ["pass"]) | change
+    other = made_certificate("a", "pp") | change
     with pytest.raises(InputError, match="certificate"):
         compared({}, {})
     with pytest.raises(InputError, match="certificate"):
         compared(other, other)
 
 
-def test_the_share_of_violations_in_common_episodes_where_the_clause_applies_to_both():
-    first = made_certificate("a", ["major", "minor", "pass", "not applicable", "", "pass", "minor"])
-    second = made_certificate("b", ["pass", "minor", "pass", "pass", "pass", "pass", "pass"])
-    row = compared(first, second).rows[0]
-    assert row[0] == "violated: Stands"
-    assert row[1] == 5  # seed 3 does not apply, seed 4 has no result
-    assert row[2] == pytest.approx(3 / 5)
-    assert row[3] == pytest.approx(1 / 5)
-    assert row[4].value == pytest.approx(2 / 5)
-    assert row[4].low < 2 / 5 < row[4].high
-    mirrored = compared(second, first).rows[0][4]
-    assert (mirrored.value, mirrored.low) == (pytest.approx(-2 / 5), pytest.approx(-row[4].high))
-
-
-def test_what_they_do_to_others_is_compared_where_both_know_it():
-    grades = ["pass"] * 6
-    table = compared(
-        made_certificate("a", grades, [1.0, 2, 3, 1, 2, 3]), made_certificate("b", grades, [0.0, 1, 2, 0, 1, 3])
+def test_two_drivers_are_compared_in_the_episodes_and_clauses_that_apply_to_both():
+    """Seed 3 does not apply in one clause, seed 4 has no result, and seed 6 is of one exam alone."""
+    delays, hard = [3.0, 1.5, None, 2.0, 9.0, 0.5, 9.0], [1.0, 0.0, None, 2.0, 9.0, 4.0, 9.0]
+    first = made_certificate("a", "Mp", "mm", "pp", "-M", "", "pp", "MM", emv_delay_s=delays, braked_hard=hard)
+    second = made_certificate(
+        *("b", "pp", "mM", "pp", "pp", "pp", "-m"), emv_delay_s=[1.0] * 6, braked_hard=[0.0, 3.0, 1.0, 1.0, 1.0, 1.0]
     )
-    by_name = {str(row[0]): row for row in table.rows}
-    delay = next(row for name, row in by_name.items() if "later arrival" in name)
-    assert delay[4].value == pytest.approx(5 / 6)
-    without = compared(made_certificate("a", grades), made_certificate("b", grades))
-    assert without.rows[-1][1] == 0
+    second["episodes"].reverse()
+    table = compared(first, second)
+    assert (table.head, table.caption) == (
+        ("figure", "episodes", "a", "b", "difference"),
+        "a and b, by the rulebook california",
+    )
+    pairs = {
+        "violated: Stands": [(1, 0), (1, 1), (0, 0)],
+        "violated: Waits": [(0, 0), (1, 1), (0, 0), (1, 0), (0, 1)],
+        "later arrival of the first emergency vehicle, s": [(3.0, 1.0), (1.5, 1.0), (2.0, 1.0), (0.5, 1.0)],
+        "others who braked harder than 4 m/s²": [(1.0, 0.0), (0.0, 3.0), (2.0, 1.0), (4.0, 1.0)],
+    }
+    means = [[sum(one) / len(one) for one in zip(*some, strict=True)] for some in pairs.values()]
+    assert [row[:4] for row in table.rows] == [
+        (name, len(some), *mean) for (name, some), mean in zip(pairs.items(), means, strict=True)
+    ]
+    for row, (one, other) in zip(table.rows, means, strict=True):
+        assert (row[4].value, row[4].blocks) == (pytest.approx(one - other), row[1])
+    waits = table.rows[1][4]  # the differences are 0, 0, 0, 1 and -1
+    assert (waits.low, waits.high) == pytest.approx((-2.776445 * math.sqrt(0.1), 2.776445 * math.sqrt(0.1)))
+    without = compared(made_certificate("a", "p-"), made_certificate("b", "m-"))
+    assert [row[1:4] for row in without.rows] == [(1, 0.0, 1.0), *[(0, None, None)] * 3]
 
 
 def test_a_rulebook_with_other_limits_passes_for_no_shipped_one(tmp_path):
@@ -244,19 +187,294 @@ def test_a_rulebook_with_other_limits_passes_for_no_shipped_one(tmp_path):
     assert (told["rulebook"], told["rulebook_sha256"]) == (own.name, own.sha256)
     assert [clause["major"] for clause in told["clauses"]] == [clause.major for clause in own.clauses]
     assert {clause["applied"] for clause in told["clauses"]} == {0}
-    first, second = made_certificate("a", ["pass"]), made_certificate("b", ["pass"])
+    first, second = made_certificate("a", "pp"), made_certificate("b", "pp")
     with pytest.raises(InputError, match="same rulebook"):
         compared(first, second | {"rulebook_sha256": own.sha256})
 
 
 def test_certificates_that_cannot_be_compared_are_refused(tmp_path):
-    first = made_certificate("a", ["pass"])
+    first = made_certificate("a", "pp")
     with pytest.raises(InputError, match="california"):
-        compared(first, made_certificate("b", ["pass"], rulebook="germany"))
+        compared(first, made_certificate("b", "pp", rulebook="germany"))
     with pytest.raises(InputError, match="common episodes"):
-        compared(first, made_certificate("b", [""]))
+        compared(first, made_certificate("b", ""))
     file = tmp_path / "certificate.json"
     for content in ("", "[]", json.dumps({"driver": "a"})):
         file.write_text(content)
         with pytest.raises(InputError, match=r"certificate\.json"):
             read_certificate(file)
+
+
+BRAKES = Clause("brakes", "Brakes", "Brake softly.", "Law 1", "braking", {"lasting_s": 0.3}, 4.0, 6.0, "traffic")
+GAP = Clause("gap", "Gap", "Let others go.", "Law 2", "right_of_way", {}, 3.0, 1.5, "making way")
+BOX = Clause("box", "Box", "Leave the box.", "Law 3", "blocks_junction", {}, 2.0, 5.0)
+MADE = Rulebook(
+    "own", "Own book", 61.0, 23.0, 1.7, (BRAKES, GAP, BOX), "f0", {"traffic": 6, "making way": 3}, 0.1, {"base": "b0"}
+)
+NA, PASS, MINOR, MAJOR = Grade
+
+
+def made(number, *found, **more):
+    """A sitting with a grade, a value (or what is lacking), a step and whom it is about for each clause."""
+    marks = tuple(
+        Mark(clause, grade, Finding(value if isinstance(value, Measure) else Measure(value), step, about))
+        for clause, (grade, value, step, about) in zip(MADE.clauses, found, strict=bool(found))
+    )
+    return Sitting(f"bags/{number}", f"S{number}_town", 10 + number, marks, map_sha256=f"m{number}", **more)
+
+
+NONE, AWAY = Measure.lacking("no box"), Measure.lacking("nobody came")
+SITTINGS = (
+    made(1, (PASS, 3.25, 32, ""), (MAJOR, 1.25, 78, "sedan 3"), (NA, NONE, None, "")),
+    made(
+        2,
+        (MINOR, 4.5, 12, ""),
+        (PASS, 4.75, None, ""),
+        (MAJOR, Measure(7.5, at_least=True), 140, "bus 4"),
+        others={"emv_delay_s": 1.5, "braked_hard": 4.0},
+        paper="paper/2",
+        answers=AnswerTimes(2.0, 70.0, 91.0),
+    ),
+    made(3, lack="it hangs"),
+    made(
+        4,
+        (MINOR, 5.5, 10, ""),
+        (NA, AWAY, None, ""),
+        (PASS, 0.5, 50, ""),
+        others={"emv_delay_s": -0.25, "braked_hard": 1.0},
+        paper="paper/4",
+        answers=AnswerTimes(5.0, 51.0, 58.0),
+    ),
+    made(5, (PASS, 1.5, 4, ""), (NA, AWAY, None, ""), (NA, NONE, None, "")),
+    made(6, (MINOR, 4.25, 42, ""), (PASS, 9.0, 8, ""), (NA, NONE, None, ""), answers=AnswerTimes(3.0, 20.0, 95.5)),
+)
+WHOLLY = Certificate("d", MADE, SITTINGS, {"versions": {"a": "1"}})
+HASHES = {f"{folder}/{k}": f"{folder[0]}{k}" for folder in ("bags", "paper") for k in (1, 2, 4, 5, 6)}
+LACKS = ("traffic: applied in 5 episodes, at least 6 are needed", "Brakes: violated in 3 of 5 episodes")
+VIOLATIONS = (1.0, 2.0, 1.0, 0.0, 1.0)
+MEAN_HALF = 2.776445 * math.sqrt(sum((one - 1.0) ** 2 for one in VIOLATIONS) / 4.0 / 5.0)
+"""Half of the interval of 5 values with the mean 1: Student's 97.5 % quantile of 4 degrees of freedom."""
+
+
+def wilson(part, whole):
+    """Its bounds solve (p - share)² = z² p (1 - p) / n."""
+    z2 = 1.959964**2
+    root = math.sqrt(z2**2 + 4.0 * z2 * part * (whole - part) / whole)
+    low, high = ((2.0 * part + z2 + sign * root) / (2.0 * (whole + z2)) for sign in (-1.0, 1.0))
+    return Interval(part / whole, pytest.approx(low), pytest.approx(high), whole)
+
+
+def test_the_json_has_everything_of_an_exam():
+    content = json.loads(as_json(WHOLLY, HASHES))
+    assert isinstance(content.pop("siren"), str)
+
+    def mark(clause, grade, value, unit, time_s, about="", reason=""):
+        known = {"clause": clause, "grade": grade, "value": value, "unit": unit, "reason": reason, "time_s": time_s}
+        return known | ({"about": about} if about else {})
+
+    def brakes(grade, value, time_s):
+        return mark("brakes", grade, value, "m/s²", time_s)
+
+    none = mark("box", "not applicable", None, "s", None, reason="no box")
+    grave = mark("box", "major", 7.5, "s", 7.0, "bus 4")
+    away = mark("gap", "not applicable", None, "s", None, reason="nobody came")
+    marks = {
+        1: [brakes("pass", 3.25, 1.6), mark("gap", "major", 1.25, "s", 3.9, "sedan 3"), none],
+        2: [
+            brakes("minor", 4.5, 0.6),
+            mark("gap", "pass", 4.75, "s", None),
+            grave,
+        ],
+        3: [],
+        4: [brakes("minor", 5.5, 0.5), away, mark("box", "pass", 0.5, "s", 2.5)],
+        5: [brakes("pass", 1.5, 0.2), away, none],
+        6: [brakes("minor", 4.25, 2.1), mark("gap", "pass", 9.0, "s", 0.4), none],
+    }
+    answers = {2: (2.0, 70.0, 91.0), 4: (5.0, 51.0, 58.0), 6: (3.0, 20.0, 95.5)}
+    others = {2: {"emv_delay_s": 1.5, "braked_hard": 4.0}, 4: {"emv_delay_s": -0.25, "braked_hard": 1.0}}
+    grades = {1: "major", 2: "major", 3: "not applicable", 4: "minor", 5: "pass", 6: "minor"}
+    assert content.pop("episodes") == [
+        {
+            "episode": f"S{k}_town",
+            "bag": f"bags/{k}",
+            "map_sha256": f"m{k}",
+            "bag_sha256": None if k == 3 else f"b{k}",
+            **({"paper": f"paper/{k}", "paper_sha256": f"p{k}"} if k in others else {}),
+            "actor_id": 10 + k,
+            "grade": grades[k],
+            "no_result": "it hangs" if k == 3 else "",
+            **(
+                {"answers": dict(zip(("median_ms", "p95_ms", "worst_ms"), answers[k], strict=True))}
+                if k in answers
+                else {}
+            ),
+            "others": others.get(k, {}),
+            "marks": marks[k],
+        }
+        for k in range(1, 7)
+    ]
+    counts = {"brakes": (5, 3), "gap": (3, 1), "box": (2, 1)}
+    assert content.pop("clauses") == [
+        {
+            "id": one.clause_id,
+            "title": one.title,
+            "text": one.text,
+            "source": one.source,
+            "group": one.group,
+            "monitor": one.monitor,
+            "numbers": one.numbers,
+            "minor": one.minor,
+            "major": one.major,
+            **dict(zip(("applied", "violated"), counts[one.clause_id], strict=True)),
+        }
+        for one in (BRAKES, GAP, BOX)
+    ]
+    mean = {"value": 1.0, "low": pytest.approx(1.0 - MEAN_HALF), "high": pytest.approx(1.0 + MEAN_HALF), "episodes": 5}
+    few = {"low": None, "high": None, "episodes": 2}
+    assert content == {
+        "driver": "d",
+        "versions": {"a": "1"},
+        "rulebook": "own",
+        "rulebook_sha256": "f0",
+        "included_sha256": {"base": "b0"},
+        "heard_m": 61.0,
+        "heard_late_m": 23.0,
+        "reaction_s": 1.7,
+        "coverage": {"traffic": 6, "making way": 3},
+        "most_minor": 0.1,
+        "passed": False,
+        "lacks": [*LACKS],
+        "grade": "major",
+        "km_per_emv": 160.0,
+        "means": {"violations": mean, "emv_delay_s": few | {"value": 0.625}, "braked_hard": few | {"value": 2.5}},
+    }
+
+
+BRAKING, STANDING = "hardest deceleration", "time standing on a junction"
+FIRST = "time before somebody with the right of way"
+GRAVE_GAP = f"{FIRST} (sedan 3): 1.25 s at 3.9 s, allowed at least 1.5"
+GRAVE_BOX = f"{STANDING} (bus 4): at least 7.50 s at 7.0 s, allowed at most 5"
+SOFT = {
+    2: f"{BRAKING}: 4.50 m/s² at 0.6 s, allowed at most 4",
+    4: f"{BRAKING}: 5.50 m/s² at 0.5 s, allowed at most 4",
+    6: f"{BRAKING}: 4.25 m/s² at 2.1 s, allowed at most 4",
+}
+
+
+def test_junit_has_a_suite_for_each_episode_with_its_cases():
+    root = ElementTree.fromstring(as_junit(WHOLLY))
+    found = {}
+    for suite in root:
+        assert {case.get("classname") for case in suite} == {suite.get("name")}
+        cases = {
+            case.get("name"): [
+                (child.tag, *(child.get(key) for key in ("message", "type") if child.get(key)), child.text)
+                for child in case
+            ]
+            for case in suite
+        }
+        counts = " ".join(suite.get(key) for key in ("tests", "failures", "errors", "skipped"))
+        found[suite.get("name")] = (counts, {name: what[0] if what else () for name, what in cases.items()})
+        assert all(len(what) <= 1 for what in cases.values())
+    none, away = ("skipped", "no box", None), ("skipped", "nobody came", None)
+    gap = "Let others go.\nLaw 2\nsiren view bags/1 --time-s 1.9 --actor 11"
+    box = "Leave the box.\nLaw 3\nsiren view bags/2 --time-s 5 --actor 12"
+    soft = {k: ("system-out", f"minor: {text}") for k, text in SOFT.items()}
+    assert root.get("name") == "siren exam own"
+    assert found == {
+        "S1_town": ("3 1 0 1", {"brakes": (), "gap": ("failure", GRAVE_GAP, "gap", gap), "box": none}),
+        "S2_town": ("3 1 0 0", {"brakes": soft[2], "gap": (), "box": ("failure", GRAVE_BOX, "box", box)}),
+        "S3_town": ("1 0 1 0", {"episode": ("error", "it hangs", None)}),
+        "S4_town": ("3 0 0 1", {"brakes": soft[4], "gap": away, "box": ()}),
+        "S5_town": ("3 0 0 2", {"brakes": (), "gap": away, "box": none}),
+        "S6_town": ("3 0 0 1", {"brakes": soft[6], "gap": (), "box": none}),
+        "certificate": ("2 2 0 0", {lack: ("failure", lack, "certificate", None) for lack in LACKS}),
+    }
+
+
+class Pages:
+    """Stands for the pages of episodes."""
+
+    def address(self, bag, time_s, actor_id):
+        return f"{bag}#{time_s:g} {actor_id}"
+
+
+def test_the_page_has_everything_of_an_exam():
+    page = page_of(WHOLLY, "made so", Pages())
+    assert page.title == "Exam: Own book"
+    assert page.lead == (
+        "d does not pass. Episodes by their worst clause: 1 pass, 2 minor, 2 major, 1 without a result."
+    )
+    why, summary, without, violations, marks = page.sections
+    assert (why.text, summary.commands, without.text) == (LACKS, ("made so",), ("S3_town: no result: it hangs",))
+    clauses, per_way, others, latency, duties = summary.tables
+    assert clauses.rows == (
+        ("Brakes", 2, 3, 0, 0, wilson(3, 5), "Law 1"),
+        ("Gap", 2, 0, 1, 2, wilson(1, 3), "Law 2"),
+        ("Box", 1, 0, 1, 3, wilson(1, 2), "Law 3"),
+    )
+    often, delay, hard = (row[1] for row in per_way.rows)
+    assert [row[0] for row in per_way.rows[1:]] == [*(row[0] for row in others.rows)]
+    assert others.rows == ((per_way.rows[1][0], delay), (per_way.rows[2][0], hard))
+    assert [(one.value, one.blocks, one.bounded) for one in (often, delay, hard)] == [
+        (1.0, 5, True),
+        (0.625, 2, False),
+        (2.5, 2, False),
+    ]
+    assert [row[2] for row in per_way.rows] == [one.scaled(100_000 / 160.0) for one in (often, delay, hard)]
+    assert [value for _, value in latency.rows] == [3.0, 70.0, 95.5, 2.0]
+    assert duties.rows == (
+        ("Brakes", "Brake softly.", f"{BRAKING}, m/s²", "4", "6", "Law 1"),
+        ("Gap", "Let others go.", f"{FIRST}, s", "3", "1.5", "Law 2"),
+        ("Box", "Leave the box.", f"{STANDING}, s", "2", "5", "Law 3"),
+    )
+    assert [(one.text, one.address, one.command) for one in violations.links] == [
+        (f"S{k}_town: {text}", f"bags/{k}#{begin} {10 + k}", f"siren view bags/{k} --time-s {begin} --actor {10 + k}")
+        for k, text, begin in (
+            (1, f"major, Gap: {GRAVE_GAP}", "1.9"),
+            (2, f"major, Box: {GRAVE_BOX}", "5"),
+            (2, f"minor, Brakes: {SOFT[2]}", "0"),
+            (4, f"minor, Brakes: {SOFT[4]}", "0"),
+            (6, f"minor, Brakes: {SOFT[6]}", "0.1"),
+        )
+    ]
+    assert [(table.key, table.caption) for table in marks.tables] == [
+        (f"S{k}_town", f"S{k}_town: {grade}")
+        for k, grade in ((1, "major"), (2, "major"), (4, "minor"), (5, "pass"), (6, "minor"))
+    ]
+    assert marks.tables[2].rows == (
+        ("Brakes", "minor", SOFT[4]),
+        ("Gap", "not applicable", "nobody came"),
+        ("Box", "pass", f"{STANDING}: 0.50 s at 2.5 s, allowed at most 2"),
+    )
+    assert marks.tables[1].rows[1] == ("Gap", "pass", f"{FIRST}: 4.75 s, allowed at least 3")
+
+
+def test_facts_and_a_frame_of_an_exam():
+    alone = replace(WHOLLY, sittings=(SITTINGS[0],))
+    assert (alone.effects(), alone.latency(), alone.passed) == (None, None, False)
+    for passed in (True, False):
+        tried = replace(WHOLLY, sittings=(SITTINGS[4], *(() if passed else SITTINGS[2:3])))
+        assert replace(tried, rulebook=replace(MADE, coverage={})).passed is passed
+    assert WHOLLY.facts() == {
+        "driver": "d",
+        "rulebook": "own",
+        "passed": False,
+        "episodes": 6,
+        "pass": 1,
+        "minor": 2,
+        "major": 2,
+        "no result": 1,
+    }
+    frame = WHOLLY.to_pandas()
+    assert [*frame.columns] == ["episode", "bag", "actor_id", "clause", "grade", "value", "unit", "time_s"]
+    rows = frame.fillna(-1.0).to_numpy().tolist()
+    assert [row[:3] for row in rows] == [[f"S{k}_town", f"bags/{k}", 10 + k] for k in (1, 2, 4, 5, 6) for _ in range(3)]
+    assert [row[3:] for row in rows[:6]] == [
+        ["brakes", "pass", 3.25, "m/s²", 1.6],
+        ["gap", "major", 1.25, "s", 3.9],
+        ["box", "not applicable", -1.0, "s", -1.0],
+        ["brakes", "minor", 4.5, "m/s²", 0.6],
+        ["gap", "pass", 4.75, "s", -1.0],
+        ["box", "major", 7.5, "s", 7.0],
+    ]

@@ -156,6 +156,8 @@ _NEARLY_M: Final = 1.0
 """The same distance while an EMV passes: then it stands, and does not roll on for the rest before the last one."""
 _CLOSE_M: Final = 0.1
 """The same distance where the EMV needs the width between two queues."""
+_BRUSHES_M: Final = 0.25
+"""Lateral distance below which a driver whose path changes lanes stands beside somebody."""
 _TRIES_S: Final = 3.0
 _TRIED_M: Final = 0.5
 """A driver that has moved less in this time has no way to that side."""
@@ -232,11 +234,13 @@ class LawfulDriver:
         if sight.speed_mps < _ROLLS_MPS:  # a wheeled vehicle cannot move sideways without rolling
             moved = min(max(moved, sight.left_m - _LAG_M), sight.left_m + _LAG_M)
         state = replace(state, offset_m=moved if self._is_free(moved, sight, state) else sight.left_m)
-        change_m = change_ahead_m(sight)
+        change_m, wanted = change_ahead_m(sight), self._wanted(state, sight)
         if not is_free(sight.left_m + change_m, sight, 0.0):  # somebody is where the path changes to
             state = replace(state, offset_m=sight.left_m - change_m)
+            if not is_free(sight.left_m + math.copysign(_CLOSE_M, change_m), sight, 0.0, _BRUSHES_M):
+                wanted = 0.0  # those of that lane go first
         hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
-        return state, steered(sight, self._wanted(state, sight), state.offset_m, lights, hardest)
+        return state, steered(sight, wanted, state.offset_m, lights, hardest)
 
     def _wanted(self, state: LawfulState, sight: Sight) -> float:
         """Target speed with regard to other vehicles, lines, junctions and sirens."""

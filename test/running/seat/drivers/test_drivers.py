@@ -154,6 +154,10 @@ def test_it_keeps_its_place_while_somebody_is_beside_it_where_its_path_changes_t
     for gap_m, offset_m in ((-3.0, 0.525), (-12.0, 0.0)):  # the path moves by that to the right
         state, _ = after(driver_of("lawful-germany"), 0.1, others=(car(gap_m, left_m=-2.7),), **changing)
         assert state.offset_m == pytest.approx(offset_m)
+    for gap_m, left_m, stands in ((-3.0, -2.0, True), (-3.0, -2.2, False), (-3.0, 2.0, False), (-12.0, -2.0, False)):
+        slow = {**changing, "speed_mps": 1.0, "others": (car(gap_m, left_m=left_m, speed_mps=1.0),)}
+        answer = after(driver_of("lawful-germany"), 0.1, LawfulState(Phase.RETURNS, offset_m=0.6), **slow)[1]
+        assert (answer.throttle == 0.0) is stands, (gap_m, left_m)
 
 
 def test_while_it_makes_way_an_emv_that_is_beside_it_gets_ahead():

@@ -79,6 +79,13 @@ MOUNT = "mount: {x_m: 0, y_m: 0, z_m: 1}"
         ("station: {x_m: 1, y_m: 2, z_m: 3}", "z_m"),
         ("station: site\nimus:\n  imu:\n    mount: {x_m: 0, y_m: 0, z_m: 1}", "imus"),
         ("labels: 3", "labels"),
+        (f"cameras:\n  a__b: {{{MOUNT}}}", "single underscores"),
+        (f"cameras:\n  1a: {{{MOUNT}}}", "not a digit first"),
+        ("cameras:\n" + "".join(f"  c{k}: {{{MOUNT}}}\n" for k in range(33)), "at most 32"),
+        (f"lidars:\n  s: {{{MOUNT}, upper_fov_deg: -25}}", "lower_fov_deg"),
+        ("cameras:\n  c: {mount: {x_m: 0, y_m: 0, z_m: 1, tilt_deg: 3}}", "tilt_deg"),
+        ("cameras:\n  c: {mount: {x_m: 0, y_m: 0, z_m: 1, pitch_deg: 91}}", "pitch_deg"),
+        ("station: site\ngnss:\n  g:\n    mount: {x_m: 0, y_m: 0, z_m: 1}", "gnss"),
         ("microphones:\n  ear:\n    mount: {x_m: 0, y_m: 0, z_m: 1}\n    sample_rate_hz: 1", "sample_rate_hz"),
     ],
 )
@@ -88,6 +95,19 @@ def test_what_cannot_be_used_is_named(tmp_path, text, said):
         load_suite(path)
     assert said in str(caught.value)
     assert "mine.yaml" in str(caught.value)
+
+
+def test_a_mount_has_each_angle_and_place_under_its_own_key(tmp_path):
+    keys = "x_m: 1, y_m: -2, z_m: 3, roll_deg: 10, pitch_deg: 20, yaw_deg: 30"
+    single = f"s: {{mount: {{{keys}}}, channels: 1, upper_fov_deg: -30}}"
+    (spec,) = load_suite(write(tmp_path, f"lidars:\n  {single}")).lidars
+    angles = np.radians((10.0, 20.0, 30.0))
+    assert (spec.mount.x_m, spec.mount.y_m, spec.mount.z_m) == (1.0, -2.0, 3.0)
+    assert (spec.mount.roll_rad, spec.mount.pitch_rad, spec.mount.yaw_rad) == pytest.approx(angles)
+    assert (
+        len(load_suite(write(tmp_path, "cameras:\n" + "".join(f"  c{k}: {{{MOUNT}}}\n" for k in range(32)))).cameras)
+        == 32
+    )
 
 
 @pytest.mark.parametrize("layout", ["siren", "xyzirc", "xyzircaedt"])

@@ -1,10 +1,11 @@
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from siren_ros.sensing.camera.renderer import DrawingContext
-from siren_ros.sensing.meshes.mesh import Material, SemanticClass, VehicleShape, Wheel
+from siren_ros.sensing.meshes.mesh import Limb, Material, SemanticClass, Swing, VehicleShape, Wheel
 from siren_ros.sensing.specification import map_from_base, optical_from_map, transform
 from siren_ros.simulation.world.actors import ActorClass, Lights
 from siren_ros.simulation.world.carrier import CameraIntrinsics
@@ -114,6 +115,68 @@ def test_steered_wheels_turn_left_and_others_do_not_and_all_roll_forwards(boxes)
     for steered in class_of:
         up, level, down = (np.nonzero(mask(0.0, 0.0, way_m, steered))[0].mean() for way_m in (-np.pi, 0.0, np.pi))
         assert up < level - 5.0 < down - 10.0
+
+
+def of_one_part(boxes, parts):
+    """A renderer of vehicles each of which consists of one mesh, or of one limb on a speck, by class."""
+
+    class Made(boxes):
+        @classmethod
+        def shapes(cls):
+            speck, limb = cls.box((0.0, 0.0, 2.0), np.full(3, 0.01)), {kind: isinstance(p, Limb) for kind, p in parts}
+            return {
+                kind: VehicleShape(kind, speck, (), 2, 2, 2, (part,))
+                if limb[kind]
+                else VehicleShape(kind, part, (), 2, 2, 2)
+                for kind, part in parts
+            }
+
+    return Made, Made.renderer(boxes.crossroads())
+
+
+def test_limbs_swing_with_the_way_and_against_those_of_the_other_side(boxes):
+    """A beam of 1 m below a joint, from the right: its middle goes 0.5 m times the sine of the angle."""
+    beam, kinds = boxes.box((0.0, 0.0, -0.5), (0.1, 0.1, 1.0)), tuple(ActorClass)
+    turns = {Swing.WALKING_LEG: (0.42, 4.2), Swing.PEDALLING_LEG: (0.24, 1.26), Swing.ARM: (-0.3, 4.2)}
+    cases = [(swing, side) for swing in turns for side in (1, -1)]
+    limbs = [(kinds[n], Limb(beam, (0.0, 0.05 * side, 1.5), swing)) for n, (swing, side) in enumerate(cases)]
+    made, renderer = of_one_part(boxes, limbs)
+    eye = map_from_base(0.0, -5.0, 0.0, np.pi / 2) @ EYE
+
+    places = {kind: made.placed((kind, 0.0, 0.0, 0.0)) for kind, _ in limbs}
+
+    def middle(kind, way_m):
+        image = renderer.render(CAMERA, eye, places[kind], np.array([way_m]), {}, 0, labels=True)
+        return np.nonzero(image.instance == 1)[1].mean()
+
+    for (kind, _), (swing, side) in zip(limbs, cases, strict=True):
+        angle_rad, phase_1pm = turns[swing]
+        still, quarter, half = (middle(kind, turn * np.pi / phase_1pm) for turn in (0.0, 0.5, 1.0))
+        assert quarter - still == pytest.approx(-side * 160.0 / 5.0 * 0.5 * np.sin(angle_rad), abs=0.8), (swing, side)
+        assert half == pytest.approx(still, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("material", "own"),
+    [(Material.CAR_PAINT, True), (Material.CLOTHING, True), (Material.FLEET_PAINT, False), (Material.PLASTIC, False)],
+)
+def test_paint_and_clothing_have_the_actors_colour_and_head_lamps_shine(boxes, material, own):
+    made, renderer = of_one_part(
+        boxes,
+        [
+            (kind, boxes.box((0.0, 0.0, 1.0), (1.0, 1.0, 2.0), one))
+            for kind, one in ((SEDAN, material), (BUS, Material.HEAD_LAMP))
+        ],
+    )
+    placed = made.placed((SEDAN, 6.0, 0.0, 0.0))
+    red, green = (
+        picture(renderer, replace(placed, colour_rgb=np.array([rgb], np.uint8)))
+        for rgb in ((200, 20, 20), (20, 200, 20))
+    )
+    means = [image.rgba[..., :3][image.instance == 1].mean(axis=0) for image in (red, green)]
+    assert bool(means[0][0] > means[1][0] + 60) is own
+    lamp = picture(renderer, made.placed((BUS, 6.0, 0.0, 0.0)))
+    assert lamp.rgba[..., :3][lamp.instance == 1].mean() > np.mean(means) + 8
 
 
 LAMPS = {

@@ -23,6 +23,7 @@ from made_streets import (
     FAR,
     LIMIT_MPS,
     NEAR,
+    SOUTH,
     STOP_LINE_M,
     STRAIGHT,
     STRAIGHT_LEFT,
@@ -62,11 +63,13 @@ from siren_ros.simulation.traffic.demand.group_demand import (
     GroupPlan,
     GroupRow,
     approach_row,
+    before_bends_mps,
     connection_from,
     group_rows,
     plan_groups,
+    route_length_m,
 )
-from siren_ros.simulation.traffic.demand.plan import LaneInterval, PlannedVehicle
+from siren_ros.simulation.traffic.demand.plan import LEAST_HEADWAY_S, LaneInterval, PlannedVehicle
 from siren_ros.simulation.traffic.demand.road_users import VehicleFactory
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -183,6 +186,9 @@ def test_a_bend_right_behind_the_line_slows_a_stream_at_the_line() -> None:
     fast = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), speed_mps=12.0, first_gap_m=12.0)
     (row,) = rows(fast, network=replace(NETWORK, lanes=tuple(lanes)))
     assert 6.0 < bent_line_mps(row) < 7.0
+    bent = replace(NETWORK, lanes=tuple(lanes))
+    near, far = (before_bends_mps(bent, lanes[B_RIGHT], 99.0, route, 20.0) for route in (("b", "c"), ("b",)))
+    assert near < 7.0 < far
 
 
 def crossing(vehicles: int, spacing_m: float = 3.0) -> DemandGroup:
@@ -460,10 +466,15 @@ STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, 
 
 
 def planned(
-    *groups: DemandGroup, start: EmvStart | None = None, traffic: TrafficDrivers = CONFIG, seed: int = 0
+    *groups: DemandGroup,
+    start: EmvStart | None = None,
+    traffic: TrafficDrivers = CONFIG,
+    seed: int = 0,
+    network: RoadNetwork = NETWORK,
+    **site: Any,
 ) -> GroupPlan:
-    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
-    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), seed, factory, traffic)
+    factory, where = VehicleFactory(network, same_drivers(), DIMENSIONS), replace(signal_site(), **site)
+    return plan_groups(network, where, start or start_at(90.0), template_with(*groups), seed, factory, traffic)
 
 
 def platoon(vehicles: int = 3) -> DemandGroup:
@@ -534,11 +545,11 @@ def test_a_jam_fills_every_lane_and_long_vehicles_stand_in_the_right_one() -> No
         plan_groups(NETWORK, replace(signal_site(), junction=None), short, template_with(jam), 0, factory, CONFIG)
 
 
-@pytest.mark.parametrize("spacing_m", [9.0, 50.0])
+@pytest.mark.parametrize("spacing_m", [1.0, 9.0, 50.0])
 def test_who_starts_close_to_the_next_one_keeps_that_headway_and_others_their_own(spacing_m: float) -> None:
     (one,) = planned(replace(platoon(1), spacing_m=spacing_m)).vehicles
     headway_s = (spacing_m - one.driver.driving.min_gap_m) / 8.0
-    assert one.driver.tau_s == pytest.approx(min(headway_s, 1.2))
+    assert one.driver.tau_s == pytest.approx(min(max(headway_s, LEAST_HEADWAY_S), 1.2))
 
 
 def test_a_queue_at_the_stop_line() -> None:
@@ -654,6 +665,8 @@ def test_of_crossing_traffic_and_streams_one_is_enough() -> None:
     nobody = replace(crowd, first_gap_m=1000.0)
     with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
         planned(nobody)
+    with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
+        planned(crowd, crossing=())
     for sparse in (crowd, stream):
         assert len(planned(replace(sparse, vehicles=2, first_gap_m=7.0, spacing_m=400.0)).vehicles) == 1
 
@@ -687,6 +700,8 @@ def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_
     slow = replace(stream, speed_mps=7.0)
     last, *ahead = planned(slow, start=start_at(130.0)).vehicles
     assert last.driver.speed_factor == pytest.approx(0.5), "it would come too early"
+    *_, last, _, _ = planned(replace(crossing(2), name="other"), slow, start=start_at(130.0)).vehicles
+    assert last.driver.speed_factor == pytest.approx(0.5), "also behind another group"
     assert {vehicle.driver.speed_factor for vehicle in ahead} == {1.0}
 
 
@@ -703,6 +718,34 @@ def test_the_last_one_of_a_stream_comes_in_time_although_nobody_starts_in_a_junc
         speeds_mps.add(round(vehicle.spot.speed_mps, 1))
     assert np.ptp(leads_s) < 0.3, "it starts at whole metres"
     assert len(speeds_mps) > 1
+    for placement, low_mps, high_mps in (
+        (Placement.SAME_DIRECTION, 7.9, 8.05),
+        (Placement.EMV_LANE, 7.5, 7.5),
+    ):
+        ranges = {"demand.group.speed_mps": ValueRange(low_mps, 8.05)}
+        narrow = replace(template_with(replace(stream, placement=placement)), ranges=ranges)
+        for start in map(start_at, np.arange(100.0, 180.0, 10.0)):
+            (vehicle,) = plan_groups(NETWORK, site, start, narrow, 0, factory, CONFIG).vehicles
+            assert low_mps <= vehicle.spot.speed_mps <= high_mps
+
+
+@pytest.mark.parametrize("limit_mps", [LIMIT_MPS, 6.0])
+def test_a_crossing_stream_drives_with_two_seconds_between_its_vehicles(limit_mps: float) -> None:
+    lanes = tuple(replace(lane, speed_limit_mps=limit_mps) for lane in NETWORK.lanes)
+    free = replace(with_connection(CROSSING, signal_id=None), lanes=lanes)
+    vehicles = planned(crossing(4), network=free).vehicles
+    pace_mps = min(8.0, limit_mps)
+    assert {vehicle.spot.speed_mps for vehicle in vehicles} == {pace_mps}
+    assert -np.diff(fronts_m(vehicles)) == pytest.approx([2.0 * pace_mps] * 3)
+
+
+def test_a_stream_drives_on_where_its_lane_leads() -> None:
+    """The right lane leads south alone; behind the site the route is what is left of the EMV's."""
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.EMV), vehicles=2)
+    for network, last in ((NETWORK, "c"), (with_connection(STRAIGHT, to_lane=SOUTH, direction="r"), "d")):
+        assert {vehicle.route for vehicle in planned(stream, network=network).vehicles} == {("a", "b", last)}
+    behind = planned(stream, start=EmvStart(B_LEFT, 90.0, (B, C), (B_LEFT,)), junction=None)
+    assert {vehicle.route for vehicle in behind.vehicles} == {("c",)}
 
 
 def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:
@@ -725,6 +768,7 @@ def test_routes_begin_at_the_lane_and_are_long_enough() -> None:
     queue = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=3, standing=True))
     assert {vehicle.route for vehicle in queue.vehicles} == {("n", "d")}
     assert NETWORK.edges[A].edge_id == "a"
+    assert route_length_m(template_with()) == pytest.approx(16.0 * (5.0 + 20.0 + 20.0))
 
 
 WIDTH_M = 3.5
@@ -857,3 +901,25 @@ def test_queues_in_lanes_that_grow_out_of_one_lane_keep_their_spacing_in_it(line
         fronts = sorted(front for at, front in places if at == lane)
         gaps = np.diff(fronts) - CAR_M
         assert (gaps >= 5.0 - 1e-6).all(), (lane, fronts)
+
+
+@pytest.mark.parametrize("spacings_m", [(4.0, 11.0), (11.0, 4.0)])
+def test_where_rows_share_a_lane_the_longer_spacing_of_two_vehicles_counts(spacings_m: tuple[float, float]) -> None:
+    road = _Road()
+    road.edge(0.0, 100.0, (0,))
+    road.edge(100.0, 120.0, (0,), LaneKind.INTERNAL)
+    road.edge(120.0, 123.0, (0, 1))
+    road.connect(0, 2, (1,))
+    road.connect(0, 3, (1,))
+    network, start = road.built(), EmvStart(0, 0.0, (0, 2), (0, 2))
+    placements = (Placement.EMV_LANE, Placement.ADJACENT_LANE)
+    own, beside = (
+        replace(group(placement, GroupAnchor.STOP_LINE, 1), name=placement.value, spacing_m=spacing_m)
+        for placement, spacing_m in zip(placements, spacings_m, strict=True)
+    )
+    factory = VehicleFactory(network, same_drivers(), DIMENSIONS)
+    groups = template_with(own, beside)
+    first, second = plan_groups(network, road.site((0, 2), 2, ()), start, groups, 0, factory, CONFIG).vehicles
+    assert first.spot.lane == second.spot.lane == 0
+    gap_m = first.spot.front_m - CAR_M - second.spot.front_m
+    assert max(spacings_m) - 1e-6 <= gap_m < max(spacings_m) + 1.0

@@ -15,17 +15,10 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import InputError
 from siren_ros.lab.learning import rollout
-from siren_ros.lab.learning.options import TERMS, terms_of, weights_of
+from siren_ros.lab.learning.options import TERMS, EnvOptions, terms_of, weights_of
 from siren_ros.lab.learning.rollout import Seat
+from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.world.actors import Event, EventKind, Lights
-
-
-def test_a_quiet_step_has_progress_and_the_delay_of_the_emv_alone() -> None:
-    terms = terms_of(state_of(own_mps=10.0, emv_mps=9.0))
-    assert terms.pop("progress") == pytest.approx(10.0 * STEP_S / 13.9)
-    assert terms.pop("emv_delay") == pytest.approx(STEP_S * (1.0 - 9.0 / WANTED_MPS))
-    assert set(terms.values()) == {0.0}
-    assert terms_of(state_of(emv_mps=WANTED_MPS + 1.0))["emv_delay"] == 0.0, "it is faster than it wants to be"
 
 
 @pytest.mark.parametrize(
@@ -77,17 +70,66 @@ def test_braking_beyond_4_mps2_and_standing_in_a_junction_while_a_siren_comes_co
         assert terms_of(replace(stands, sight=replace(stands.sight, sirens=())))["junction"] == 0.0
 
 
-def test_events_and_leaving_the_road_count_once() -> None:
-    state = replace(state_of(), contact=True, red_lines=2)
-    assert terms_of(state)["contact"] == 1.0
-    assert terms_of(state)["red_line"] == 2.0
-    assert terms_of(state_of(aside_m=(12.1, 12.1)))["off_road"] == 1.0
-    assert terms_of(state_of(aside_m=(-11.9, -11.9)))["off_road"] == 0.0
+def braking(state, accel_mps2: float):
+    states = replace(state.sight.states, accel_mps2=np.array([-9.0, *[accel_mps2] * (len(state.sight.states) - 1)]))
+    return replace(state, sight=replace(state.sight, states=states))
+
+
+def test_all_terms_of_a_step_on_the_road_and_of_one_in_a_junction() -> None:
+    """On the road the EMV creeps 4 m behind and a slow car is 5 m ahead; in the junction the own vehicle stands."""
+    ahead = {3: Driven(NORTHBOUND, at_speed(59.0, 2.0, 2))}
+    road = braking(state_of(50.0, 10.0, 41.0, 1.5, aside_m=(0.2, 0.25), others=ahead), -6.0)
+    stands = braking(state_of(own_m=115.0, own_mps=0.4, emv_m=90.0, emv_mps=6.0), -4.5)
+    terms = [
+        terms_of(replace(road, contact=True, red_lines=2)),
+        terms_of(replace(stands, red_lines=1)),
+    ]
+    table = {
+        "contact": (1.0, 0.0),
+        "off_road": (0.0, 0.0),
+        "obstruction": (0.05, 0.0),
+        "junction": (0.0, 0.05),
+        "red_line": (2.0, 1.0),
+        "indicator": (0.05, 0.0),
+        "braking": (2.0 * 0.05, 0.5 * 0.05),
+        "short_time": (0.05, 0.0),
+        "emv_delay": (0.05 * (1.0 - 1.5 / 15.0), 0.05 * (1.0 - 6.0 / 15.0)),
+        "progress": (10.0 * 0.05 / 13.9, 0.4 * 0.05 / 13.9),
+    }
+    assert {name: (terms[0][name], terms[1][name]) for name in terms[0]} == {
+        name: pytest.approx(amounts) for name, amounts in table.items()
+    }
+    passed = replace(road.sight, sirens=tuple(replace(siren, behind=False) for siren in road.sight.sirens))
+    assert terms_of(replace(road, sight=passed))["obstruction"] == 0.0
+    assert terms_of(state_of(emv_mps=WANTED_MPS + 1.0))["emv_delay"] == 0.0, "it is faster than it wants to be"
+    for aside_m, left in ((12.1, 1.0), (11.9, 0.0), (-11.9, 0.0), (-12.1, 1.0)):
+        assert terms_of(state_of(aside_m=(aside_m, aside_m)))["off_road"] == left
+
+
+def test_the_request_of_an_episode_has_all_options() -> None:
+    options = EnvOptions(
+        "S3", 1, "maps/a.xodr", "site", "fitted", values="civilians=3", duration_s=4.5, decision_s=0.15
+    )
+    expected = EpisodeRequest("S3", "L1", seed=17, map="maps/a.xodr", site="site", preset="fitted", sensors="none")
+    expected = replace(expected, values="civilians=3", duration_s=4.5)
+    assert options.request(17, with_av=False) == replace(expected, av="")
+    assert options.request(17, with_av=True) == replace(expected, av="civilian")
+    assert options.steps_per_decision == 3
 
 
 def test_ones_own_weights_replace_the_others() -> None:
-    for seat in Seat:
-        assert [name for name, weight in weights_of(seat).items() if weight > 0.0] == ["progress"]
+    assert {name: tuple(weights_of(seat)[name] for seat in (Seat.CIVILIAN, Seat.EMV)) for name in TERMS} == {
+        "contact": (-20.0, -20.0),
+        "off_road": (-10.0, -10.0),
+        "obstruction": (-1.0, 0.0),
+        "junction": (-1.0, 0.0),
+        "red_line": (-5.0, 0.0),
+        "indicator": (-1.0, -0.2),
+        "braking": (-1.0, -0.2),
+        "short_time": (-2.0, -2.0),
+        "emv_delay": (-0.2, -1.0),
+        "progress": (0.1, 0.1),
+    }
     changed = weights_of(Seat.EMV, {"progress": 3.0})
     assert changed == {**weights_of(Seat.EMV), "progress": 3.0}
     assert list(changed) == list(TERMS)
@@ -111,13 +153,22 @@ def test_the_reward_of_an_episode_is_the_sum_over_its_steps(monkeypatch, red_fro
         steps=[],
     )
     view, sums = rollout.SeatView(run, Seat.CIVILIAN), dict.fromkeys(TERMS, 0.0)
+    before, touched, crossed = None, [], []
     for states, traffic in zip(record.states, record.traffic, strict=True):
         touch = Event(states.step, EventKind.COLLISION, *pair, detail={"impact_speed_mps": 1.0})
         run.states = states
         run.steps.append(SimpleNamespace(traffic=traffic, events=(touch,) if states.step in {9, 30} else ()))
         state = view.look()
         assert state is not None
+        assert state.before is (before or state.sight), "the first step has none before"
+        assert state.emv_row == 0
+        before = state.sight
+        touched += [states.step] * state.contact
+        crossed += [states.step] * state.red_lines
         sums = {name: sums[name] + amount for name, amount in terms_of(state).items()}
+    assert touched == [9, 30]
+    assert len(crossed) == lines
+    assert set(crossed) <= {16, 17, 18}
     assert sums["red_line"] == lines
     assert sums["contact"] == 2.0
     assert sums["progress"] == pytest.approx(39 * 10.0 * STEP_S / 13.9, rel=1e-3), "the first step is none"

@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,6 +14,8 @@ from recorded_episode import quick_template
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError
 from siren_ros.lab.learning import parallel_env
+from siren_ros.lab.learning.environment import SeatResult
+from siren_ros.lab.learning.rollout import Seat
 from siren_ros.running.generation.replay_check import repeat_episode
 
 with warnings.catch_warnings():
@@ -64,6 +67,43 @@ def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: P
     assert infos["emv"]["actor_id"] == record.description.emv_ids[0]
     assert infos["civilian"]["actor_id"] == record.description.av_id
     assert repeat_episode(record) is None
+
+
+def test_each_result_goes_to_its_driver_and_who_ends_leaves() -> None:
+    """The basis of the environment is made here: it says what it was asked for, and three results of each driver."""
+    env, asked = parallel_env(**SHORT, drivers=("civilian", "emv")), []
+
+    def result(number: float, **ends: bool) -> SeatResult:
+        return SeatResult(np.array([number]), 10.0 * number, info={"time_s": number}, **ends)
+
+    first = {Seat.CIVILIAN: result(1.0), Seat.EMV: result(2.0)}
+    rest = iter(
+        [
+            {Seat.CIVILIAN: result(3.0), Seat.EMV: result(4.0, truncated=True)},
+            {Seat.CIVILIAN: result(5.0, terminated=True)},
+        ]
+    )
+    env._env = SimpleNamespace(
+        reset=lambda seed, _random, options: asked.append((seed, options)) or first,
+        step=lambda actions: asked.append(actions) or next(rest),
+    )
+    assert env.reset(seed=7, options={"map": "a"}) == (
+        {"civilian": [1.0], "emv": [2.0]},
+        {"civilian": {"time_s": 1.0}, "emv": {"time_s": 2.0}},
+    )
+    assert (env.agents, asked.pop()) == (["civilian", "emv"], (7, {"map": "a"}))
+    assert env.step({"emv": 3, "civilian": 1}) == (
+        {"civilian": [3.0], "emv": [4.0]},
+        {"civilian": 30.0, "emv": 40.0},
+        {"civilian": False, "emv": False},
+        {"civilian": False, "emv": True},
+        {"civilian": {"time_s": 3.0}, "emv": {"time_s": 4.0}},
+    )
+    assert (env.agents, asked.pop()) == (["civilian"], {Seat.EMV: 3, Seat.CIVILIAN: 1})
+    assert env.step({"civilian": 2}) == tuple(
+        {"civilian": value} for value in ([5.0], 50.0, True, False, {"time_s": 5.0})
+    )
+    assert env.agents == []
 
 
 def test_actions_and_seats_that_cannot_be_used_change_nothing() -> None:

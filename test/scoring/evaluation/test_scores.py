@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pyarrow as pa
@@ -9,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from datasets.made_bag import BagSpec, write_made_bag
 from made_video_sets import small_video_set
+from scipy import stats
 
 from siren_ros.base.tables import NOTHING, Interval
 from siren_ros.cli.leaderboard import submissions_in
@@ -86,37 +88,63 @@ def test_five_submissions_are_ranked_by_what_they_are_worth():
     assert standings({}, "error", less_is_better=True) == ()
 
 
-def test_a_clear_difference_is_found_and_none_is_not():
-    """Ten blocks that all differ one way: 2 of 1024 exchanges are as far; alternating signs: half of them."""
-    rows = standings(
-        {"best": sums(BASE), "worse": sums(BASE + 0.5), "same": sums(BASE + 1e-3 + np.tile([0.1, -0.1], 5))},
-        "error",
-        less_is_better=True,
-    )
-    assert [(row.model, row.against) for row in rows] == [
-        ("best", ""), ("same", ""), ("worse", ""), ("same", "best"), ("worse", "best")
-    ]  # fmt: skip
-    same, worse = rows[3:]
-    assert worse.p_value == pytest.approx(2 / 1024)
-    assert worse.p_adjusted == pytest.approx(4 / 1024)
-    assert worse.value == pytest.approx(0.5)
-    assert same.p_adjusted > 0.5
-    shown = standings({"b": sums(BASE + 0.5), "a": sums(BASE)}, "error", less_is_better=False)
-    assert [row.model for row in shown][:2] == ["b", "a"]
-    assert standings({}, "error", less_is_better=True) == ()
-
-
 @pytest.mark.parametrize("other", [sums(BASE[:-1]), replace(sums(0.0 * BASE), count=0.0 * BASE)], ids=["fewer", "none"])
 def test_other_blocks_are_refused(other):
     with pytest.raises(InputError, match="same samples"):
         standings({"a": sums(BASE), "b": other}, "error", less_is_better=True)
 
 
-def test_the_table_names_every_row():
-    rows = standings({"a": sums(BASE), "b": sums(BASE + 1.0)}, "error", less_is_better=True)
-    table = leaderboard(rows, "episodes")
-    assert [row[:2] for row in table.rows] == [("1", "a"), ("2", "b")]
-    assert "1.500" in table.cells()[0][2]
+def test_standings_and_their_table_are_what_students_t_and_all_exchanges_of_signs_say():
+    """Three submissions of six blocks, all different; b is near a, c is far from both."""
+    a, near = np.array([1.0, 2.0, 4.0, 5.0, 8.0, 10.0]), np.array([0.5, -0.1, 1.0, 0.75, -0.25, 0.2])
+    given = {"c": a + np.array([3.0, 4.0, 3.5, 4.5, 2.0, 2.5]), "a": a, "b": a + near}
+
+    def row(model, values, against="", p_values=(1.0, 1.0)):
+        mean, half = values.mean(), stats.t.ppf(0.975, 5) * values.std(ddof=1) / np.sqrt(6.0)
+        bounds = [pytest.approx(number) for number in (mean, mean - half, mean + half)]
+        return (model, "all", "all", "error", *bounds, 6, 6, against, *map(pytest.approx, p_values))
+
+    def p_value(values):
+        means = [abs((values * signs).mean()) for signs in product((1.0, -1.0), repeat=6)]
+        return np.mean(np.array(means) >= abs(values.mean()) - 1e-12)
+
+    for less_is_better, (best, second, last) in ((True, "abc"), (False, "cba")):
+        rows = standings({name: sums(values) for name, values in given.items()}, "error", less_is_better=less_is_better)
+        apart = [given[name] - given[best] for name in (second, last)]
+        p_values = [p_value(values) for values in apart]
+        assert p_values[0] > p_values[1] if less_is_better else p_values == [2.0 / 64.0] * 2
+        holm = [max(2.0 * p_values[1], p_values[0]), 2.0 * p_values[1]]
+        expected = [row(name, given[name]) for name in (best, second, last)]
+        expected += [
+            row(name, values, best, (p, adjusted))
+            for name, values, p, adjusted in zip((second, last), apart, p_values, holm, strict=True)
+        ]
+        got = [
+            (
+                r.model,
+                r.kind,
+                r.group,
+                r.metric,
+                r.interval.value,
+                r.interval.low,
+                r.interval.high,
+                r.interval.blocks,
+                r.samples,
+                r.against,
+                r.p_value,
+                r.p_adjusted,
+            )
+            for r in rows
+        ]
+        assert got == expected
+        table = leaderboard(rows, "films")
+        assert table.head == ("rank", "submission", "error", "films", "difference", "p")
+        assert table.caption.startswith("error; differences to the best with 95 % intervals, p of exchanged films")
+        assert table.rows == (
+            ("1", best, rows[0].interval, 6, None, None),
+            ("2", second, rows[1].interval, 6, rows[3].interval, rows[3].p_adjusted),
+            ("3", last, rows[2].interval, 6, rows[4].interval, rows[4].p_adjusted),
+        )
 
 
 def test_sums_by_class_have_the_balanced_accuracy_as_their_mean(tmp_path):

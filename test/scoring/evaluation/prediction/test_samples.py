@@ -57,33 +57,80 @@ def test_a_window_with_a_missing_point_is_no_sample(straight_road) -> None:
     assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
 
 
-def test_history_and_future_are_the_log(straight_road) -> None:
-    scored = samples_in({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
-    now = scored.batch.step * 0.05
-
-    def x(time: np.ndarray) -> np.ndarray:
-        return 5.0 * time + 0.2 * time**2
-
-    actors = scored.batch.actors
-    assert np.allclose(actors.xy_m[scored.batch.target, :, 0], x(now[:, None] + WINDOW.times_s))
-    assert np.allclose(scored.future_xy_m[..., 0], x(now[:, None] + future_times_s()))
-    assert np.allclose(scored.batch.velocity_mps[:, 0], 5.0 + 0.4 * now)
-    assert np.allclose(scored.future_xy_m[..., 1], -5.25)
-    assert (actors.accel_mps2 == 0.4).all()
-
-
-def test_actors_have_their_class_and_sumos_lanes(straight_road) -> None:
-    tracks = {1: moving(0.0, -5.25, 5.0), 4: moving(40.0, -5.25, 5.0, actor_class=ActorClass.BUS, first_step=40)}
+def test_a_batch_says_of_every_vehicle_of_every_frame_what_was_logged(straight_road) -> None:
+    """1 and 7 have samples at frames 30 and 31; 4 comes at step 54 and turns; SUMO says lanes from step 40 on."""
+    tracks = {
+        1: moving(3.0, -5.25, 5.0, 0.4, steps=163, actor_class=ActorClass.VAN, length_m=5.1),
+        4: moving(40.0, -1.75, 4.0, -0.3, 0.2, steps=109, first_step=54, actor_class=ActorClass.BUS, length_m=12.0),
+        7: moving(90.0, 1.75, 9.0, 0.1, np.pi, steps=163, is_emv=True, actor_class=ActorClass.AMBULANCE, length_m=6.2),
+    }
     record = record_with(tracks, straight_road)
-    said = tuple(sumo_lane_of(4, 1, step) for step in range(61))
-    actors = samples_of(replace(record, traffic=said), WINDOW, Population.ALL).batch.actors
-    classes = {*zip(actors.actor_id.tolist(), actors.actor_class.tolist(), strict=True)}
-    assert classes == {(1, ActorClass.SEDAN), (4, ActorClass.BUS)}
-    # The first sample's present is step 60; the bus is there from step 40 on, SUMO knows it up to step 60.
-    bus = np.flatnonzero(actors.actor_id == 4)
-    assert actors.past_sumo_lane[bus[0]].tolist() == [NO_LANE] * 10 + [1] * 6
-    assert actors.past_sumo_lane[bus[1]].tolist() == [NO_LANE] * 10 + [1] * 5 + [NO_LANE]
-    assert actors.sumo_lane[bus[:2]].tolist() == [1, NO_LANE]
+    bodies = {key: replace(body, width_m=1.5 + 0.1 * key) for key, body in record.actors.items()}
+    lights = {1: int(Lights.BRAKE), 4: int(Lights.INDICATOR_LEFT), 7: int(Lights.BEACON | Lights.SIREN)}
+    lanes = {1: 0, 7: 3}
+
+    def shown(state):
+        keys = state.actor_id.tolist()
+        return replace(state, lights=np.array([lights[key] if state.step == 60 else 0 for key in keys], dtype=np.uint8))
+
+    def said(step: int) -> TrafficState:
+        columns: dict[str, Any] = {name: np.zeros(2, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+        columns |= {"actor_id": np.array([*lanes], np.uint32), "lane": np.array([*lanes.values()], np.int32)}
+        return TrafficState(step=step, spawned=(), emvs=(), signals=(), **columns)
+
+    traffic = tuple(said(step) for step in range(40, 163))
+    record = replace(record, actors=bodies, states=tuple(map(shown, record.states)), traffic=traffic)
+    scored = samples_of(record, WINDOW, Population.ALL)
+    batch = scored.batch
+    assert (batch.step.tolist(), batch.frame_offset.tolist()) == ([60, 62], [0, 3, 6])
+    assert (batch.target.tolist(), batch.signals) == ([0, 2, 3, 5], {})
+    assert (batch.sample_step.tolist(), batch.actor_id.tolist()) == ([60, 60, 62, 62], [1, 7, 1, 7])
+
+    def logged(key: int, step: int) -> tuple[float, ...]:
+        """x, y, vx, vy, yaw, acceleration and SUMO's lane; zeros and no lane where nothing was logged."""
+        x_m, y_m, mps, mps2, yaw, first = {
+            1: (3.0, -5.25, 5.0, 0.4, 0.0, 0),
+            4: (40.0, -1.75, 4.0, -0.3, 0.2, 54),
+            7: (90.0, 1.75, 9.0, 0.1, np.pi, 0),
+        }[key]
+        if step < first:
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, NO_LANE
+        time_s = 0.05 * (step - first)
+        along, speed = mps * time_s + 0.5 * mps2 * time_s**2, mps + mps2 * time_s
+        place = x_m + along * np.cos(yaw), y_m + along * np.sin(yaw), speed * np.cos(yaw), speed * np.sin(yaw)
+        return *place, yaw, mps2, lanes.get(key, NO_LANE) if step >= 40 else NO_LANE
+
+    rows = [(key, step) for step in (60, 62) for key in (1, 4, 7)]
+    table = np.array([[logged(key, step - 4 * back) for back in range(15, -1, -1)] for key, step in rows])
+    expected = {
+        "frame": [0, 0, 0, 1, 1, 1],
+        "actor_id": [1, 4, 7] * 2,
+        "actor_class": [ActorClass.VAN, ActorClass.BUS, ActorClass.AMBULANCE] * 2,
+        "is_emv": [False, False, True] * 2,
+        "length_m": [5.1, 12.0, 6.2] * 2,
+        "width_m": [1.6, 1.9, 2.2] * 2,
+        "lights": [*lights.values(), 0, 0, 0],
+        "observed": [[key != 4 or step - 4 * back >= 54 for back in range(15, -1, -1)] for key, step in rows],
+        "xy_m": table[..., :2],
+        "velocity_mps": table[..., 2:4],
+        "yaw_rad": table[..., 4],
+        "accel_mps2": table[..., 5],
+        "past_sumo_lane": table[..., 6],
+    }
+    assert list(vars(batch.actors)) == list(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(getattr(batch.actors, name), values, atol=1e-9, err_msg=name)
+    targets = [(1, 60), (7, 60), (1, 62), (7, 62)]
+    future = [[logged(key, step + 4 * ahead)[:2] for ahead in range(1, 26)] for key, step in targets]
+    np.testing.assert_allclose(scored.future_xy_m, future, atol=1e-9)
+    last = batch.between(1, 2)
+    assert (last.step.tolist(), last.frame_offset.tolist(), last.target.tolist()) == ([62], [0, 3], [0, 2])
+    for name, values in expected.items():
+        wanted = np.zeros(3) if name == "frame" else np.array(values)[3:]
+        np.testing.assert_allclose(getattr(last.actors, name), wanted, atol=1e-9, err_msg=name)
+    chosen = scored.select(np.array([1, 2]))
+    assert chosen.batch.target.tolist() == [2, 3]
+    assert (chosen.future_xy_m == scored.future_xy_m[1:3]).all()
 
 
 def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road) -> None:
@@ -137,17 +184,6 @@ def test_signals_are_those_of_the_frames(straight_road) -> None:
     )
     signals = samples_of(replace(record, traffic=traffic), HistoryWindow(), Population.ALL).batch.signals
     assert [bytes(row) for row in signals["crossing"]] == [b"rG", b"yG", b"\0\0"]
-
-
-def test_lights_are_those_of_the_present(straight_road) -> None:
-    record = record_with({1: moving(0.0, -5.0, 8.0)}, straight_road)
-    states = tuple(
-        replace(state, lights=np.full(len(state), Lights.BRAKE if state.step >= 70 else 0, dtype=np.uint8))
-        for state in record.states
-    )
-    actors = samples_of(replace(record, states=states), HistoryWindow(), Population.ALL).batch
-    step = actors.step[actors.actors.frame]
-    assert (actors.actors.lights == np.where(step >= 70, Lights.BRAKE, 0)).all()
 
 
 def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road) -> None:

@@ -133,13 +133,26 @@ def test_connections_chain_all_internal_lanes_and_leave_pedestrians_out(network)
     assert (connection.signal_id, connection.signal_link) == (None, -1)
 
 
-@pytest.mark.parametrize(("state", "stops"), [("s", True), ("w", True), ("m", False), ("M", False), ("=", False)])
-def test_stop_signs_bind_by_link_state(state, stops):
+@pytest.mark.parametrize(
+    ("state", "stops", "gives_way"),
+    [("s", True, True), ("w", True, True), ("m", False, True), ("=", False, True), ("M", False, False)],
+)
+def test_stop_signs_bind_by_link_state(state, stops, gives_way):
     network = parse_road_network(NET.replace('dir="l" state="w"', f'dir="l" state="{state}"').encode())
-    assert network.connections[0].must_stop is stops
+    assert (network.connections[0].must_stop, network.connections[0].gives_way) == (stops, gives_way)
     signal = NET.replace('dir="l" state="w"', f'tl="j" linkIndex="3" dir="l" state="{state}"')
     connection = parse_road_network(signal.encode()).connections[0]
     assert (connection.signal_id, connection.signal_link, connection.must_stop) == ("j", 3, False)
+    assert not connection.gives_way
+
+
+@pytest.mark.parametrize("lane", ["in_4", "out_1"])
+@pytest.mark.parametrize(("allow", "ways"), [("pedestrian", (0, 0)), ("bicycle", (0, 1)), ("emergency", (1, 0))])
+def test_a_movement_is_one_for_the_vehicles_that_both_its_lanes_are_open_to(lane, allow, ways):
+    """Those of cyclists are kept by themselves; a way of civilians alone onto a sidewalk is none."""
+    closed = re.sub(rf'(id="{lane}" index="." )(disallow="[^"]*" )?', rf'\1allow="{allow}" ', NET)
+    network = parse_road_network(closed.encode())
+    assert (len(network.connections), len(network.cycle_connections)) == ways
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -169,7 +182,11 @@ def test_a_signal_alternates_where_its_programme_has_red_and_green_and_its_longe
     [
         *[("traffic_light", JunctionKind.SIGNAL), ("traffic_light_right_on_red", JunctionKind.SIGNAL)],
         *[("allway_stop", JunctionKind.ALL_WAY_STOP), ("priority_stop", JunctionKind.PRIORITY_STOP)],
-        *[("priority", JunctionKind.PRIORITY), ("unregulated", JunctionKind.UNCONTROLLED)],
+        *[
+            ("priority", JunctionKind.PRIORITY),
+            ("zipper", JunctionKind.PRIORITY),
+            ("unregulated", JunctionKind.UNCONTROLLED),
+        ],
     ],
 )
 def test_junction_kinds(word, kind):

@@ -29,10 +29,11 @@ from made_streets import (
     streets,
 )
 
+from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
 from siren_ros.simulation.roads import routing
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
+from siren_ros.simulation.roads.road_network import NO_LANE, JunctionKind, LaneKind
 from siren_ros.simulation.roads.routing import (
     comes_from_the_side,
     crossing_connections,
@@ -295,3 +296,79 @@ def test_the_edges_of_a_lane_follow_a_way_as_far_as_the_lane_leads_along_it():
     assert edges_in_lane(network, left, (east,), 50.0) == (north,), "it does not lead there"
     assert edges_in_lane(network, right, (), 150.0) == (north,), "straight on, as far as the road goes"
     assert edges_in_lane(network, left, (north,), 0.0) == ()
+
+
+def wide_road(*kinds, limit_mps=30.0, civilian=True):
+    """The streets, with these kinds of lanes from the right on B, the first 3.5 m wide and each next one 0.5 m more."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    own = [B_RIGHT, B_LEFT, *range(len(lanes), len(lanes) + len(kinds) - 2)]
+    for place, (index, kind) in enumerate(zip(own, kinds, strict=True)):
+        lane = replace(NETWORK.lanes[B_LEFT], index=index, position=place, kind=kind, width_m=3.5 + 0.5 * place)
+        lanes[index : index + 1] = [replace(lane, speed_limit_mps=limit_mps, civilian_allowed=civilian)]
+    edges[B] = replace(edges[B], lanes=tuple(own))
+    return replace(NETWORK, lanes=tuple(lanes), edges=tuple(edges)), own
+
+
+def test_the_rescue_lane_is_between_the_leftmost_lane_and_the_one_on_its_right():
+    """A shoulder of 3.5 m, then lanes of 4, 4.5 and 5 m; none in town, with one lane, or without civilians."""
+    kinds = (LaneKind.SHOULDER, *[LaneKind.DRIVING] * 3)
+    network, own = wide_road(*kinds)
+    sides = routing.rescue_sides(network)
+    assert sides[own].tolist() == [0, -1, -1, 1]
+    assert [sides[network.connections[way].via[0]] for way in (2, 3, 0)] == [0, -1, 0]
+    offsets_m = [routing.rescue_boundary_m(network, lane) for lane in own]
+    assert offsets_m == pytest.approx([0.0, 2.0 + 4.5, 2.25, -2.5])
+    assert routing.is_out_of_town(network, B)
+    single, (_, lane) = wide_road(*kinds[:2])
+    assert routing.rescue_boundary_m(single, lane) == 0.0
+    for other in (single, wide_road(*kinds, limit_mps=17.0)[0], wide_road(*kinds, civilian=False)[0]):
+        assert not routing.is_out_of_town(other, B)
+        assert not routing.rescue_sides(other).any()
+
+
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_roads_of_opposite_directions_touch_with_their_leftmost_lanes(lanes):
+    """The way back of B lies next to it, or 5 m farther to the left."""
+    for apart_m, expected in ((0.0, {B: 6, 6: B}), (5.0, {})):
+        near, far = (np.array([(0.0, y_m), (-100.0, y_m)]) for y_m in (1.75 + apart_m, 5.25 + apart_m))
+        left = replace(NETWORK.lanes[B_LEFT], index=len(NETWORK.lanes), edge=6, centre=Polyline.through(near))
+        right = replace(left, index=left.index + 1, centre=Polyline.through(far))
+        own = (right.index, left.index)[2 - lanes :]
+        back = replace(NETWORK.edges[B], index=6, lanes=own, from_junction="J", to_junction="K")
+        there = [
+            replace(edge, from_junction="K", to_junction="J") if edge.index == B else edge for edge in NETWORK.edges
+        ]
+        others = [edge for edge in there if not edge.internal]
+        network = replace(NETWORK, lanes=(*NETWORK.lanes, left, right), edges=(*others, back))
+        assert routing.opposite_edges(network) == expected
+
+
+def test_the_right_of_way_of_a_side_street():
+    """Without ranks of roads for the one from the right; with ranks for those that do not give way."""
+    network = crossing()
+    north, east = network.connections[STRAIGHT], network.connections[EAST]
+    oncoming = network.connections[SOUTH_ARM]
+    node = network.junctions[north.junction]
+    without, ranked = (
+        replace(network, junctions={**network.junctions, north.junction: replace(node, kind=kind)})
+        for kind in (JunctionKind.UNCONTROLLED, JunctionKind.PRIORITY)
+    )
+    first = [routing.has_right_of_way(without, *pair) for pair in ((north, east), (east, north), (north, oncoming))]
+    assert sorted(first[:2]) == [False, True], "one is on the right of the other"
+    assert not first[2]
+    headings = [network.lanes[way.from_lane].centre.heading_rad(0.0) for way in (north, east)]
+    assert first[0] == (np.sin(headings[1] - headings[0]) > 0.0)
+    for pair in ((north, east), (east, north)):
+        assert routing.has_right_of_way(ranked, *pair)
+        assert not routing.has_right_of_way(ranked, pair[0], replace(pair[1], gives_way=True))
+    assert not routing.has_right_of_way(ranked, north, oncoming)
+
+
+def test_a_ring_of_road_is_counted_once_and_a_joint_is_straight_on():
+    joint = NETWORK.connections[0]
+    ring = replace(NETWORK, connections=(replace(joint, from_lane=B_RIGHT),))
+    assert quiet_reach_m(ring, B_RIGHT, 1000.0) == pytest.approx(100.0)
+    direct = replace(joint, via=())
+    assert movement_path(NETWORK, direct).points == pytest.approx(np.array([(-110.0, -5.25), (-100.0, -5.25)]))
+    halves = replace(NETWORK.connections[2], via=(11, C_RIGHT))
+    assert movement_path(NETWORK, halves).length_m == pytest.approx(220.0)

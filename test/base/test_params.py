@@ -4,6 +4,8 @@ import hashlib
 import json
 import os
 import stat
+import tempfile
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from siren_ros.base.params.parameters import (
     RecordedFiles,
     files_from_json,
     files_to_json,
+    parse_strict_yaml,
     read_strict_yaml,
 )
 from siren_ros.base.params.plain_files import open_network, write_network
@@ -160,6 +163,104 @@ def test_what_is_written_can_be_opened_and_written_again(tmp_path) -> None:
         write_network(path / "a.onnx", b"", {})
 
 
+def read_with(text: str, reader: str, *how: Any, **more: Any) -> Any:
+    """The value of the key ``a`` of a YAML text, as one of the readers gives it."""
+    return getattr(parse_strict_yaml(text, "f.yaml"), reader)("a", *how, **more)
+
+
+@pytest.mark.parametrize(
+    ("text", "reader", "how", "said"),
+    [
+        ("b: 1\na: 2\na: 3", "number", (0, 9), "f.yaml:3: a: 'a'.*each key once"),
+        ("[1]: 2", "number", (0, 9), "f.yaml:1: .*keys that are texts"),
+        ("b: &x 1\na: *x", "number", (0, 9), "an alias"),
+        ("a: " + "[" * 32 + "]" * 32, "words", (), "more than 32 levels"),
+        ("- 1", "number", (0, 9), "a YAML mapping at the top"),
+        ("", "number", (0, 9), "no mapping"),
+        ("b: 1", "number", (0, 9), "a: .*the key is missing"),
+        *[(f"a: {value}", "number", (1, 9), "a number from 1 to 9") for value in ("0.9", "9.1", "true", "'2'", ".nan")],
+        *[(f"a: {value}", "integer", (1, 9), "whole number from 1 to 9") for value in ("0", "10", "2.0", "08", "x")],
+        *[(f"a: {value}", "flag", (), "true or false") for value in ("1", "'true'", "[true]")],
+        *[(f"a: {value}", "text", (), "a text that is not empty") for value in ("''", "1", "[x]")],
+        ("a: z", "text", (("x", "y"),), "one of x, y"),
+        ("a: 1", "mapping", (), "f.yaml:1: a: '1'.*a mapping"),
+        ("a: {b: 1}", "mappings", (), "a list of mappings"),
+        ("a:\n- {b: 1}\n- 2", "mappings", (), r"f.yaml:3: a\[1\]"),
+        *[
+            (f"a: {value}", "numbers", (2, 0, 9), "a list of 2 numbers")
+            for value in ("[1]", "[1, 2, 3]", "7", "[1, x]")
+        ],
+        *[(f"a: {value}", "numbers", (2, 0, 9), "from 0 to 9") for value in ("[-1, 2]", "[1, 10]", "[1, true]")],
+        *[
+            (f"a: {value}", "words", (), "a word, or a list of words")
+            for value in ("[]", "{b: 1}", "[x, '']", "[x, [y]]")
+        ],
+    ],
+)
+def test_values_of_another_kind_or_out_of_range_are_refused_at_their_line(
+    text: str, reader: str, how: tuple[Any, ...], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        read_with(text, reader, *how)
+
+
+@pytest.mark.parametrize(
+    ("text", "reader", "how", "value"),
+    [
+        *[(f"a: {value}", "number", (1, 9), float(value)) for value in ("1", "9.0", "2.5")],
+        *[(f"a: {text}", "integer", (1, 1000), value) for text, value in (("1", 1), ("1_000", 1000), ("0x1F", 31))],
+        *[(f"a: {text}", "flag", (), text in {"true", "yes", "On"}) for text in ("true", "yes", "On", "false", "no")],
+        *[("b: 1", "flag", (default,), default) for default in (True, False)],
+        *[("a: x y", "text", (), "x y"), ("a: y", "text", (("x", "y"),), "y")],
+        *[
+            ("a: [0, 9]", "numbers", (2, 0, 9), (0.0, 9.0)),
+            ("a: 7", "words", (), ("7",)),
+            ("a: [x, 1]", "words", (), ("x", "1")),
+        ],
+    ],
+)
+def test_values_within_their_range_are_read(text: str, reader: str, how: tuple[Any, ...], value: Any) -> None:
+    assert read_with(text, reader, *how) == value
+
+
+def test_numbers_may_come_several_times_and_places_are_named_from_the_top() -> None:
+    assert read_with("a: [1, 2, 3, 4]", "numbers", 2, 0, 9, times=True) == (1.0, 2.0, 3.0, 4.0)
+    for text in ("a: []", "a: [1, 2, 3]"):
+        with pytest.raises(InputError, match="2 numbers or a multiple"):
+            read_with(text, "numbers", 2, 0, 9, times=True)
+    top = parse_strict_yaml("b: 1\na:\n  c:\n  - {d: 3}\n  e: 4", "f.yaml")
+    inner = top.mapping("a")
+    (item,) = inner.mappings("c")
+    assert (item.where("d"), inner.where("e"), top.where("x")) == ("f.yaml:4: a.c[0].d", "f.yaml:5: a.e", "f.yaml:1: x")
+    assert [top.has("b"), top.has("x"), top.is_mapping("a"), top.is_mapping("b")] == [True, False, True, False]
+    with pytest.raises(InputError, match=r"f.yaml:5: a.e: '4' .*keys c"):
+        inner.finish()
+    top.finish()
+
+
+def test_the_largest_file_of_parameters_is_read_and_one_byte_more_is_not(tmp_path: Path) -> None:
+    file = tmp_path / "a.yaml"
+    for size, fits in ((256_000, True), (256_001, False)):
+        file.write_bytes(b"a: x\n" + b" " * (size - 5))
+        with nullcontext() if fits else pytest.raises(InputError, match="at most 256000 bytes"):
+            assert read_strict_yaml(file).text("a") == "x"
+
+
+def test_the_hash_of_a_folder_is_of_its_files_names_and_bytes(tmp_path: Path) -> None:
+    def hash_of(**files: str) -> str:
+        folder = Path(tempfile.mkdtemp(dir=tmp_path))
+        for name, text in files.items():
+            (folder / name.replace("__", "/")).parent.mkdir(exist_ok=True)
+            (folder / name.replace("__", "/")).write_text(text)
+        return plain_files.sha256_of(folder)
+
+    same = hash_of(a="1", b__c="2")
+    assert hash_of(b__c="2", a="1") == same
+    assert len({same, hash_of(a="2", b__c="1"), hash_of(a="1", b__d="2"), hash_of(a="1", c="2"), hash_of(a="1")}) == 5
+    (tmp_path / "a").write_text("1")
+    assert plain_files.sha256_of(tmp_path / "a") == hashlib.sha256(b"1").hexdigest()
+
+
 READERS = {"templates": load_template, "presets": load_preset, "suites": load_suite, "looks": load_look}
 READERS |= {"drivers": load_drivers}
 
@@ -189,7 +290,9 @@ def test_a_file_that_was_changed_is_read_anew(tmp_path: Path) -> None:
         assert read_strict_yaml(tmp_path / "mine.yaml").text("key") == text
 
 
-@pytest.mark.parametrize("name", ["\0.yaml", "x" * 5000 + ".yaml", "~nobody-here/a.yaml", "S99"])
+@pytest.mark.parametrize(
+    "name", ["\0.yaml", "x" * 5000 + ".yaml", "~nobody-here/a.yaml", "S99", "../templates/S1", "."]
+)
 def test_a_name_that_is_no_file_is_answered_with_the_known_ones(name: str) -> None:
     with pytest.raises(InputError, match="S1, S2"):
         named_params_file("template", "templates", name)
@@ -271,7 +374,12 @@ def test_a_private_folder_is_never_one_that_others_can_reach(planted: str, tmp_p
     assert not folder.is_symlink()
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert private_folder(name) == folder, "one process has one"
+    folder.rmdir()
+    assert private_folder(name).is_dir(), "and another one where that is gone"
     assert list(theirs.iterdir()) == []
+    own = tmp_path / f"own-{name}"
+    own.mkdir(mode=0o755)
+    assert (private_folder(own.name), stat.S_IMODE(own.stat().st_mode)) == (own, 0o700)
 
 
 def test_the_environment_says_where_the_cache_is(monkeypatch, tmp_path):

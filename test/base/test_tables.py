@@ -188,7 +188,8 @@ def test_an_interval_is_read_from_a_file_as_it_was_written() -> None:
     assert (interval_of_json(few.json()).value, interval_of_json(few.json()).bounded) == (1.0, False)
     assert NOTHING.json()["value"] is None
     assert [interval_of_json(content) for content in (NOTHING.json(), None, {})] == [NOTHING] * 3
-    assert Interval(0.5, 0.25, 0.75, 6).scaled(100.0) == Interval(50.0, 25.0, 75.0, 6)
+    for known in (True, False):
+        assert Interval(0.5, 0.25, 0.75, 6, known).scaled(100.0) == Interval(50.0, 25.0, 75.0, 6, known)
     both = {"value": 0.5, "low": 0.4, "high": 0.7}  # an older command names no episodes
     assert interval_of_json(both) == Interval(0.5, 0.4, 0.7, 5)
     assert not interval_of_json({**both, "episodes": 4}).bounded

@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 
 from siren_ros.base.numerics import units
-from siren_ros.base.numerics.arrays import Brief, brief, chances, changed, drawn, random_stream
+from siren_ros.base.numerics.arrays import (
+    Brief,
+    Columns,
+    Floats,
+    Ids,
+    brief,
+    chances,
+    changed,
+    drawn,
+    dtypes_of,
+    random_stream,
+)
 from siren_ros.simulation.world.actors import Owner
 
 
@@ -111,3 +122,26 @@ def test_the_given_fields_change_and_the_structure_itself_does_not():
     assert changed(moved) == moved
     with pytest.raises(TypeError, match="Place has no field z_m"):
         changed(Place(1.0), z_m=3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies(Columns):
+    x_m: Floats
+    actor_id: Ids
+
+
+def test_columns_are_selected_joined_and_mixed_row_by_row():
+    first = Bodies(np.array([1.0, 2.0, 3.0]), np.array([1, 2, 3], np.uint32))
+    other = Bodies(np.array([7.0, 8.0, 9.0]), np.array([7, 8, 9], np.uint32))
+    assert len(first) == 3
+    mask = np.array([True, False, True])
+    for rows, ids in ((mask, [1, 3]), (np.array([2, 0]), [3, 1]), (np.array([], np.intp), [])):
+        chosen = first.select(rows)
+        assert (chosen.actor_id.tolist(), chosen.x_m.tolist()) == (ids, [float(one) for one in ids])
+    both = Bodies.joined([other, first])
+    assert (both.actor_id.tolist(), both.x_m.tolist()) == ([7, 8, 9, 1, 2, 3], [7.0, 8.0, 9.0, 1.0, 2.0, 3.0])
+    mixed = Bodies.where(mask, first, other)
+    assert (mixed.actor_id.tolist(), mixed.x_m.tolist()) == ([1, 8, 3], [1.0, 8.0, 3.0])
+    assert first.columns.tolist() == [[1.0, 2.0, 3.0]] * 2
+    assert Bodies.of_columns(first.columns).actor_id.tolist() == [1, 2, 3]
+    assert dtypes_of(Bodies) == {"x_m": np.float64, "actor_id": np.uint32}

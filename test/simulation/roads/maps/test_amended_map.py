@@ -71,6 +71,12 @@ def test_shoulders_lie_outside_and_lead_on_along_a_movement(net: bytes, turn: tu
     along = [way for way in after.connections_from.get(first.index, ()) if way.to_lane == second.index]
     assert len(along) == (beside.direction == ("l" if before.left_hand else "r"))
     assert {(way.signal_id, way.signal_link) for way in along} <= {(beside.signal_id, beside.signal_link)}
+    assert not set(turn) & set(places_for(after)["shoulder"])
+    for name, later in (turn, turn[::-1]):
+        again = amended(amended_map(net, [f"shoulder:{name}"], "made"), f"shoulder:{later}")
+        ends = [again.edge_by_id[edge].lanes[0] for edge in turn]
+        ways = [way for way in again.connections_from.get(ends[0], ()) if way.to_lane == ends[1]]
+        assert len(ways) == len(along), "also along a shoulder that the map has already"
 
 
 def test_a_road_becomes_longer_as_far_as_there_is_space(net: bytes, tmp_path: Path) -> None:
@@ -129,3 +135,24 @@ def test_an_unknown_place_is_refused_with_those_that_there_are(net: bytes) -> No
         assert caught.value.allowed.endswith(allowed)
     with pytest.raises(InputError, match="all_way_stop:NAME"):
         amended_map(net, ["bridge:a"], "made")
+
+
+def test_two_junctions_get_signals_and_a_joint_of_two_roads_is_none(tmp_path: Path) -> None:
+    nodes = {"a": (0, 0), "b": (300, 0), "m": (150, 0), "n": (0, 200), "w": (-200, 0), "e": (500, 0), "s": (300, -200)}
+    plain = made_net(tmp_path, nodes, ("a m", "m b", "a n", "a w", "b e", "b s"))
+    assert sorted(places_for(parse_road_network(plain))["signal"]) == ["a", "b"]
+    after = amended(plain, "signal:a", "signal:b")
+    kinds = [after.junctions[name].kind for name in ("a", "b")]
+    assert kinds == [JunctionKind.SIGNAL] * 2
+    assert places_for(after)["signal"] == []
+
+
+def test_a_shoulder_lies_between_the_sidewalk_and_the_driving_lanes(tmp_path: Path) -> None:
+    options = ("--sidewalks.guess", "true", "--sidewalks.guess.max-speed", "20", "--default.lanewidth", "4.0")
+    wide = made_net(tmp_path, NODES, STREETS, *options)
+    after = amended(wide, "shoulder:s_a")
+    walk, shoulder, *driving = (after.lanes[lane] for lane in after.edge_by_id["s_a"].lanes)
+    assert [walk.kind, shoulder.kind] == [LaneKind.SIDEWALK, LaneKind.SHOULDER]
+    assert {lane.kind for lane in driving} == {LaneKind.DRIVING}
+    aside_m = float(driving[0].centre.project(shoulder.centre.at(100.0))[1])
+    assert aside_m == pytest.approx(-0.5 * (4.0 + 2.5), abs=0.1)

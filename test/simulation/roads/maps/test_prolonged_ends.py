@@ -1,5 +1,7 @@
 """Roads that end at a map's border too near to a junction are prolonged, and only those."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,7 @@ def test_short_arms_reach_as_far_as_an_episode_needs_and_the_long_one_stays(tmp_
         assert moved == pytest.approx(np.multiply(direction, out.prolonged_m), abs=0.1)
         node, was = after.junctions[name], before.junctions[name]
         assert (node.x_m - was.x_m, node.y_m - was.y_m) == pytest.approx(tuple(moved), abs=0.1)
+        assert node.outline - was.outline == pytest.approx(np.broadcast_to(moved, node.outline.shape), abs=0.1)
     assert after.edge_by_id["w_c"].prolonged_m == after.edge_by_id["c_w"].prolonged_m == 0.0
     assert [(c.from_lane, c.to_lane, c.signal_link) for c in after.connections] == [
         (c.from_lane, c.to_lane, c.signal_link) for c in before.connections
@@ -124,3 +127,30 @@ def test_a_compiled_map_and_its_mirror_image_say_what_was_prolonged(tmp_path: Pa
     lanes = fromstring(compiled.read_bytes()).iter("lane")
     stated = {lane.attrib["id"]: float(lane.attrib["length"]) for lane in lanes}
     assert all(stated[lane.lane_id] == pytest.approx(lane.length_m, rel=0.1, abs=0.2) for lane in network.lanes)
+
+
+@pytest.mark.parametrize(("y_m", "longer"), [(NEEDED_M + 2.0, False), (NEEDED_M - 10.0, True)])
+def test_roads_that_lack_less_than_two_cars_stay(tmp_path: Path, y_m: float, longer: bool) -> None:
+    """Some 8 m of them are on the junction."""
+    after = prolonged(made_net(tmp_path, {**CROSSING, "n": (0.0, y_m)}, ARMS))
+    assert (after.edge_by_id["n_c"].prolonged_m > 10.0) is longer
+    assert after.edge_by_id["e_c"].prolonged_m > 100.0
+
+
+def test_a_signal_between_two_roads_is_a_junction(tmp_path: Path) -> None:
+    after = prolonged(made_net(tmp_path, {"c": (0, 0), "n": (0, 60), "s": (0, -400)}, ("n c", "s c")))
+    assert after.edge_by_id["n_c"].prolonged_m == pytest.approx(NEEDED_M - 60.0, abs=15.0)
+    assert after.edge_by_id["s_c"].prolonged_m == 0.0
+
+
+def test_out_of_town_alone_roads_of_two_lanes_with_such_a_limit_are_prolonged(tmp_path: Path) -> None:
+    """The way out of the northern arm has one; the eastern arm has it, too, but one lane."""
+    net = made_net(tmp_path, CROSSING, ARMS, narrow="e")
+    fast = re.sub(rb'(<lane id="(?:c_n|e_c|c_e)_[^>]*speed=")[0-9.]+', rb"\g<1>25.00", net)
+    network = parse_road_network(fast)
+    assert network.lanes[network.edge_by_id["c_n"].lanes[0]].speed_limit_mps == 25.0
+    after = parse_road_network(with_prolonged_ends(fast, network, out_of_town=True))
+    assert {edge.edge_id for edge in after.edges if edge.prolonged_m} == {"n_c", "c_n"}
+    assert with_prolonged_ends(net, parse_road_network(net), out_of_town=True) == net
+    without = replace(network, junctions={})
+    assert parse_road_network(with_prolonged_ends(fast, without)).edge_by_id["s_c"].prolonged_m > 100.0

@@ -15,10 +15,13 @@ from made_streets import (
     C_LEFT,
     C_RIGHT,
     CONFIG,
+    FAR,
     LIMIT_MPS,
+    STRAIGHT_LEFT,
     A,
     B,
     C,
+    M,
     emv_demand,
     group,
     same_drivers,
@@ -58,11 +61,13 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     approach_to,
     arrival_s,
     behind_queue_mps,
+    bound_s_of,
     crossing_start,
     crossing_ways,
     depart_speed_mps,
     emv_start,
     following_starts,
+    lane_before,
     prolonged,
     start_m_of,
     travel_lane,
@@ -174,6 +179,11 @@ def test_where_the_side_street_is_too_short_or_full_no_emv_starts() -> None:
     assert (clear.lane, abs(clear.front_m - start.front_m)) == (start.lane, pytest.approx(21.0, abs=1.0))
     with pytest.raises(MapError, match="enough road"):
         crossing_start(NETWORK, ways, emv_demand(0.0), 60.0, ())
+    elsewhere: Any = SimpleNamespace(spot=Spot(A_LEFT, start.front_m, 0.0))
+    assert crossing_start(NETWORK, ways, emv_demand(0.0), 15.0, (elsewhere,)) == (way, start)
+    assert crossing_start(NETWORK, [*ways, *ways], emv_demand(0.0), 15.0, ()) == (way, start)
+    soon, near = crossing_start(NETWORK, ways, emv_demand(0.0), -1.0, ())
+    assert (soon.junction, way_to_stop_line_m(NETWORK, near)) == ("J", pytest.approx(10.0)), "the nearest start"
 
 
 def test_followers_keep_the_headway_where_the_approach_has_to_be_prolonged(town: RoadNetwork) -> None:
@@ -235,6 +245,44 @@ def test_starts_beyond_the_sites_edge_are_on_the_way_on() -> None:
         emv_start(NETWORK, signal_site(), -211.0)
 
 
+def test_the_lane_before_is_of_the_same_kind_and_on_the_edge_that_is_asked_for() -> None:
+    """A lane of the side street, and a shoulder on the left, lead into the left lane, too."""
+    joining = [replace(NETWORK.connections[1], from_lane=lane) for lane in (FAR, A_RIGHT, A_LEFT)]
+    lanes = list(NETWORK.lanes)
+    lanes[A_LEFT] = replace(lanes[A_LEFT], kind=LaneKind.SHOULDER)
+    for connections in (joining, joining[::-1]):
+        network = replace(NETWORK, connections=tuple(connections))
+        assert lane_before(network, NETWORK.lanes[B_LEFT], A)[0].index == A_LEFT
+        beside = replace(network, lanes=tuple(lanes))
+        assert lane_before(beside, NETWORK.lanes[B_LEFT], A)[0].index == A_RIGHT
+        assert lane_before(beside, NETWORK.lanes[B_LEFT], M)[0].index == FAR
+
+
+def test_others_have_the_right_of_way_at_stops_and_behind_a_signal_that_turns_red() -> None:
+    template, site = replace(template_with(), signal=SignalDemand(4.0)), signal_site()
+    kinds = (SiteKind.STOP_JUNCTION, SiteKind.SIGNAL_JUNCTION, SiteKind.QUEUED_APPROACH)
+    for one, expected in ((template, [math.inf, 4.0, 0.0]), (replace(template, signal=None), [math.inf, 0.0, 0.0])):
+        assert [bound_s_of(replace(site, kind=kind), one) for kind in kinds] == expected
+
+
+def test_a_bend_behind_the_line_slows_an_emv_before_it_where_the_line_counts() -> None:
+    """A quarter circle of 8 m begins at the line."""
+    angle, lanes = np.linspace(0.0, np.pi / 2.0, 40), list(NETWORK.lanes)
+    (path,) = NETWORK.connections[STRAIGHT_LEFT].via
+    lanes[path] = replace(lanes[path], centre=Polyline.through(np.stack((8 * np.sin(angle), 8 * np.cos(angle)), -1)))
+    lanes[C_LEFT] = replace(lanes[C_LEFT], centre=Polyline.through([(8.0, 0.0), (8.0, -200.0)]))
+    bent = replace(NETWORK, lanes=tuple(lanes))
+    emv, start = emv_demand(0.0, 14.0), start_at(110.0)
+    free_s, flat_s, bent_s = (
+        unhindered_arrival_s(network, start, emv, bound_s)
+        for network, bound_s in ((bent, None), (NETWORK, 0.0), (bent, 0.0))
+    )
+    assert free_s == pytest.approx(200.0 / 14.0)
+    assert flat_s == pytest.approx(free_s, abs=0.1)
+    assert bent_s > flat_s + 0.5
+    assert unhindered_arrival_s(NETWORK, start, emv, math.inf) > flat_s + 0.5, "as at a stop sign"
+
+
 def test_an_emv_that_starts_behind_the_sites_edge_arrives_once_although_its_way_comes_back() -> None:
     """70 m are left of the second edge, and the third one has 200 m."""
     road = {"site_edge": A, "site_position": 0, "stretch": (A, B, C), "approach_lane": A_LEFT, "junction": None}
@@ -271,6 +319,10 @@ def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> Non
     assert start_m_of(NETWORK, road_site(), from_start) == -30.0
     assert start_m_of(NETWORK, road_site(), emv_demand(-30.0)) == pytest.approx(70.0)
     assert start_m_of(NETWORK, road_site(), emv_demand(-150.0)) == pytest.approx(-50.0)
+    # Behind a junction with traffic, with the body on the road, where 60 m of it are enough before a signal alone.
+    assert start_m_of(busy(), signal_site(), emv_demand(-200.0)) == pytest.approx(8.0)
+    assert start_m_of(busy(), signal_site(), emv_demand(-80.0)) == pytest.approx(20.0)
+    assert start_m_of(busy(), road_site(), emv_demand(-200.0)) == pytest.approx(-100.0)
     # The approach of 210 m is used from its beginning, of which the EMV's body takes 8 m.
     assert [start_m_of(NETWORK, road_site(), emv_demand(m)) for m in (-500.0, -2000.0)] == pytest.approx([-202.0] * 2)
 

@@ -131,17 +131,12 @@ class Bodies(Columns):
 
 
 def test_columns_are_selected_joined_and_mixed_row_by_row():
-    first = Bodies(np.array([1.0, 2.0, 3.0]), np.array([1, 2, 3], np.uint32))
-    other = Bodies(np.array([7.0, 8.0, 9.0]), np.array([7, 8, 9], np.uint32))
-    assert len(first) == 3
+    first, other = (Bodies(np.array(ids, float), np.array(ids, np.uint32)) for ids in ([1, 2, 3], [7, 8, 9]))
     mask = np.array([True, False, True])
-    for rows, ids in ((mask, [1, 3]), (np.array([2, 0]), [3, 1]), (np.array([], np.intp), [])):
-        chosen = first.select(rows)
-        assert (chosen.actor_id.tolist(), chosen.x_m.tolist()) == (ids, [float(one) for one in ids])
-    both = Bodies.joined([other, first])
-    assert (both.actor_id.tolist(), both.x_m.tolist()) == ([7, 8, 9, 1, 2, 3], [7.0, 8.0, 9.0, 1.0, 2.0, 3.0])
-    mixed = Bodies.where(mask, first, other)
-    assert (mixed.actor_id.tolist(), mixed.x_m.tolist()) == ([1, 8, 3], [1.0, 8.0, 3.0])
-    assert first.columns.tolist() == [[1.0, 2.0, 3.0]] * 2
-    assert Bodies.of_columns(first.columns).actor_id.tolist() == [1, 2, 3]
+    for made, ids in (
+        *[(first.select(mask), [1, 3]), (first.select(np.array([2, 0])), [3, 1]), (first.select(mask & ~mask), [])],
+        *[(Bodies.joined([other, first]), [7, 8, 9, 1, 2, 3]), (Bodies.where(mask, first, other), [1, 8, 3])],
+        (Bodies.of_columns(first.columns), [1, 2, 3]),
+    ):
+        assert (made.actor_id.tolist(), made.x_m.tolist(), len(made)) == (ids, ids, len(ids))
     assert dtypes_of(Bodies) == {"x_m": np.float64, "actor_id": np.uint32}

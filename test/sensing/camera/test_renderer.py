@@ -88,24 +88,33 @@ def test_pictures_under_way_at_once_do_not_disturb_each_other(renderer, boxes):
     assert alone[0].rgba.tobytes() != alone[1].rgba.tobytes()
 
 
+def of_one_part(boxes, parts):
+    """Boxes with vehicles that are one mesh each, or one wheel or limb on a speck, by class; and a renderer."""
+
+    class Made(boxes):
+        @classmethod
+        def shapes(cls):
+            speck, shapes = cls.box((0.0, 0.0, 2.0), np.full(3, 0.01)), {}
+            for kind, part in dict(parts).items():
+                wheels, limbs = (tuple(one for one in (part,) if isinstance(one, sort)) for sort in (Wheel, Limb))
+                body = speck if wheels or limbs else part
+                shapes[kind] = VehicleShape(kind, body, wheels, 2.0, 2.0, 2.0, limbs)
+            return shapes
+
+    return Made, Made.renderer(boxes.crossroads())
+
+
 def test_steered_wheels_turn_left_and_others_do_not_and_all_roll_forwards(boxes):
     """A wheel like a beam, whose longer end is ahead, about a hub in the middle of the vehicle: from the side."""
     class_of = {True: SEDAN, False: BUS}
 
-    class Beams(boxes):
-        @classmethod
-        def shapes(cls):
-            beam, speck = cls.box((0.6, 0.0, 0.0), (2.0, 0.3, 0.4)), cls.box((0.0, 0.0, 2.0), np.full(3, 0.01))
-            wheels = {steered: Wheel(beam, (0.0, 0.0, 2.0), 2.0, steered) for steered in (True, False)}
-            return {
-                class_of[steered]: VehicleShape(class_of[steered], speck, (wheels[steered],), 2, 2, 2)
-                for steered in wheels
-            }
-
-    renderer, eye = Beams.renderer(boxes.crossroads()), map_from_base(0.0, -5.0, 0.0, np.pi / 2) @ EYE
+    beam = boxes.box((0.6, 0.0, 0.0), (2.0, 0.3, 0.4))
+    wheels = {class_of[steered]: Wheel(beam, (0.0, 0.0, 2.0), 2.0, steered) for steered in class_of}
+    made, renderer = of_one_part(boxes, wheels)
+    eye = map_from_base(0.0, -5.0, 0.0, np.pi / 2) @ EYE
 
     def mask(yaw, steer, rolled_m=0.0, steered=True):
-        placement = Beams.placed((class_of[steered], 0.0, 0.0, yaw), steer_rad=[steer])
+        placement = made.placed((class_of[steered], 0.0, 0.0, yaw), steer_rad=[steer])
         return renderer.render(CAMERA, eye, placement, np.array([rolled_m]), {}, 0, labels=True).instance == 1
 
     for turn in (0.4, -0.4):
@@ -115,23 +124,6 @@ def test_steered_wheels_turn_left_and_others_do_not_and_all_roll_forwards(boxes)
     for steered in class_of:
         up, level, down = (np.nonzero(mask(0.0, 0.0, way_m, steered))[0].mean() for way_m in (-np.pi, 0.0, np.pi))
         assert up < level - 5.0 < down - 10.0
-
-
-def of_one_part(boxes, parts):
-    """A renderer of vehicles each of which consists of one mesh, or of one limb on a speck, by class."""
-
-    class Made(boxes):
-        @classmethod
-        def shapes(cls):
-            speck, limb = cls.box((0.0, 0.0, 2.0), np.full(3, 0.01)), {kind: isinstance(p, Limb) for kind, p in parts}
-            return {
-                kind: VehicleShape(kind, speck, (), 2, 2, 2, (part,))
-                if limb[kind]
-                else VehicleShape(kind, part, (), 2, 2, 2)
-                for kind, part in parts
-            }
-
-    return Made, Made.renderer(boxes.crossroads())
 
 
 def test_limbs_swing_with_the_way_and_against_those_of_the_other_side(boxes):
@@ -190,19 +182,12 @@ LAMPS = {
 
 
 def test_each_lamp_shines_by_its_own_switch_alone_and_the_beacons_by_turns(boxes):
-    class Lamp(boxes):
-        @classmethod
-        def shapes(cls):
-            bodies = {
-                kind: cls.box((0.0, 0.0, 1.0), (1.0, 1.0, 2.0), material) for kind, (material, *_) in LAMPS.items()
-            }
-            return {kind: VehicleShape(kind, body, (), 1.0, 1.0, 2.0) for kind, body in bodies.items()}
-
-    renderer = Lamp.renderer(boxes.crossroads())
+    bodies = {kind: boxes.box((0.0, 0.0, 1.0), (1.0, 1.0, 2.0), material) for kind, (material, *_) in LAMPS.items()}
+    made, renderer = of_one_part(boxes, bodies)
     for kind, (_, switch, shines) in LAMPS.items():
         for step in (0, 5):
             off, on, others = (
-                picture(renderer, Lamp.placed((kind, 6.0, 0.0, 0.0), lights=[lights]), step=step)
+                picture(renderer, made.placed((kind, 6.0, 0.0, 0.0), lights=[lights]), step=step)
                 for lights in (0, int(switch), int(~switch & sum(Lights)))
             )
             brighter = int(on.rgba.sum(dtype=np.int64) - off.rgba.sum(dtype=np.int64))

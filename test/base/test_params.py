@@ -5,7 +5,6 @@ import json
 import os
 import stat
 import tempfile
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -228,10 +227,11 @@ def test_numbers_may_come_several_times_and_places_are_named_from_the_top() -> N
 
 def test_the_largest_file_of_parameters_is_read_and_one_byte_more_is_not(tmp_path: Path) -> None:
     file = tmp_path / "a.yaml"
-    for size, fits in ((256_000, True), (256_001, False)):
-        file.write_bytes(b"a: x\n" + b" " * (size - 5))
-        with nullcontext() if fits else pytest.raises(InputError, match="at most 256000 bytes"):
-            assert read_strict_yaml(file).text("a") == "x"
+    file.write_bytes(b"a: x\n" + b" " * 255_995)
+    assert read_strict_yaml(file).text("a") == "x"
+    file.write_bytes(b"a: x\n" + b" " * 255_996)
+    with pytest.raises(InputError, match="at most 256000 bytes"):
+        read_strict_yaml(file)
 
 
 def test_the_hash_of_a_folder_is_of_its_files_names_and_bytes(tmp_path: Path) -> None:

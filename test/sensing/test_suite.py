@@ -104,10 +104,8 @@ def test_a_mount_has_each_angle_and_place_under_its_own_key(tmp_path):
     angles = np.radians((10.0, 20.0, 30.0))
     assert (spec.mount.x_m, spec.mount.y_m, spec.mount.z_m) == (1.0, -2.0, 3.0)
     assert (spec.mount.roll_rad, spec.mount.pitch_rad, spec.mount.yaw_rad) == pytest.approx(angles)
-    assert (
-        len(load_suite(write(tmp_path, "cameras:\n" + "".join(f"  c{k}: {{{MOUNT}}}\n" for k in range(32)))).cameras)
-        == 32
-    )
+    most = "cameras:\n" + "".join(f"  c{k}: {{{MOUNT}}}\n" for k in range(32))
+    assert len(load_suite(write(tmp_path, most)).cameras) == 32
 
 
 @pytest.mark.parametrize("layout", ["siren", "xyzirc", "xyzircaedt"])

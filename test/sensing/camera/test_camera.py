@@ -154,12 +154,7 @@ def drawn_by(by, boxes, scene, look=None):
 
 
 def shot(renderer, placement, signals=None, camera=SMALL_CAMERA, pose=POSE, **options):
-    rolled = np.zeros(len(placement))
-    return renderer.render(camera, pose, placement, rolled, signals or {}, 0, labels=True, **options)
-
-
-def brightness(image, where):
-    return image.rgba[..., :3][where].mean()
+    return renderer.render(camera, pose, placement, np.zeros(len(placement)), signals or {}, 0, labels=True, **options)
 
 
 @DRAWN_BY
@@ -171,15 +166,10 @@ def test_each_vehicle_has_its_own_paint_and_light_by_the_way_that_its_faces_look
     for actor, (strong, weak) in ((1, (0, 2)), (2, (2, 0))):
         mean = painted.rgba[..., :3][painted.instance == actor].mean(axis=0)
         assert mean[strong] > mean[weak] + 60, actor
-    eye = transform(np.eye(3), (0.0, 0.0, 0.7))
-    west, east = ([], [])
-    for yaw in (0.0, np.pi / 2, np.pi):
-        placement = boxes.placed((ActorClass.SEDAN, 0.0, 0.0, yaw))
-        for seen, back in ((west, eye), (east, map_from_base(0.0, 0.0, 0.0, np.pi) @ eye)):
-            pose = back @ transform(np.eye(3), (-9.0, 0.0, 0.0))
-            seen.append(shot(renderer, placement, pose=pose).rgba[60, 80, :3].astype(int))
-    for faces in (west, east):
-        assert np.ptp(faces, axis=0).max() < 12
+    sides = [map_from_base(x_m, 0.0, 0.7, yaw) for x_m, yaw in ((-9.0, 0.0), (9.0, np.pi))]
+    turned = [boxes.placed((ActorClass.SEDAN, 0.0, 0.0, yaw)) for yaw in (0.0, np.pi / 2, np.pi)]
+    west, east = ([shot(renderer, one, pose=side).rgba[60, 80, :3].astype(int) for one in turned] for side in sides)
+    assert max(np.ptp(faces, axis=0).max() for faces in (west, east)) < 12
     assert np.mean(west) > np.mean(east) + 15
 
 
@@ -191,6 +181,7 @@ def test_a_lit_lens_shines_unless_a_vehicle_is_before_it(by, boxes):
     lens = dark.semantic == SemanticClass.TRAFFIC_LIGHT
     assert lens.sum() > 5
     assert red.rgba[..., 0][lens].mean() > dark.rgba[..., 0][lens].mean() + 60
+    assert np.array_equal(shot(renderer, boxes.placed()).rgba, dark.rgba)
     dark, red = (shot(renderer, before, {"s": state}) for state in "Gr")
     assert (dark.instance[lens] == 1).all()
     assert np.array_equal(red.rgba, dark.rgba)
@@ -198,11 +189,10 @@ def test_a_lit_lens_shines_unless_a_vehicle_is_before_it(by, boxes):
 
 @DRAWN_BY
 def test_exposure_brightens_and_haze_hides_what_is_far(by, boxes):
-    scene = boxes.crossroads()
-    clear = drawn_by(by, boxes, scene)
+    clear = drawn_by(by, boxes, boxes.crossroads())
     plain = shot(clear, boxes.placed())
     assert shot(clear, boxes.placed(), exposure=2.0).rgba[..., :3].mean() > plain.rgba[..., :3].mean() + 10
-    thick = shot(drawn_by(by, boxes, scene, Look(haze_per_m=0.2)), boxes.placed())
+    thick = shot(drawn_by(by, boxes, boxes.crossroads(), Look(haze_per_m=0.2)), boxes.placed())
     far = (plain.depth_m > 30.0) & (plain.semantic == SemanticClass.BUILDING)
     assert far.sum() > 100
     assert thick.rgba[..., :3][far].std(axis=0).max() < 2.0 < plain.rgba[..., :3][far].std(axis=0).max()
@@ -221,12 +211,8 @@ def test_the_sky_pales_towards_the_horizon(by, boxes):
 @pytest.mark.parametrize(("x_m", "shown"), [(445.0, True), (455.0, False)])
 def test_vehicles_beyond_450_m_are_not_drawn(by, boxes, x_m, shown):
     renderer, camera = drawn_by(by, boxes, boxes.scene()), CameraIntrinsics.centred(160, 120, 1600.0)
-    image = shot(
-        renderer,
-        boxes.placed((ActorClass.SEDAN, x_m, 0.0, 0.0)),
-        camera=camera,
-        pose=transform(np.eye(3), (0.0, 0.0, 1.5)),
-    )
+    ahead = boxes.placed((ActorClass.SEDAN, x_m, 0.0, 0.0))
+    image = shot(renderer, ahead, camera=camera, pose=Mount(0.0, 0.0, 1.5).base_from_sensor)
     assert bool(image.instance.any()) is shown
 
 

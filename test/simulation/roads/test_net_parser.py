@@ -119,9 +119,13 @@ def test_coordinates_far_from_the_nets_own_origin_become_those_around_its_middle
 
 
 def test_an_origin_within_10_km_of_the_maps_middle_stays():
-    for east_m, offset_m in ((9_799, (100.0, 50.0)), (10_001, (10_151, 50))):
-        network = parse_road_network(moved(NET.replace("100.00,50.00", "100.0,50.0"), east_m, 0).encode())
+    for east_m, north_m, offset_m in (
+        *[(9_799, 0, (100.0, 50.0)), (10_001, 0, (10_151, 50)), (0, 9_999, (100.0, 50.0)), (0, 10_002, (150, 10_052))],
+    ):
+        network = parse_road_network(moved(NET.replace("100.00,50.00", "100.0,50.0"), east_m, north_m).encode())
         assert network.sumo_offset_m == offset_m
+    half = moved(NET, 20_000, 0).replace("20000,0,20300,100", "20000,0,20301,101")
+    assert parse_road_network(half.encode()).sumo_offset_m == (20_150, 50), "whole metres"
 
 
 def test_connections_chain_all_internal_lanes_and_leave_pedestrians_out(network):
@@ -207,6 +211,8 @@ def test_edges_know_their_street_junctions_and_lanes(network):
 def test_crossing_outline_is_the_lane_widened_or_the_outline_the_net_states(network):
     (outline,) = network.crossings
     assert sorted(map(tuple, outline)) == [(96.0, -4.0), (96.0, 4.0), (100.0, -4.0), (100.0, 4.0)]
+    sides_m = np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1)
+    assert sorted(sides_m) == [4.0, 4.0, 8.0, 8.0], "in order around it"
     stated = NET.replace(
         'width="4" shape="198,46 198,54"/>', 'width="4" shape="198,46 198,54" outlineShape="197,46 199,50 197,54"/>', 1
     )

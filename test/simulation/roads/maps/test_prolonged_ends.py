@@ -98,9 +98,12 @@ def test_roads_beside_each_other_are_both_prolonged(tmp_path: Path) -> None:
 
 def test_the_length_counts_over_joints(tmp_path: Path) -> None:
     nodes = {**CROSSING, "n2": (0, 150), "n3": (0, 200)}
-    after = prolonged(made_net(tmp_path, nodes, (*ARMS, "n2 n", "n3 n2")))
+    net = made_net(tmp_path, nodes, (*ARMS, "n2 n", "n3 n2"))
+    after = prolonged(net)
     assert after.edge_by_id["n3_n2"].prolonged_m == pytest.approx(NEEDED_M - 200.0, abs=25.0)
     assert after.edge_by_id["n2_n"].prolonged_m == after.edge_by_id["n_c"].prolonged_m == 0.0
+    damaged = replace(parse_road_network(net), junctions={})
+    assert parse_road_network(with_prolonged_ends(net, damaged)).lanes == after.lanes, "also if it lacks junctions"
 
 
 def test_the_way_back_at_a_dead_end_moves_along(tmp_path: Path) -> None:
@@ -152,5 +155,3 @@ def test_out_of_town_alone_roads_of_two_lanes_with_such_a_limit_are_prolonged(tm
     after = parse_road_network(with_prolonged_ends(fast, network, out_of_town=True))
     assert {edge.edge_id for edge in after.edges if edge.prolonged_m} == {"n_c", "c_n"}
     assert with_prolonged_ends(net, parse_road_network(net), out_of_town=True) == net
-    without = replace(network, junctions={})
-    assert parse_road_network(with_prolonged_ends(fast, without)).edge_by_id["s_c"].prolonged_m > 100.0

@@ -27,6 +27,7 @@ from siren_ros.scoring.judging.outcome import (
     AvResponse,
     PeopleOfClass,
     av_response,
+    evaluate_predicate,
     judge,
     longest_standstill,
     outcome_of,
@@ -270,37 +271,11 @@ def test_civilians_that_begin_to_yield_are_counted_once_each():
     assert realisation_of(replace(record, events=events)).yielding == 2
 
 
-def test_an_outcome_has_the_verdict_its_parts_and_the_episodes_numbers(record_of):
-    outcome = outcome_of(record_of(), CLOSING)
-    assert (outcome.end, outcome.reason, outcome.steps, outcome.predicate_holds) == ("complete", "", 101, True)
-    assert outcome.measures["predicate.lane_changes"] == 4.0
-    assert outcome.measures["predicate.passed"] == 4.0
-    assert "4 civilians left" in str(outcome.measures["predicate"])
-
-
 def test_the_longest_standstill_is_one_unbroken_stop_with_its_begin():
     """A vehicle that rolls out stands; the second of these stops is the longest."""
     speed = np.array([0.0] * 10 + [5.0] + [0.25] * 10 + [0.0] * 20 + [1.0] + [0.0] * 20)
     assert longest_standstill(speed) == (pytest.approx(1.5), 11)
     assert longest_standstill(np.array([1.0, 2.0])) == (0.0, 0)
-
-
-def test_way_and_mean_speed_are_those_of_the_first_emv_and_every_other_one_has_its_own():
-    record = hand_made(
-        crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))}
-    )
-    for (first, second), speed, other in (((EMV, 2), 8.0, 2.0), ((2, EMV), 2.0, 8.0)):
-        changed = replace(record, description=replace(record.description, emv_ids=(first, second)))
-        measures = outcome_of(changed, CLOSING).measures
-        assert measures["emv_distance_m"] == pytest.approx(100 * 0.05 * speed)
-        assert measures["emv_mean_speed_mps"] == pytest.approx(speed)
-        assert measures["actors"] == 2
-        assert (measures["emv_standing_share"], measures["emv_standstill_s"]) == (0.0, 0.0)
-        assert measures[f"emv{second}.distance_m"] == pytest.approx(100 * 0.05 * other)
-        assert measures[f"emv{second}.mean_speed_mps"] == pytest.approx(other)
-        assert measures[f"emv{second}.predicate_holds"] == 0
-        assert "a junction with a signal nowhere" in str(measures[f"emv{second}.predicate"])
-        assert not any(name.startswith(f"emv{first}.") for name in measures)
 
 
 @pytest.mark.parametrize("ids", [(), (9,)])
@@ -310,25 +285,6 @@ def test_without_an_emv_there_is_no_way(ids):
     measures = outcome_of(changed, CLOSING).measures
     assert "emv_distance_m" not in measures
     assert "av.heard_s" not in measures
-
-
-def test_events_and_residuals_are_counted_each_by_its_kind():
-    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101))})
-    kinds = [
-        *[EventKind.COLLISION] * 1,
-        *[EventKind.YIELD_STARTED] * 4,
-        *[EventKind.YIELD_COMPLETED] * 3,
-        *[EventKind.YIELD_DEFERRED] * 2,
-        EventKind.YIELD_REQUESTED,
-    ]
-    owned = with_states(
-        record, residual_m=lambda state: np.array([0.01 * state.step]), owner=lambda _: np.array([Owner.SUMO], np.uint8)
-    )
-    events = tuple(Event(step, kind, EMV, 2) for step, kind in enumerate(kinds))
-    measures = outcome_of(replace(owned, events=events), CLOSING).measures
-    names = ("collisions", "yields_started", "yields_completed", "yields_deferred")
-    assert [measures[name] for name in names] == [1, 4, 3, 2]
-    assert (measures["residual_p99_m"], measures["residual_max_m"]) == pytest.approx((0.99, 1.0))
 
 
 def test_a_record_that_cannot_be_judged_has_no_verdict_and_says_why():
@@ -430,13 +386,139 @@ def test_people_within_150_m_are_counted_over_the_episode_and_at_once() -> None:
     assert found[CYCLES].near == 0
 
 
-def test_the_outcome_has_the_numbers() -> None:
-    record = record_of({2: walker(20.0, -4.0), 3: walker(30.0, -5.0, kind=CYCLES)})
-    measures = outcome_of(record, EpisodeClosing("complete", "", 201)).measures
-    names = ("near", "near_median", "with_emv", "met")
-    expected = {f"people.{kind}.{name}": 1 for kind in ("pedestrians", "cyclists") for name in names}
-    told = {name: value for name, value in measures.items() if name.startswith("people.") and value}
-    assert told == expected | {"people.met": 2}
+FIRST, SECOND, YIELDS, FAR = 4, 1, 3, 5
+WALKERS, CYCLISTS, RIDER = (6, 7, 8, 9), (10, 11), 12
+
+
+def whole_episode() -> EpisodeRecord:
+    """Two EMVs of which the second crosses, the AV, a civilian that makes way, and people; 200 steps."""
+
+    def row(y_m: float) -> Any:
+        return line((60.0, y_m), (-60.0, y_m))
+
+    def column(x_m: float) -> Any:
+        return line((x_m, -60.0), (x_m, 60.0))
+
+    stands = np.zeros(200)
+    vehicles = {
+        # It stands at 50 m from step 100 to step 130.
+        FIRST: Driven(
+            NORTHBOUND, np.concatenate((at_speed(10.0, 8.0, 101), stands[:30] + 50.0, 50.3 + 0.3 * np.arange(69)))
+        ),
+        SECOND: Driven(EASTBOUND, np.minimum(at_speed(70.0, 10.0, 200), 160.0)),  # stands from step 180 on
+        AV: Driven(BESIDE_NORTHBOUND, stands + 60.1),
+        YIELDS: Driven(line((14.0, -120.0), (14.0, 110.0)), stands + 50.0, Mode.YIELD_HOLD),
+        FAR: Driven(line((600.0, 0.0), (600.0, 9.0)), stands),
+        # Next to nobody; far away; for 40 steps alone; and before both an EMV and the one that makes way.
+        **dict(zip(WALKERS[:2], (Driven(row(-60.0), stands + 30.0), Driven(row(500.0), stands)), strict=True)),
+        **dict(
+            zip(
+                WALKERS[2:],
+                (Driven(row(-80.0), stands[:40] + 30.0), Driven(row(-67.2), at_speed(40.0, 1.5, 200))),
+                strict=True,
+            )
+        ),
+        # Towards the civilian that makes way; and behind the second EMV.
+        **dict(
+            zip(
+                CYCLISTS,
+                (Driven(row(-70.0), at_speed(0.0, 4.0, 200)), Driven(column(0.0), at_speed(10.0, 5.0, 200))),
+                strict=True,
+            )
+        ),
+        RIDER: Driven(column(30.0), at_speed(10.0, 5.0, 200)),
+    }
+    record = hand_made(crossing(), vehicles)
+    kinds = dict.fromkeys(WALKERS, WALKS) | dict.fromkeys(CYCLISTS, CYCLES) | {RIDER: RIDES}
+    actors = {
+        key: replace(
+            one,
+            actor_class=kinds.get(key, one.actor_class),
+            is_emv=key in {FIRST, SECOND},
+            name=f"demand.{key}" if key in {YIELDS, FAR} else one.name,
+        )
+        for key, one in record.actors.items()
+    }
+    demand = {"source": "own.rou.xml", "sha256": "d0", "begin_s": 0.0, "left_out": ["a", "b"], "xml": ""}
+    parameters = {
+        "demand": demand,
+        "crossing": {"junction": "J", "emv_ids": [SECOND]},
+        "av": {"actor_id": AV, "sensors": "none"},
+    }
+    described = replace(record.description, emv_ids=(FIRST, SECOND), parameters=parameters)
+    counts = {
+        EventKind.YIELD_STARTED: 5,
+        EventKind.YIELD_COMPLETED: 4,
+        EventKind.YIELD_DEFERRED: 2,
+        EventKind.YIELD_REQUESTED: 7,
+    }
+    events = [Event(k, kind, YIELDS, FIRST) for kind, count in counts.items() for k in range(count)]
+    hits = [Event(9, EventKind.COLLISION, *pair) for pair in ((AV, FIRST), (YIELDS, AV), (YIELDS, FAR))]
+
+    def of_av(state: Any, column: Any, values: dict[int, float], otherwise: Any) -> Any:
+        return np.where(state.actor_id == AV, values.get(state.step, otherwise), column)
+
+    return with_states(
+        replace(record, actors=actors, description=described, events=(*events, *hits)),
+        owner=lambda state: np.where(state.actor_id == YIELDS, Owner.SUMO, Owner.ROS).astype(np.uint8),
+        residual_m=lambda state: np.where(state.actor_id == YIELDS, 0.01 * state.step, 50.0),
+        vy_mps=lambda state: of_av(state, state.vy_mps, {25: 9.0, 26: 3.0}, 1.25),
+        x_m=lambda state: of_av(state, state.x_m, {90: LEFT_X_M + 0.7, 180: LEFT_X_M + 2.0}, LEFT_X_M),
+    )
+
+
+def test_an_outcome_has_everything_of_an_episode():
+    record = whole_episode()
+    verdict = evaluate_predicate(record)
+    outcome = outcome_of(record, CLOSING)
+    assert (outcome.end, outcome.reason, outcome.steps) == ("complete", "", 101)
+    assert outcome.predicate_holds is verdict.holds is False
+    people = {
+        "pedestrians": {"near": 3, "near_median": 2, "with_emv": 1, "with_yielding": 1, "met": 1},
+        "cyclists": {"near": 2, "near_median": 2, "with_emv": 1, "with_yielding": 1, "met": 2},
+        "motorcycles": {"near": 1, "near_median": 1, "with_emv": 1, "with_yielding": 0, "met": 1},
+    }
+    speed_mps = (100 * 8.0 + 69 * 6.0 + 0.5 * 8.0 + 0.5 * 6.0) / 200.0  # half of each as it stops and starts
+    expected = {
+        "predicate": verdict.text,
+        **{f"predicate.{name}": value for name, value in verdict.measures().items()},
+        "actors": 12,
+        "collisions": 3,
+        "yields_started": 5,
+        "yields_completed": 4,
+        "yields_deferred": 2,
+        "residual_p99_m": 0.99 * 1.99,
+        "residual_max_m": 1.99,
+        "emv_distance_m": 60.7,
+        "emv_mean_speed_mps": speed_mps,
+        "emv_standing_share": 29 / 200,
+        "emv_standstill_s": 29 * 0.05,
+        "emv1.predicate": "EMV 1 passed junction J",
+        "emv1.predicate_holds": 1,
+        "emv1.distance_m": 90.0,
+        "emv1.mean_speed_mps": (180 * 10.0 + 5.0) / 200.0,
+        "emv1.standing_share": 19 / 200,
+        "emv1.standstill_s": 19 * 0.05,
+        "av.heard_s": 26 * 0.05,
+        "av.passed_after_s": (164 - 26) * 0.05,
+        "av.speed_drop_mps": 3.0 - 1.25,
+        "av.moved_right_m": 0.7,
+        "av.closest_m": np.hypot(3.5, 0.1),
+        "av.collisions": 2,
+        **{f"people.{kind}.{name}": value for kind, own in people.items() for name, value in own.items()},
+        "people.met": 4,
+        "demand.source": "own.rou.xml (SHA-256 d0)",
+        "demand.left_out": "a; b",
+        "demand.vehicles": 2,
+        "demand.near_emv": 1,
+    }
+    numbers = {name: value for name, value in outcome.measures.items() if not isinstance(value, str)}
+    assert {name: value for name, value in outcome.measures.items() if isinstance(value, str)} == {
+        name: value for name, value in expected.items() if isinstance(value, str)
+    }
+    assert numbers == pytest.approx({name: value for name, value in expected.items() if not isinstance(value, str)})
+    assert outcome.measures["predicate.standstill_s"] == pytest.approx(29 * 0.05)
+    assert outcome.measures["predicate.crossing_emv_1"] == 1
 
 
 CAR, WALKER = 2, 3

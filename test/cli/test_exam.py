@@ -91,15 +91,6 @@ def test_an_exam_makes_its_own_episodes_and_goes_on_where_it_was_stopped(siren, 
     dropped = siren(["exam", "verify", str(fewer), str(out), "--workers", "1", *signed], code=1).out
     assert "2 episodes in the matrix, 1 on the certificate" in dropped
     assert "fewer.json is not what the owner of examiner_public.pem signed" in dropped
-    assert "no bag has the hash" in siren([*verify, str(out / "paper")], code=1).out
-    assert "no bag of the paper's driver has the hash" in siren([*verify, str(out / "episodes")], code=1).out
-    mark = next(mark for mark in content["episodes"][0]["marks"] if mark["grade"] == "pass")
-    mark["grade"], content["heard_m"] = "minor", 5000
-    verify[2] = str(tmp_path / "forged.json")
-    Path(verify[2]).write_text(json.dumps(content), encoding="utf-8")
-    forged = siren([*verify, str(out)], code=1).out
-    assert "heard_m differs" in forged
-    assert f"S2_L3_seed0_town: {mark['clause']}: minor on the certificate, pass from the bag" in forged
     siren(words, code=1)
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*.mcap")} == made
     assert (out / "certificate.json").read_bytes() == certificate

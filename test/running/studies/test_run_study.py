@@ -13,6 +13,7 @@ from threading import Lock
 from typing import Any
 
 import pytest
+import yaml
 from recorded_episode import quick_template
 from synthetic_episode import NET_XML
 
@@ -20,7 +21,7 @@ from siren_ros.base.processes.process_pool import CrashError, ProcessPool
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.running.studies.episode_row import EpisodeRow, Status
-from siren_ros.running.studies.matrix import PlannedEpisode, Study, plan_study
+from siren_ros.running.studies.matrix import PlannedEpisode, Seat, Study, plan_study
 from siren_ros.running.studies.run_study import (
     LocalWorkers,
     StudyObserver,
@@ -208,6 +209,37 @@ def test_an_attempt_that_died_is_made_again_as_often_as_may_be(tmp_path, retries
         (Status.FAILED, "SUMO failed") if attempts > deaths else (Status.CRASHED, f"signal {attempts - 1}")
     )
     assert LocalFolder(tmp_path).row_of(row.path) == row
+
+
+ANSWERED = yaml.safe_load("""
+{reason: "", steps: 801, simulated_s: 40.05, predicate_holds: true, predicate: it passed, measures: "{}", bag_bytes: 7,
+ mcap_sha256: m0, metadata_sha256: y0, map_sha256: n0, site: made, setup_s: 1.5, run_s: 2.5, cpu_s: 3.5}""")
+
+
+@pytest.mark.parametrize("status", [Status.COMPLETE, Status.FAILED])
+def test_a_row_has_what_the_attempt_answers_and_what_its_plan_says(tmp_path: Path, status: Status) -> None:
+    planned, asked = replace(PLANNED, seat=Seat("idm")), []
+
+    def call(_: Any, request: EpisodeRequest, bag: Path, seat: Seat, limit_s: float, *, timeout_s: float) -> Any:
+        asked.append((request, bag.name, seat, limit_s, timeout_s))
+        if len(asked) == 1:
+            raise CrashError("signal 9")
+        bag.mkdir()
+        return {**ANSWERED, "status": status}
+
+    folder = LocalFolder(tmp_path)
+    row = make_episode(planned, folder, WorkerOptions(timeout_s=90.0), call, earlier=("gone",))
+    assert asked == [(PLANNED.request, "S2_L2_seed3", Seat("idm"), 75.0, 90.0)] * 2
+    complete = status is Status.COMPLETE
+    known = {**ANSWERED, "status": status, "bag": "episodes/S2_L2/S2_L2_seed3" if complete else ""}
+    tried = {"attempts": 3, "retry_reasons": ("gone", "signal 9")}
+    measured = {name: getattr(row, name) for name in ("process_s", "begun_at", "worker")}
+    assert row == EpisodeRow.planned(planned, **known, **tried, **measured)
+    assert measured["process_s"] > 0.0
+    assert measured["worker"].endswith(f":{os.getpid()}")
+    assert measured["begun_at"].endswith("+00:00")
+    assert folder.row_of(row.path) == row
+    assert (tmp_path / row.path).is_dir() is complete
 
 
 def test_attempts_of_workers_that_are_gone_count(tmp_path: Path) -> None:

@@ -1,15 +1,18 @@
 """A study on disk: rows, hashes, which episodes need not be made again, and what is replaced."""
 
+import io
 import subprocess
 import sys
 from dataclasses import fields, replace
 from hashlib import sha256
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
+import yaml
 
 from siren_ros.errors import InputError
-from siren_ros.running.studies.episode_row import SCHEMA, EpisodeRow, Status, manifest_bytes, path_of, rows_of_manifest
+from siren_ros.running.studies.episode_row import EpisodeRow, Status, manifest_bytes, path_of, rows_of_manifest
 from siren_ros.running.studies.matrix import PlannedEpisode
 from siren_ros.running.studies.run_study import finished_row
 from siren_ros.running.studies.study_folder import (
@@ -47,13 +50,6 @@ def test_a_bag_goes_to_its_place_and_its_row_next_to_it(study: LocalFolder, tmp_
     assert not (tmp_path / "scratch" / "bag").exists()
     assert study.row_of(ROW.path) == ROW
     assert study.row_of("episodes/S2_L2/other") is None
-
-
-def test_a_row_has_the_site_of_its_bag_and_without_one_the_site_that_was_asked_for() -> None:
-    pinned = replace(PLANNED, request=replace(PLANNED.request, site="asked for"))
-    assert EpisodeRow.planned(pinned, Status.REFUSED).site == "asked for"
-    for asked in (pinned, PLANNED):
-        assert EpisodeRow.planned(asked, Status.COMPLETE, site="made at").site == "made at"
 
 
 def test_a_later_bag_replaces_an_earlier_one(study: LocalFolder, tmp_path: Path) -> None:
@@ -190,8 +186,6 @@ def test_a_study_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 
 def test_rows_are_read_back_and_others_refused() -> None:
-    for whole in (ROW, *ROWS):
-        assert EpisodeRow.from_json(whole.to_json()) == whole
     content = ROW.to_json()
     short = {key: value for key, value in content.items() if key not in {"versions", "retry_reasons", "attempts"}}
     row = EpisodeRow.from_json({**short, "unknown": 1})
@@ -201,26 +195,41 @@ def test_rows_are_read_back_and_others_refused() -> None:
             EpisodeRow.from_json(wrong)
 
 
-DRAWN = EpisodeRequest("S1", "L3", 5, values="emv.speed_mps=12.0")
-REFUSED = PlannedEpisode("S1_L3_seed4", "S1_L3", EpisodeRequest("S1", "L3", 4), -1, "ab" * 32)
-_TRIED = {"attempts": 2, "retry_reasons": ("its process was killed by SIGKILL",), "versions": {"siren_ros": "0.1.0"}}
-_RESULT = {"steps": 800, "simulated_s": 40.0, "predicate_holds": False, "measures": '{"collisions":0}'}
-ROWS = (
-    EpisodeRow.planned(REFUSED, Status.REFUSED, "no site"),
-    EpisodeRow.planned(
-        PlannedEpisode("S1_L3_seed5", "S1_L3", DRAWN, 3, "cd" * 32), Status.COMPLETE, **_TRIED, **_RESULT
-    ),
-)
+ASKED = """
+{group: g, template: own/S1.yaml, level: L3, seed: 5, map: maps/b.net.xml, preset: calm, sensors: roof, look: fog,
+ values: a.b=12.0, inputs_sha256: i0}"""
+KNOWN = """
+{attempts: 3, retry_reasons: [hung, crashed], steps: 801, simulated_s: 40.05, predicate_holds: false,
+ predicate: it stood, bag: episodes/g/e2, bag_bytes: 5000000000, mcap_sha256: m0, metadata_sha256: y0, map_sha256: n0,
+ measures: '{"collisions": 2, "people.met": 4, "people.cyclists.near": 1, "emv_distance_m": 1.5}', site: made,
+ setup_s: 1.25, run_s: 2.5, process_s: 4.75, cpu_s: 3.125, begun_at: at six, worker: h.7}"""
+BARE = """
+{episode: e1, draw: -1, status: crashed, reason: "", attempts: 1, retry_reasons: [], steps: 0, simulated_s: 0.0,
+ predicate_holds: null, predicate: "", measures: "{}", bag: "", bag_bytes: 0, mcap_sha256: "", metadata_sha256: "",
+ map_sha256: "", site: asked, setup_s: 0.0, run_s: 0.0, process_s: 0.0, cpu_s: 0.0, begun_at: "", worker: "",
+ versions: "{}"}"""
 
 
-def test_the_table_keeps_every_row_to_the_last_bit(study: LocalFolder) -> None:
+def test_a_row_has_everything_of_its_episode_in_every_file(study: LocalFolder) -> None:
+    asked, known = yaml.safe_load(ASKED), yaml.safe_load(KNOWN)
+    request = {key: value for key, value in asked.items() if key not in {"group", "inputs_sha256"}}
+    planned = PlannedEpisode("e2", "g", EpisodeRequest(**request, site="asked"), 6, "i0")
+    given = known | {"retry_reasons": ("hung", "crashed"), "versions": {"b": "2", "a": "1"}}
+    whole = EpisodeRow.planned(planned, Status.COMPLETE, "why", **given)
+    bare = EpisodeRow.planned(replace(planned, name="e1", draw=-1), Status.CRASHED)
+    told = asked | known | {"episode": "e2", "draw": 6, "status": "complete", "reason": "why"}
+    assert whole.to_json() == told | {"versions": {"b": "2", "a": "1"}}
+    assert EpisodeRow.from_json(whole.to_json()) == whole
+    assert (whole.map_name, whole.path, whole.collisions, bare.collisions) == ("b", "episodes/g/e2", 2, 0)
+    assert (whole.people, bare.people) == ({"met": 4, "cyclists.near": 1}, {})
+    assert whole.shortcomings == ("the interaction did not happen", "2 collisions")
     assert read_table(study) == ()
-    write_table(study, reversed(ROWS))
-    assert read_table(study) == ROWS
-    assert manifest_bytes(ROWS) == manifest_bytes(reversed(ROWS))
+    write_table(study, [whole, bare])
+    assert read_table(study) == (bare, whole)
+    content = manifest_bytes([bare, whole])
+    assert content == manifest_bytes([whole, bare]) == study.read("manifest.parquet")
+    table = pq.read_table(io.BytesIO(content), use_threads=False)
+    assert table.to_pylist() == [asked | yaml.safe_load(BARE), told | {"versions": '{"a": "1", "b": "2"}'}]
+    assert {*table.schema.names} == {field.name for field in fields(EpisodeRow)}
     with pytest.raises(InputError, match="table"):
         rows_of_manifest(b"PAR1, or not")
-
-
-def test_the_table_has_a_column_for_every_field() -> None:
-    assert {field.name for field in fields(EpisodeRow)} == set(SCHEMA.names)

@@ -26,7 +26,10 @@ from siren_ros.errors import EpisodeError
 from siren_ros.scoring.judging.outcome import (
     AvResponse,
     PeopleOfClass,
+    Realisation,
+    ResidualSummary,
     av_response,
+    demand_measures,
     evaluate_predicate,
     judge,
     longest_standstill,
@@ -46,25 +49,6 @@ SITE = {"junction": "J"}
 CLOSING = EpisodeClosing(end="complete", reason="", steps=101)
 
 
-def summary_of(residual_m, owner):
-    """Of a record with two actors, whose residuals and owners are given as (steps, 2)."""
-    count = len(residual_m)
-    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, np.zeros(count)), 2: Driven(EASTBOUND, np.zeros(count))})
-    states = tuple(
-        replace(state, residual_m=np.array(residual, dtype=float), owner=np.array(owners, dtype=np.uint8))
-        for state, residual, owners in zip(record.states, residual_m, owner, strict=True)
-    )
-    return summarise_residuals(replace(record, states=states))
-
-
-def test_percentiles_are_over_the_rows_that_sumo_owns():
-    """From 0 to 1 m in steps of 1 cm; what ROS owns is ten times as far away."""
-    summary = summary_of([(0.01 * k, 10.0) for k in range(101)], [(Owner.SUMO, Owner.ROS)] * 101)
-    assert (summary.median_m, summary.p99_m, summary.max_m) == pytest.approx((0.5, 0.99, 1.0))
-    nobodys = summary_of([(3.0, 4.0)] * 5, [(Owner.ROS, Owner.ROS)] * 5)
-    assert (nobodys.median_m, nobodys.p99_m, nobodys.max_m) == (0.0, 0.0, 0.0)
-
-
 def with_av(record: EpisodeRecord, actor_id: int = AV) -> EpisodeRecord:
     parameters = {**record.description.parameters, "av": {"actor_id": actor_id, "sensors": "none"}}
     return replace(record, description=replace(record.description, parameters=parameters))
@@ -74,16 +58,6 @@ def response_of(record: EpisodeRecord) -> AvResponse:
     response = av_response(record)
     assert response is not None
     return response
-
-
-def test_collisions_of_the_av_are_counted_and_without_one_there_is_no_response():
-    def collision(actor_id: int, other_id: int) -> Event:
-        return Event(5, EventKind.COLLISION, actor_id, other_id)
-
-    cars = {key: Driven(NORTHBOUND, np.full(20, 20.0 * key)) for key in (EMV, AV, 3, 4)}
-    record = replace(hand_made(crossing(), cars), events=(collision(1, AV), collision(3, 4), collision(AV, 3)))
-    assert response_of(with_av(record)).collisions == 2
-    assert av_response(record) is None
 
 
 def encounter(emv_arc_m: np.ndarray[Any, Any], av_arc_m: np.ndarray[Any, Any]) -> AvResponse:
@@ -187,27 +161,6 @@ def test_of_several_encounters_the_first_counts():
     assert response.passed_after_s == pytest.approx(41 * 0.05)
 
 
-def test_arrival_is_when_the_emv_is_nearest_to_the_junction():
-    """The junction's centre is at 110 m of the northbound way (the stop line at 100 m)."""
-    slow, fast = (
-        realisation_of(_at_junction({EMV: Driven(NORTHBOUND, at_speed(30.0, speed_mps, 400))}))
-        for speed_mps in (5.0, 10.0)
-    )
-    assert slow.arrival_s == pytest.approx(2.0 * fast.arrival_s, abs=0.1)
-    assert slow.emv_speed_mps == pytest.approx(5.0, abs=0.1)
-    assert slow.queue == slow.yielding == 0
-    assert np.isnan(realisation_of(_at_junction({EMV: Driven(NORTHBOUND, np.full(100, 20.0))})).arrival_s)
-
-
-def test_the_queue_is_who_stands_around_the_emv_before_it_arrives():
-    standing = {
-        number: Driven(line((4.0, -100.0), (4.0, 100.0)), np.full(400, 60.0 + 7.0 * number)) for number in (2, 3)
-    }
-    rolling = {4: Driven(line((8.0, -100.0), (8.0, 100.0)), at_speed(20.0, 5.0, 400) % 190.0)}
-    emv = {EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 400))}
-    assert realisation_of(_at_junction({**emv, **standing, **rolling})).queue == 2
-
-
 def _at_junction(vehicles: dict[int, Driven]) -> EpisodeRecord:
     record = hand_made(crossing(), vehicles)
     return replace(record, description=replace(record.description, site=SITE))
@@ -250,25 +203,6 @@ def test_wherever_the_map_lies_the_conflict_point_is_the_junctions():
     moved = replace(moved, network=replace(network, junctions=junctions))
     assert realisation_of(moved).arrival_s == realisation_of(plain).arrival_s
     assert not np.isnan(realisation_of(plain).arrival_s)
-
-
-def test_of_two_emvs_the_first_one_arrives():
-    record = _at_junction(
-        {EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 400)), 2: Driven(NORTHBOUND, at_speed(80.0, 10.0, 400))}
-    )
-    both = {key: replace(actor, is_emv=True) for key, actor in record.actors.items()}
-    arrivals = [
-        realisation_of(replace(record, actors=both, description=replace(record.description, emv_ids=ids))).arrival_s
-        for ids in ((1, 2), (2, 1))
-    ]
-    assert arrivals[0] - arrivals[1] == pytest.approx(5.0, abs=0.05)
-
-
-def test_civilians_that_begin_to_yield_are_counted_once_each():
-    record = _at_junction({EMV: Driven(NORTHBOUND, at_speed(30.0, 10.0, 40))})
-    kinds = [*[(EventKind.YIELD_STARTED, actor) for actor in (2, 3, 2)], (EventKind.YIELD_REQUESTED, 4)]
-    events = tuple(Event(5 + k, kind, actor, EMV) for k, (kind, actor) in enumerate(kinds))
-    assert realisation_of(replace(record, events=events)).yielding == 2
 
 
 def test_the_longest_standstill_is_one_unbroken_stop_with_its_begin():
@@ -445,14 +379,14 @@ def whole_episode() -> EpisodeRecord:
         "crossing": {"junction": "J", "emv_ids": [SECOND]},
         "av": {"actor_id": AV, "sensors": "none"},
     }
-    described = replace(record.description, emv_ids=(FIRST, SECOND), parameters=parameters)
+    described = replace(record.description, emv_ids=(FIRST, SECOND), parameters=parameters, site=SITE)
     counts = {
         EventKind.YIELD_STARTED: 5,
         EventKind.YIELD_COMPLETED: 4,
         EventKind.YIELD_DEFERRED: 2,
         EventKind.YIELD_REQUESTED: 7,
     }
-    events = [Event(k, kind, YIELDS, FIRST) for kind, count in counts.items() for k in range(count)]
+    events = [Event(k, kind, (YIELDS, AV)[k % 2], FIRST) for kind, count in counts.items() for k in range(count)]
     hits = [Event(9, EventKind.COLLISION, *pair) for pair in ((AV, FIRST), (YIELDS, AV), (YIELDS, FAR))]
 
     def of_av(state: Any, column: Any, values: dict[int, float], otherwise: Any) -> Any:
@@ -517,6 +451,18 @@ def test_an_outcome_has_everything_of_an_episode():
         name: value for name, value in expected.items() if isinstance(value, str)
     }
     assert numbers == pytest.approx({name: value for name, value in expected.items() if not isinstance(value, str)})
+    residual = summarise_residuals(record)
+    assert tuple(vars(residual).values()) == pytest.approx((0.01 * 99.5, 0.99 * 1.99, 1.99))
+    nobodys = with_states(record, owner=lambda state: np.full(len(state), Owner.ROS, np.uint8))
+    assert summarise_residuals(nobodys) == ResidualSummary(0.0, 0.0, 0.0)
+    # The first EMV gets no nearer to J than 44 m, the second one is there at 115 m of its way.
+    swapped = replace(record, description=replace(record.description, emv_ids=(SECOND, FIRST)))
+    assert realisation_of(swapped) == Realisation(4.5, 0, 2, pytest.approx(1805.0 / 200.0))
+    first = realisation_of(record)
+    assert (first.queue, first.yielding, first.emv_speed_mps) == (2, 2, pytest.approx(speed_mps))
+    assert np.isnan(first.arrival_s)
+    bare = replace(record, description=replace(record.description, parameters={}))
+    assert (av_response(bare), demand_measures(bare)) == (None, {})
     assert outcome.measures["predicate.standstill_s"] == pytest.approx(29 * 0.05)
     assert outcome.measures["predicate.crossing_emv_1"] == 1
 

@@ -79,10 +79,6 @@ def test_five_submissions_are_ranked_by_what_they_are_worth():
     rows = standings(given, "error", less_is_better=True)
     assert [row.model for row in rows][:5] == ["a", "b", "c", "d", "e"]
     assert [row.value for row in rows][:5] == pytest.approx([1.5, 1.5, 1.75, 2.5, 2.5])
-    differences = {row.model: row for row in rows[5:]}
-    assert {row.against for row in differences.values()} == {"a"}
-    assert [differences[name].value for name in "bcde"] == pytest.approx([0.0, 0.25, 1.0, 1.0])
-    assert [differences[name].p_value for name in "bcd"] == pytest.approx([1.0, 2 / 1024, 2 / 1024])
     others = standings(given, "score", less_is_better=False)
     assert [row.model for row in others][:5] == ["d", "e", "c", "a", "b"]
     assert standings({}, "error", less_is_better=True) == ()

@@ -14,7 +14,6 @@ from siren_ros.scoring.evaluation.prediction.baselines import (
     ConstantVelocity,
     Idm,
     IdmPredictor,
-    acceleration_of,
     halting,
     leaders_of,
     make_ca,
@@ -29,7 +28,6 @@ from siren_ros.scoring.evaluation.prediction.baselines import (
     turn_rate_of,
 )
 from siren_ros.scoring.evaluation.prediction.imm import Imm, ImmPredictor, filtered
-from siren_ros.scoring.evaluation.prediction.metrics import ade, fde
 from siren_ros.scoring.evaluation.prediction.samples import (
     HistoryWindow,
     Population,
@@ -328,24 +326,6 @@ def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads, angle_
     assert straight_successors(with_lines(crossroads, lines, angle_rad))[0] == 5
 
 
-def test_no_error_at_constant_velocity_whatever_the_heading(straight_road) -> None:
-    tracks = {1: moving(0.0, 0.0, 9.0, yaw_rad=0.7), 2: moving(30.0, 0.0, 0.0), 3: moving(0.0, 5.0, 14.0, yaw_rad=-2.5)}
-    scored = samples_in(tracks, straight_road)
-    answer = ConstantVelocity().predict(scored.batch)
-    assert answer.xy_m.shape == (63, 1, 25, 2)
-    assert fde(answer, scored.future_xy_m) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("accel_mps2", [1.2, -0.8])
-def test_error_at_constant_acceleration(accel_mps2, straight_road) -> None:
-    scored = samples_in({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
-    answer = ConstantVelocity().predict(scored.batch)
-    # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
-    assert ade(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
-    assert fde(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)
-    assert np.ptp(answer.xy_m[:, 0, :, 1]) == pytest.approx(0.0, abs=1e-9)
-
-
 TIMES_S = future_times_s()
 NOWHERE = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
 
@@ -380,15 +360,6 @@ def test_ca_leaves_the_circle_along_its_tangent() -> None:
     assert xy_m == pytest.approx(np.stack((np.full(25, 20.0), 6.0 * TIMES_S), axis=-1), abs=1e-6)
 
 
-@pytest.mark.parametrize("make", [make_ca, make_ctra])
-def test_an_acceleration_goes_on(make) -> None:
-    batch = one(NOWHERE, 0.0, 0.0, 5.0, 0.8, 0.3)
-    assert acceleration_of(batch)[0] == pytest.approx(0.8)
-    way = batch.speed_mps[0] * TIMES_S + 0.4 * TIMES_S**2
-    expected = batch.xy_m[0] + way[:, None] * np.array([np.cos(0.3), np.sin(0.3)])
-    assert make().predict(batch).xy_m[0, 0] == pytest.approx(expected, abs=1e-3)
-
-
 def test_a_vehicle_that_brakes_stops() -> None:
     batch = one(NOWHERE, 0.0, 0.0, 8.0, -2.0)
     now = batch.speed_mps[0]
@@ -398,20 +369,29 @@ def test_a_vehicle_that_brakes_stops() -> None:
     assert (np.diff(away_m) >= 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("make", "gained_m"),
-    [
-        (make_cv_lane, 0.0 * TIMES_S),
-        (make_ca_lane, 0.5 * TIMES_S**2),
-        (make_decay_lane, TIMES_S - 1.0 + np.exp(-TIMES_S)),
-    ],
-)
-def test_ways_along_a_straight_lane(straight_road, make, gained_m) -> None:
-    """Of a vehicle that gains 1 m/s in each second: the integral of its speed, twice of the acceleration."""
-    batch = one(straight_road, 10.0, -5.0, 2.0, 1.0)
-    away_m = make().predict(batch).xy_m[0, 0] - batch.xy_m[0]
-    assert away_m[:, 0] == pytest.approx(batch.speed_mps[0] * TIMES_S + gained_m, abs=2e-3)
-    assert away_m[:, 1] == pytest.approx(0.0, abs=1e-9), "the offset from the centre line stays"
+def test_each_vehicle_of_a_batch_has_the_way_of_its_own_state(straight_road) -> None:
+    """Three vehicles, two frames, all on straight ways: east aside of the centre line, west, and off the lanes."""
+    tracks = {1: (3.0, -5.0, 5.0, 0.4, 0.0), 2: (280.0, 1.5, 9.0, -0.6, np.pi), 4: (50.0, 40.0, 6.0, 0.9, 0.7)}
+    batch = samples_in({key: moving(*track, steps=163) for key, track in tracks.items()}, straight_road).batch
+    rows = [(key, step) for step in (60, 62) for key in tracks]
+    assert [*zip(batch.actor_id.tolist(), batch.sample_step.tolist(), strict=True)] == rows
+    gains = {
+        ConstantVelocity: 0.0 * TIMES_S,
+        make_cv_lane: 0.0 * TIMES_S,
+        make_ca: 0.5 * TIMES_S**2,
+        make_ctra: 0.5 * TIMES_S**2,
+        make_ca_lane: 0.5 * TIMES_S**2,
+        make_decay_lane: TIMES_S - 1.0 + np.exp(-TIMES_S),
+    }
+    for make, gained_s2 in gains.items():
+        answer = make().predict(batch)
+        assert answer.xy_m.shape == (6, 1, 25, 2)
+        for row, (key, step) in enumerate(rows):
+            x_m, y_m, mps, mps2, yaw = tracks[key]
+            now_s = 0.05 * step
+            way_m = mps * now_s + 0.5 * mps2 * now_s**2 + (mps + mps2 * now_s) * TIMES_S + mps2 * gained_s2
+            places = np.stack((x_m + way_m * np.cos(yaw), y_m + way_m * np.sin(yaw)), axis=-1)
+            np.testing.assert_allclose(answer.xy_m[row, 0], places, atol=3e-3, err_msg=f"{make.__name__} of {key}")
 
 
 def test_braking_ends_in_a_stop_unless_it_decays_before(straight_road) -> None:

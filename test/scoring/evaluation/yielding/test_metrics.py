@@ -35,40 +35,6 @@ def only(record: EpisodeRecord) -> Encounter:
     return encounter
 
 
-def test_the_driver_responds_clears_and_is_passed() -> None:
-    one = only(passing())
-    # The path bends 60 m after its start: 0.3 m aside after 0.3/2.6 of the 10.3 m across, at 5 m/s.
-    began_s = one.driver.track.time_s[0]
-    bend_s = (60.0 - 46.0) / 5.0
-    bent_m = (10.0**2 + 2.6**2) ** 0.5
-    assert marks.response_time_s(one, LIMITS).value == pytest.approx(
-        bend_s + 0.3 / 2.6 * bent_m / 5.0 - began_s, abs=0.1
-    )
-    out = int(np.argmin(one.in_the_way))
-    assert one.in_the_way[:out].all()
-    assert not one.in_the_way[out : one.passed_row].any()
-    assert marks.clearance_time_s(one, LIMITS) == Measure(out * STEP_S)
-    assert marks.complied(one, LIMITS) == Measure(1.0)
-    assert marks.made_way_m(one, LIMITS).value == pytest.approx(2.6, abs=0.01)
-    assert marks.passing_gap_m(one, LIMITS).value == pytest.approx(2.6 - 0.5 * (2.1 + 1.8), abs=0.02)
-    assert marks.held_up_s(one, LIMITS).value == 0.0
-
-
-def test_the_driver_recovers_when_it_is_back_in_its_lane() -> None:
-    one = only(passing())
-    recovery = marks.recovery_time_s(one, LIMITS)
-    passed_s = one.driver.track.time_s[one.passed_row]
-    # On the way back 0.5 m from the centre line: 2.1/2.6 of the bend, which begins 100.33 m after the start.
-    bent_m = (10.0**2 + 2.6**2) ** 0.5
-    back_s = (60.0 + bent_m + 30.0 + 2.1 / 2.6 * bent_m - 46.0) / 5.0
-    assert not recovery.at_least
-    assert recovery.value == pytest.approx(back_s - passed_s, abs=0.15)
-    rows = round(recovery.value / STEP_S)
-    disturbed = marks.disturbed_rows(one, LIMITS)[one.passed_row :]
-    assert disturbed[rows - 1]
-    assert not disturbed[rows:].any()
-
-
 def test_a_driver_that_stays_holds_the_emv_up() -> None:
     one = only(blocking())
     assert marks.response_time_s(one, LIMITS).lack == "the driver did not respond"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from evaluation.made_records import moving, record_with
-from hand_made_record import EMV, Driven, crossing
+from hand_made_record import EMV, Driven, crossing, line
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, passing, record_of
 
 from siren_ros.base.tables import Measure
@@ -42,23 +42,71 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
 from siren_ros.simulation.world.actors import ActorClass, Event, EventKind
 
 
-def test_an_episode_has_every_metric_and_a_row_for_each_driver() -> None:
-    scores = score_yielding(passing())
-    assert list(scores.metrics) == [metric.name for metric in EPISODE_METRICS]
-    assert scores.metrics["drivers_in_the_way"].value == 1.0
-    assert scores.metrics["compliance"].value == 1.0
-    assert scores.metrics["wake_duration_s"].value > 1.0
-    assert scores.metrics["wake_length_m"].value > 10.0
-    (row,) = scores.driver_rows()
-    assert row["actor_id"] == CAR
-    assert row["collisions"] == 0.0
-    # 46 m between the centres, 5 m/s of closing speed: 40 m between the bodies after 0.2 s.
-    assert row["began_s"] == pytest.approx(0.2, abs=0.051)
-    assert (row["in_the_way"], row["with_siren"], row["under_test"]) == (True, True, False)
-    assert {metric.name for metric in DRIVER_METRICS} < set(row)
-    about = replace(passing().description, parameters={"av": {"actor_id": CAR}})
-    (row,) = score_yielding(replace(passing(), description=about)).driver_rows()
-    assert row["under_test"] is True
+def test_all_marks_of_two_drivers_and_what_follows_for_their_episode() -> None:
+    """2 pulls to the right in time; 3 brakes at 9 s, pulls to the left late, and is slow until the end at 22 s.
+
+    The EMV drives at 10 m/s for 12 s, and at 6 m/s then. Arc lengths on the EMV's line: 2 is at 46 m + 5 m/s, later
+    0.33 m less for its bend; 3 is at 90 m + 4 m/s, from 9 s on at 108 m + 2 m/s, later 0.77 m less.
+    """
+    left = line((5.25, -120.0), (5.25, 9.0), (2.65, 13.0), (2.65, 110.0))
+    ways = {2: (PULLS_RIGHT, arc((5.0, 22.0), start_m=46.0)), 3: (left, arc((4.0, 9.0), (2.0, 13.0), start_m=90.0))}
+    record = record_of(arc((10.0, 12.0), (6.0, 10.0)), {key: Driven(*way) for key, way in ways.items()})
+    touches = tuple(
+        Event(30, EventKind.COLLISION, *pair, detail={"impact_speed_mps": 1.0}) for pair in ((3, 2), (1, 3))
+    )
+    about = replace(record.description, parameters={"av": {"actor_id": 3}})
+    scores = score_yielding(replace(record, events=touches, description=about))
+    bent_m, turned_m = np.hypot(10.0, 2.6), np.hypot(4.0, 2.6)
+    out_m = 0.5 * 2.1 + 0.5 * (4.0 * 2.6 + 1.8 * 10.0) / bent_m  # half of the EMV and of the turned car
+    passed_s = (46.0 - 0.33 + 5.0) / 5.0, (108.0 - 0.77 + 5.0 - 48.0) / 4.0
+    out_s = 2.8 + out_m / 2.6 * bent_m / 5.0 - 0.2, 10.5 + turned_m / 2.0 - 7.5
+    responds_s = 2.8 + 0.3 / 2.6 * bent_m / 5.0 - 0.2, 9.0 - 7.5
+    table = {
+        "actor_id": (2, 3),
+        "began_s": (0.2, 7.5),
+        "in_the_way": (True, True),
+        "with_siren": (True, True),
+        "under_test": (False, True),
+        "response_time_s": responds_s,
+        "clearance_time_s": out_s,
+        "compliance": (1.0, 0.0),
+        "held_up_s": (0.0, 0.0),
+        "made_way_m": (2.6, 2.6),
+        "passing_gap_m": (2.6 - 0.5 * (2.1 + 1.8),) * 2,
+        "recovery_time_s": ((90.0 + bent_m * (1.0 + 2.1 / 2.6) - 46.0) / 5.0 - passed_s[0], 22.0 - passed_s[1]),
+        "collisions": (1.0, 2.0),
+    }
+    safety = "min_ttc_s", "min_pet_s"
+    rows = scores.driver_rows()
+    least = [{name: row.pop(name) for name in safety} for row in rows]
+    assert rows == [{name: pytest.approx(values[k], abs=0.07) for name, values in table.items()} for k in (0, 1)]
+    assert [mark.at_least for mark in (one.marks["recovery_time_s"] for one in scores.drivers)] == [False, True]
+    assert least[0]["min_ttc_s"] is None
+    lost_s = 0.05 * (441 - (240 * 10.0 + 8.0 + 200 * 6.0) / (50.0 / 3.6))
+    expected = {
+        "site_time_s": None,
+        "emv_delay_s": lost_s,
+        "emv_stops": 0.0,
+        "emv_standstill_s": 0.0,
+        "emv_gap_escape_s": 0.0,
+        "drivers_in_the_way": 2.0,
+        "response_time_s": np.mean(responds_s),
+        "clearance_time_s": np.mean(out_s),
+        "compliance": 0.5,
+        "held_up_s": 0.0,
+        "wake_duration_s": 22.0 - passed_s[1],
+        "wake_length_m": 180.0 - (108.0 + 44.0 - 0.77),
+        "civilian_delay_s": None,
+        **{name: least[1][name] for name in safety},
+        "collisions": 2.0,
+        **{metric.name: None for metric in PEOPLE_METRICS},
+    }
+    found = {name: mark.value if mark.valid else None for name, mark in scores.metrics.items()}
+    assert list(found) == [metric.name for metric in EPISODE_METRICS]
+    assert 3.5 < found.pop("corridor_width_m") < 7.0
+    assert 0.5 < found.pop("corridor_continuity") < 1.0
+    assert found == {name: pytest.approx(value, abs=0.07) for name, value in expected.items()}
+    assert [name for name, mark in scores.metrics.items() if mark.at_least] == ["wake_duration_s"]
 
 
 def test_nobody_passed_leaves_no_wake_and_an_emv_that_stands_has_no_scores() -> None:

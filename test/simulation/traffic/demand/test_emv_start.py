@@ -425,7 +425,11 @@ def test_the_signal_turns_red_before_the_emv_arrives() -> None:
     stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
     timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal
     assert timing is not None
-    assert timing.platoon == ("stream0", "stream1")
+    assert (timing.platoon, timing.beside) == (("stream0", "stream1"), ())
+    neighbours = replace(group(Placement.SAME_DIRECTION, GroupAnchor.EMV, vehicles=2), name="near")
+    timing = plan(neighbours, crossing, signal=SignalDemand(4.0)).signal
+    assert timing is not None
+    assert (timing.platoon, timing.beside) == ((), ("near0", "near1"))
 
 
 def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -319,9 +319,12 @@ def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> Non
     assert start_m_of(NETWORK, road_site(), from_start) == -30.0
     assert start_m_of(NETWORK, road_site(), emv_demand(-30.0)) == pytest.approx(70.0)
     assert start_m_of(NETWORK, road_site(), emv_demand(-150.0)) == pytest.approx(-50.0)
+    far = replace(road_site(), site_edge=C, site_position=2, stretch=(C,), approach_lane=C_LEFT)
+    assert [start_m_of(NETWORK, far, emv_demand(m)) for m in (-400.0, -1000.0)] == pytest.approx([-200.0, 8.0 - 330.0])
     # Behind a junction with traffic, with the body on the road, where 60 m of it are enough before a signal alone.
     assert start_m_of(busy(), signal_site(), emv_demand(-200.0)) == pytest.approx(8.0)
     assert start_m_of(busy(), signal_site(), emv_demand(-80.0)) == pytest.approx(20.0)
+    assert start_m_of(with_cut(busy(), 60.0, B_LEFT), signal_site(), emv_demand(-80.0)) == pytest.approx(8.0), "48 m"
     assert start_m_of(busy(), road_site(), emv_demand(-200.0)) == pytest.approx(-100.0)
     # The approach of 210 m is used from its beginning, of which the EMV's body takes 8 m.
     assert [start_m_of(NETWORK, road_site(), emv_demand(m)) for m in (-500.0, -2000.0)] == pytest.approx([-202.0] * 2)

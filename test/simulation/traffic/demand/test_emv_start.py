@@ -234,6 +234,12 @@ def test_starts_before_and_on_the_sites_edge(start_m: float, lane: int, front_m:
     assert way_to_stop_line_m(NETWORK, start) == pytest.approx(way_m)
 
 
+def test_the_run_up_before_a_junction_leaves_space_for_the_emvs_body() -> None:
+    for length_m, front_m in ((100.0, 80.0), (24.0, 8.0), (5.0, 5.0)):
+        start = emv_start(with_cut(NETWORK, length_m, A_LEFT), signal_site(), -5.0)
+        assert (start.lane, start.front_m) == (A_LEFT, pytest.approx(front_m))
+
+
 def test_starts_beyond_the_sites_edge_are_on_the_way_on() -> None:
     """The edge is 100 m long, the junction 20 m."""
     start = emv_start(NETWORK, signal_site(), 150.0)

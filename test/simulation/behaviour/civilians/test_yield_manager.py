@@ -150,9 +150,11 @@ def test_request_latches_when_the_emv_falls_back(lab, world):
 
 def test_drivers_that_never_comply_are_asked_once_and_stay_nominal(lab, world):
     refusing = replace(world, preset=replace(world.preset, compliance=ComplianceShares(0.0, 0.0, 1.0)))
-    _, commands, events = steps(refusing, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))], 50)
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 0, 5, 10, (0,), AMBULANCE)]
+    state, commands, events = steps(refusing, cars, 50)
     assert (kinds(events), events[0].detail["compliance"]) == (["yield_requested"], "never")
     assert len(commands) == 0
+    assert not steps(refusing, [*cars[:2], replace(cars[2], s=65)], 5, state, 50)[2], "nor by a nearer one"
 
 
 def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
@@ -191,6 +193,7 @@ def test_who_is_beside_a_driver_that_has_to_clear_lets_it_in(lab, world, beside_
         owner == Owner.SUMO for actor, owner in zip(commands.actor_id, commands.owner, strict=True) if actor == 3
     )
     assert steps(world, [cars[0], *cars[2:]], 2)[1].actor_id.tolist() == [], "nobody waits"
+    assert "yield_cancelled" in kinds(steps(world, cars[1:], 1, state, 2)[2]), "the EMV has left"
     passed = [lab.Car(1, 0, 120, 10, (0,), AMBULANCE), lab.Car(2, 0, 160, 8, (0,)), cars[2]]
     assert 3 not in modes(steps(world, passed, 1, state, 2)[1]), "released"
 
@@ -534,7 +537,7 @@ def test_between_both_distances_the_members_alone_belong_to_the_region(lab):
         return region_members(view.seen, 0, np.array(before, dtype=np.uint32), PAPER_CONSTANTS).tolist()
 
     assert (members(), members(2), members(5, 6)) == ([3], [2, 3], [3, 5])
-    assert (members(1, 4, 7, 9), members(6, 8)) == ([3, 7], [3])
+    assert (members(1, 4, 7, 9), members(6, 8), members(0, 0, 0, 2)) == ([3, 7], [3], [2, 3])
 
 
 def test_the_edge_of_the_emv_and_the_two_before_it_are_still_its_road(lab):

@@ -241,26 +241,6 @@ def test_the_wake_is_that_of_the_driver_who_recovers_last() -> None:
     assert wake_length_m((first,), LIMITS).value == pytest.approx(90.0 - 75.0, abs=0.6)
 
 
-def test_one_driver_who_has_not_recovered_makes_the_wake_a_lower_bound() -> None:
-    """The first stands until the end, which is 2 s after its passing; the second recovers 6 s after its own."""
-    cars = {CAR: Driven(LEFT_OF_IT, arc((0.0, 13.0), start_m=105.0)), CAR + 1: stops_and_goes(30.0, 7.0)}
-    first, second = encounters_in(record_of(arc((10.0, 13.0)), cars))
-    assert not recovery_time_s(second, LIMITS).at_least
-    standing = replace(first, driver=replace(first.driver, track=with_first_speed(first)))
-    assert recovery_time_s(standing, LIMITS).at_least
-    found = wake_duration_s((standing, second), LIMITS)
-    assert found.at_least
-    assert found.value == recovery_time_s(second, LIMITS).value
-
-
-def with_first_speed(encounter: Encounter) -> object:
-    """The track of a driver who drove at 10 m/s as the encounter began."""
-    track = encounter.driver.track
-    vy = track.vy_mps.copy()
-    vy[0] = 10.0
-    return replace(track, vy_mps=vy)
-
-
 def test_a_driver_who_is_not_passed_leaves_no_wake() -> None:
     cars = {CAR: Driven(PULLS_RIGHT, arc((5.0, 12.0), start_m=46.0)), CAR + 1: stops_and_goes(100.0, 6.0)}
     passed, ahead = encounters_in(record_of(arc((10.0, 12.0)), cars))

@@ -22,7 +22,6 @@ from siren_ros.scoring.evaluation.yielding.encounters import (
     corridor_width_m,
 )
 from siren_ros.scoring.evaluation.yielding.metrics import (
-    DRIVER_METRICS,
     EPISODE_METRICS,
     PEOPLE_METRICS,
     YieldScene,
@@ -63,7 +62,6 @@ def test_all_marks_of_two_drivers_and_what_follows_for_their_episode() -> None:
     responds_s = 2.8 + 0.3 / 2.6 * bent_m / 5.0 - 0.2, 9.0 - 7.5
     table = {
         "actor_id": (2, 3),
-        "began_s": (0.2, 7.5),
         "in_the_way": (True, True),
         "with_siren": (True, True),
         "under_test": (False, True),
@@ -78,6 +76,7 @@ def test_all_marks_of_two_drivers_and_what_follows_for_their_episode() -> None:
     }
     safety = "min_ttc_s", "min_pet_s"
     rows = scores.driver_rows()
+    assert [row.pop("began_s") for row in rows] == pytest.approx([0.2, 7.5]), "40 m between the bodies"
     least = [{name: row.pop(name) for name in safety} for row in rows]
     assert rows == [{name: pytest.approx(values[k], abs=0.07) for name, values in table.items()} for k in (0, 1)]
     assert [mark.at_least for mark in (one.marks["recovery_time_s"] for one in scores.drivers)] == [False, True]
@@ -214,7 +213,6 @@ def test_a_situation_is_everybodys_place_and_the_civilians_speed() -> None:
 
 
 LIMITS = YieldThresholds()
-OF_DRIVERS = "response_time_s", "clearance_time_s", "held_up_s", "made_way_m", "passing_gap_m", "recovery_time_s"
 
 
 @pytest.fixture(scope="module")
@@ -236,48 +234,15 @@ def scene() -> YieldScene:
     return YieldScene(record, line, LIMITS)
 
 
-def test_marks_of_each_driver_and_what_follows_from_them_for_the_episode(scene: YieldScene) -> None:
-    assert [one.actor_id for one in scene.encounters] == [CAR, CAR + 1, CAR + 2, CAR + 3]
-    of_each = [{metric.name: metric.compute(scene, one) for metric in DRIVER_METRICS} for one in scene.encounters]
-    for one, found in zip(scene.encounters, of_each, strict=True):
-        conflicts = scene.conflicts_of(one.actor_id)
-        expected = {name: getattr(marks, name)(one, LIMITS) for name in OF_DRIVERS}
-        expected |= {"min_ttc_s": marks.min_ttc_s(conflicts), "min_pet_s": marks.min_pet_s(conflicts)}
-        expected |= {"compliance": marks.complied(one, LIMITS)}
-        assert found == {**expected, "collisions": marks.collisions(scene.record, one.actor_id)}
-    assert [found["collisions"].value for found in of_each] == [2.0, 1.0, 0.0, 0.0]
-
+def test_the_emv_stands_and_is_held_up_by_all_drivers_together(scene: YieldScene) -> None:
     found = {metric.name: metric.compute(scene) for metric in EPISODE_METRICS}
-    asked = [marks for one, marks in zip(scene.encounters, of_each, strict=True) if one.was_in_the_way]
-    assert len(asked) == 3
-    of_emv = ("site_time_s", "emv_delay_s", "emv_standstill_s")
-    expected = {
-        **{name: getattr(marks, name)(scene.record, scene.line, LIMITS) for name in of_emv},
-        **{name: getattr(marks, name)(scene.encounters, LIMITS) for name in ("wake_duration_s", "wake_length_m")},
-        "emv_stops": Measure(1.0),
-        "emv_gap_escape_s": Measure(0.0),
-        "corridor_width_m": corridor_width_m(scene.corridor),
-        "corridor_continuity": corridor_continuity(scene.corridor),
-        "drivers_in_the_way": Measure(3.0),
-        "civilian_delay_s": marks.civilian_delay_s(scene.record),
-        "min_ttc_s": marks.min_ttc_s(scene.conflicts_of(EMV)),
-        "min_pet_s": marks.min_pet_s(scene.conflicts_of(EMV)),
-        "collisions": Measure(2.0),
-    }
-    assert {name: found[name] for name in expected} == expected
-    statistics = {
-        "response_time_s": np.median,
-        "clearance_time_s": np.median,
-        "compliance": np.mean,
-        "held_up_s": np.sum,
-    }
-    for name, statistic in statistics.items():
-        known = [of_driver[name].value for of_driver in asked if of_driver[name].valid]
-        assert found[name].value == pytest.approx(statistic(known)), name
-    assert found["clearance_time_s"].at_least, "two stay in the way until the end"
-    people = {metric.name for metric in PEOPLE_METRICS}
-    assert set(found) == {*expected, *statistics, *people}
-    assert not any(found[name].valid for name in people), "nobody is there"
+    held_s = [marks.held_up_s(one, LIMITS).value for one in scene.encounters if one.was_in_the_way]
+    assert sum(value > 0.0 for value in held_s) >= 1
+    assert found["held_up_s"].value == pytest.approx(sum(held_s))
+    assert (found["emv_stops"], found["drivers_in_the_way"]) == (Measure(1.0), Measure(3.0))
+    assert found["emv_standstill_s"].value == pytest.approx(7.0, abs=0.06)
+    assert found["corridor_width_m"] == corridor_width_m(scene.corridor)
+    assert found["corridor_continuity"] == corridor_continuity(scene.corridor)
 
 
 def test_safety_with_people_is_measured_by_class() -> None:

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.base.numerics.arrays import Flags, Floats
+from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.tables import Measure
 from siren_ros.reports.exam.examinee import Examinee
 
@@ -53,6 +54,13 @@ def greatest(examinee: Examinee, values: Floats, counts: Flags, lack: str) -> Fi
 def first_step(examinee: Examinee, holds: Flags) -> int | None:
     """The first step at which a condition holds."""
     return int(examinee.track.step[int(np.argmax(holds))]) if holds.any() else None
+
+
+def longest(examinee: Examinee, holds: Flags) -> Finding:
+    """The longest time for which a condition holds without interruption, and the step at which that begins."""
+    held = examinee.track.step[holds]
+    run = max(np.split(held, np.flatnonzero(np.diff(held) != 1) + 1), key=len)
+    return Finding(Measure(len(run) * STEP_S), int(run[0]) if len(run) else None)
 
 
 def least_of_last(values: Floats, steps: int) -> Floats:

@@ -24,9 +24,9 @@ from siren_ros.reports.exam.finding import (
     first_step,
     greatest,
     least_of_last,
+    longest,
 )
 from siren_ros.reports.exam.rules import RULES
-from siren_ros.scoring.judging.surrogate_safety import longest_run_s
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind
 from siren_ros.simulation.roads.routing import is_out_of_town, rescue_boundary_m, rescue_sides
 from siren_ros.simulation.world.actors import Event, EventKind, Lights
@@ -327,7 +327,7 @@ def following(examinee: Examinee, numbers: Numbers) -> Finding:
         near = call.siren & (behind > 0.0) & (behind < numbers["gap_m"]) & (np.abs(call.left_m) < numbers["aside_m"])
         follows |= call.passed & near & (examinee.track.speed_mps > numbers["faster_mps"])
     follows &= ~once(examinee.in_junction, examinee.reaction_steps)
-    return Finding(Measure(longest_run_s(follows, examinee.track.step)), first_step(examinee, follows))
+    return longest(examinee, follows)
 
 
 def wrong_side(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -382,7 +382,7 @@ def on_shoulder(examinee: Examinee, _numbers: Numbers) -> Finding:
     places = examinee.places.lane.tolist()
     fast = [lane != NO_LANE and is_out_of_town(network, network.lanes[lane].edge) for lane in places]
     there = np.asarray((examinee.lane_kinds == LaneKind.SHOULDER) & np.array(fast, np.bool_))
-    return Finding(Measure(longest_run_s(there, examinee.track.step)), first_step(examinee, there))
+    return longest(examinee, there)
 
 
 def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -403,7 +403,7 @@ def back_in_the_way(examinee: Examinee, numbers: Numbers) -> Finding:
         moved_m = examinee.offsets.lateral_m - examinee.offsets.lateral_m[left_at]
         moved = np.sign(call.left_m[left_at]) * moved_m > numbers["moved_m"]
         worst |= since(call.calls, aside) & call.calls & ~aside & moved & (call.gap_m > 0.0)
-    return Finding(Measure(longest_run_s(worst, examinee.track.step)), first_step(examinee, worst))
+    return longest(examinee, worst)
 
 
 MONITORS: Final[Mapping[str, Monitor]] = {

@@ -38,8 +38,8 @@ from siren_ros.reports.exam.finding import (
     first_step,
     greatest,
     least_of_last,
+    longest,
 )
-from siren_ros.scoring.judging.surrogate_safety import longest_run_s
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.routing import has_right_of_way
 from siren_ros.simulation.world.actors import TURN_LIGHTS, EventKind, Lights
@@ -94,7 +94,7 @@ def reserved_lane(examinee: Examinee, _numbers: Numbers) -> Finding:
     if not there.any():
         return Finding(Measure.lacking("no emergency vehicle called on a lane for some vehicles only"))
     late = held_for(there, examinee.reaction_steps)
-    return Finding(Measure(longest_run_s(late, examinee.track.step)), first_step(examinee, late))
+    return longest(examinee, late)
 
 
 def turn_signal(examinee: Examinee, numbers: Numbers) -> Finding:
@@ -118,14 +118,12 @@ def turn_signal(examinee: Examinee, numbers: Numbers) -> Finding:
 
 def off_road(examinee: Examinee, _numbers: Numbers) -> Finding:
     """Longest time for which the driver's centre is on no lane of its direction and on no junction."""
-    rows = np.flatnonzero(examinee.places.lane == NO_LANE)
-    if not len(rows):
-        return Finding(Measure(0.0))
-    outlines = [one.outline for one in examinee.record.network.junctions.values() if len(one.outline) > 2]
-    junctions = shapely.union_all([shapely.Polygon(outline).buffer(0.0) for outline in outlines])
-    off = np.zeros(len(examinee.track), np.bool_)
-    off[rows] = ~shapely.contains_xy(junctions, examinee.track.x_m[rows], examinee.track.y_m[rows])
-    return Finding(Measure(longest_run_s(off, examinee.track.step)), first_step(examinee, off))
+    off = examinee.places.lane == NO_LANE
+    if off.any():
+        outlines = [one.outline for one in examinee.record.network.junctions.values() if len(one.outline) > 2]
+        junctions = shapely.union_all([shapely.Polygon(outline).buffer(0.0) for outline in outlines])
+        off[off] = ~shapely.contains_xy(junctions, examinee.track.x_m[off], examinee.track.y_m[off])
+    return longest(examinee, off)
 
 
 def past_stop_sign(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -208,7 +206,7 @@ def blocks_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
     for movement in crossed:
         inside[movement[0] : movement[1]] = not _waits(examinee, movement)
     stands = inside & (examinee.track.speed_mps < STANDS_MPS)
-    return Finding(Measure(longest_run_s(stands, examinee.track.step)), first_step(examinee, stands))
+    return longest(examinee, stands)
 
 
 def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
@@ -225,7 +223,7 @@ def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
     if not comes.any():
         return Finding(Measure.lacking("no emergency vehicle with a siren came towards the driver"))
     stands = comes & examinee.in_junction & (examinee.track.speed_mps < STANDS_MPS)
-    return Finding(Measure(longest_run_s(stands, examinee.track.step)), first_step(examinee, stands))
+    return longest(examinee, stands)
 
 
 def enters_before_siren(examinee: Examinee, numbers: Numbers) -> Finding:

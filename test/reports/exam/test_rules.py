@@ -12,6 +12,7 @@ from hand_made_record import (
     EMV,
     EMV_LENGTH_M,
     LANE_TURN,
+    LEFT_X_M,
     RIGHT_X_M,
     SOUTHBOUND,
     Driven,
@@ -324,3 +325,44 @@ def test_each_of_two_emvs_counts(emvs):
     numbers = {"near_m": 30.0, "after_s": 1.0, "least_m": 20.0}
     assert value("progress", waits, paper=paper, **numbers) == pytest.approx((40.0 + 7.35) / 60.0, abs=0.003)
     assert value("progress", waits, paper=brief, **numbers) == pytest.approx((40.0 + 4.0) / 60.0, abs=0.003)
+
+
+LEAVES_TWICE = line(
+    *((5.25, -120.0), (5.25, -110.0), (10.9, -100.0), (10.9, -90.0), (5.25, -80.0), (5.25, -60.0)),
+    *((10.9, -50.0), (10.9, -20.0)),
+)
+"""It is off the road, beyond 9.5 m, from 18.6 to 34.3 m on its way, and from 71.6 m on."""
+STANDS_TWICE = (0.0, 1.0), (2.0, 2.0), (0.0, 4.0)
+
+
+def passes_two(*places_m):
+    """The driver gets faster between two EMVs that stand one lane to the left with their lamps."""
+    ways = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+    first, second = (Driven(ways, arc((0.0, 12.0), start_m=place_m)) for place_m in places_m)
+    record = recorded({CAR: north((8.0, 8.0), (11.0, 4.0)), EMV: first, OTHER: second}, siren=(EMV, OTHER))
+    return with_states(record, lights=lambda s: np.where(s.actor_id == CAR, 0, int(Lights.BEACON)).astype(np.uint8))
+
+
+CAME = recorded({EMV: east((0.0, 8.0), start_m=70.0), CAR: north(*STANDS_TWICE, start_m=105.0)}, siren=(EMV,))
+FOUND = {
+    # Too fast for 1.5 s from 2 s on, and for 1.6 s from 4.5 s on: that has lasted for a second at 5.5 s.
+    "speeding": (
+        recorded({CAR: north((13.0, 2.0), (16.0, 1.5), (13.0, 1.0), (19.0, 1.6), (15.0, 1.0))}),
+        {"lasting_s": 1.0},
+        (19.0 - LIMIT_MPS, 111),
+    ),
+    # Next to the first one at 40 m from 4.5 s on, and to the second one at 80 m from 9.1 s on.
+    "passes_standing": (passes_two(40.0, 80.0), PRUDENT, (6.0, 183)),
+    "passes_standing in the other order": (passes_two(80.0, 40.0), PRUDENT, (6.0, 182)),
+    "off_road": (recorded({CAR: Driven(LEAVES_TWICE, arc((10.0, 10.0)))}), {}, (10.0 - 7.16, 144)),
+    "blocks_junction": (recorded({CAR: north((10.0, 2.5), *STANDS_TWICE, start_m=80.0)}), {}, (4.0, 110)),
+    "stands_in_junction": (CAME, {}, (4.0, 61)),
+}
+
+
+@pytest.mark.parametrize("case", FOUND)
+def test_the_worst_of_several_stretches_counts_and_its_step_is_named(case):
+    record, numbers, (worst, step) = FOUND[case]
+    for each in (record, record.mirrored()):
+        finding = found(case.split()[0], each, **numbers)
+        assert (finding.measure.value, finding.step) == (pytest.approx(worst, abs=0.11), pytest.approx(step, abs=3.0))

@@ -201,7 +201,7 @@ ASKED = """
 KNOWN = """
 {attempts: 3, retry_reasons: [hung, crashed], steps: 801, simulated_s: 40.05, predicate_holds: false,
  predicate: it stood, bag: episodes/g/e2, bag_bytes: 5000000000, mcap_sha256: m0, metadata_sha256: y0, map_sha256: n0,
- measures: '{"collisions": 2, "people.met": 4, "people.cyclists.near": 1, "emv_distance_m": 1.5}', site: made,
+ measures: '{"collisions": 2, "people.met": 4, "people.cyclists.near": 1, "peoples": 9.5}', site: made,
  setup_s: 1.25, run_s: 2.5, process_s: 4.75, cpu_s: 3.125, begun_at: at six, worker: h.7}"""
 BARE = """
 {episode: e1, draw: -1, status: crashed, reason: "", attempts: 1, retry_reasons: [], steps: 0, simulated_s: 0.0,

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import warnings
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -169,17 +168,6 @@ def test_weights_make_the_reward_and_a_reset_has_its_own() -> None:
         _, reward, _, _, info = env.step(KEEP)
     assert info["time_s"] == pytest.approx(0.5)
     assert reward == pytest.approx(-7.0 * info["terms"]["emv_delay"] - info["terms"]["indicator"])
-
-
-def test_the_picture_shows_what_moves() -> None:
-    with made(render_mode="rgb_array") as env:
-        env.reset(seed=7)
-        pictures = [env.render()]
-        for _ in range(2):
-            env.step(KEEP)
-            pictures.append(env.render())
-    assert all(picture.shape == (400, 640, 3) and picture.dtype == np.uint8 for picture in pictures)
-    assert all((one != other).any() for one, other in pairwise(pictures))
 
 
 def test_options_of_a_reset_hold_for_one_episode() -> None:

@@ -262,6 +262,7 @@ def test_each_part_has_its_labels_and_the_share_of_them_that_is_found() -> None:
     truth.actor_class[:] = kinds
     suv = load_vehicle_parameters()[ActorClass.SUV]
     truth.size_m[4] = suv.length_m, suv.width_m, suv.height_m
+    truth.size_m[6] = suv.length_m, suv.width_m, suv.height_m + 0.03
     found = detections((0, 5.0), (1, 20.0), (5, 40.0), (6, -45.0), (6, 15.1))
     scores = scored(frames_with(truth), found)
     parts = {

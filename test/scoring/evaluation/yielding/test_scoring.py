@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,11 +11,12 @@ import pytest
 from evaluation.made_records import moving, record_with
 from hand_made_record import EMV, Driven, crossing, line
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, passing, record_of
+from scipy import stats
 
 from siren_ros.base.tables import Measure
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
-from siren_ros.scoring.evaluation.scores import Score
+from siren_ros.scoring.evaluation.statistics import holm
 from siren_ros.scoring.evaluation.yielding import metrics as marks
 from siren_ros.scoring.evaluation.yielding.encounters import (
     YieldThresholds,
@@ -31,6 +33,7 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
     ALL,
     ScoredEpisode,
     YieldScores,
+    effect_tables,
     effects,
     group_means,
     pairs_of,
@@ -288,52 +291,52 @@ def episode(template: str, level: str, seed: int, site_time: Measure, situation:
     return ScoredEpisode(name, template, level, seed, "town", "", situation or f"{template}{seed}", scores)
 
 
-def study(seeds: int = 8) -> list[ScoredEpisode]:
-    """At L1 S1 is 3 s faster than at L0, give or take 0.5 s, and S2 is as fast; seeds differ by 10 s."""
-    made = []
-    for seed in range(seeds):
-        for template, gain_s in (("S1", 3.0), ("S2", 0.0)):
-            nominal_s = 20.0 + 10.0 * (seed % 3)
-            noise_s = 0.5 * (-1) ** seed
-            made.append(episode(template, "L0", seed, Measure(nominal_s)))
-            made.append(episode(template, "L1", seed, Measure(nominal_s - gain_s + noise_s)))
-    return made
+def test_effects_are_the_differences_of_pairs_with_all_exchanges_of_signs() -> None:
+    """Two outcomes at three levels of two templates; two episodes have no partner, and two values are cut off."""
+    gains = {"S1": np.array([3.0, 2.5, 3.5, 2.75, 4.0]), "S2": np.array([-1.0, 0.5, 0.25, 1.5])}
+    made = [episode("S1", "L1", 99, Measure(1.0)), episode("S3", "L2", 0, Measure(1.0))]
+    for template, of_seeds in gains.items():
+        for seed, gain in enumerate(of_seeds.tolist()):
+            for level, site_s, delay_s in (("L0", 30.0, 9.0), ("L1", 30.0 - gain, 9.0 + gain**2), ("L2", 20.0, 8.0)):
+                cut = (template, seed, level) in {("S1", 0, "L0"), ("S1", 0, "L1"), ("S2", 3, "L1")}
+                one = episode(template, level, seed, Measure(site_s + 10.0 * seed, at_least=cut))
+                metrics = {**one.scores.metrics, "emv_delay_s": Measure(delay_s)}
+                made.append(replace(one, scores=YieldScores(metrics, ())))
+    differences = {
+        ("site_time_s", "L1", "L0"): {name: -of_seeds for name, of_seeds in gains.items()},
+        ("site_time_s", "L2", "L1"): {name: of_seeds - 10.0 for name, of_seeds in gains.items()},
+        ("emv_delay_s", "L1", "L0"): {name: of_seeds**2 for name, of_seeds in gains.items()},
+        ("emv_delay_s", "L2", "L1"): {name: -1.0 - of_seeds**2 for name, of_seeds in gains.items()},
+    }
+    cut_off = {("site_time_s", "S1"): 1, ("site_time_s", "S2"): 1, ("site_time_s", ALL): 2}
 
+    def mean(parts: Sequence[np.ndarray], signs: Sequence[float]) -> float:
+        each = np.split(np.array(signs), np.cumsum([len(part) for part in parts])[:-1])
+        return float(np.mean([(part * sign).mean() for part, sign in zip(parts, each, strict=True)]))
 
-def of(found: Sequence[Score], template: str) -> Score:
-    (effect,) = (one for one in found if one.group == template and one.metric == "site_time_s")
-    return effect
-
-
-def test_an_effect_is_found_template_by_template_and_over_all() -> None:
-    found = effects(study(), contrasts=[("L1", "L0")], outcomes=["site_time_s"])
-    one = of(found, "S1")
-    assert one.value == pytest.approx(-3.0)
-    assert -3.5 <= one.interval.low < one.interval.value < one.interval.high <= -2.5
-    assert one.p_value == pytest.approx(2.0 / 2**8)
-    nothing = of(found, "S2")
-    assert nothing.interval.low < 0.0 < nothing.interval.high
-    assert nothing.p_value > 0.3
-    assert of(found, ALL).value == pytest.approx(-1.5)
-    assert of(found, ALL).samples == 16
-    assert all(effect.p_adjusted >= effect.p_value for effect in found)
-
-
-def test_episodes_without_a_partner_do_not_count() -> None:
-    made = [*study(4), episode("S1", "L1", 99, Measure(1.0)), episode("S3", "L2", 0, Measure(1.0))]
-    found = effects(made, contrasts=[("L1", "L0")], outcomes=["site_time_s"])
-    assert of(found, "S1").samples == 4
-    assert {effect.group for effect in found} == {"S1", "S2", ALL}
-
-
-def test_values_cut_off_by_the_end_are_counted() -> None:
-    made = [
-        episode(one.template, "L0", one.seed, Measure(45.0, at_least=True))
-        if one.level == "L0" and one.seed < 2
-        else one
-        for one in study()
+    expected = []
+    for (outcome, level, against), of_templates in differences.items():
+        for group in ("S1", "S2", ALL):
+            parts = [values for name, values in of_templates.items() if group in {name, ALL}]
+            count = sum(map(len, parts))
+            value = mean(parts, [1.0] * count)
+            far = [abs(mean(parts, signs)) >= abs(value) - 1e-9 for signs in product((1.0, -1.0), repeat=count)]
+            cut = cut_off.get((outcome, group), 0)
+            expected.append((outcome, level, against, group, value, count, np.mean(far), cut))
+    found = effects(made, contrasts=[("L1", "L0"), ("L2", "L1")], outcomes=["site_time_s", "emv_delay_s"])
+    assert [
+        (one.metric, one.model, one.against, one.group, one.value, one.samples, one.p_value, one.cut_off)
+        for one in found
+    ] == [(*row[:4], pytest.approx(row[4]), row[5], pytest.approx(row[6]), row[7]) for row in expected]
+    assert {one.kind for one in found} == {"template"}
+    for rows in (found[:6], found[6:]):
+        assert [one.p_adjusted for one in rows] == pytest.approx(holm([one.p_value for one in rows]))
+    first, half_s = found[0].interval, stats.t.ppf(0.975, 4) * gains["S1"].std(ddof=1) / np.sqrt(5.0)
+    assert (first.low, first.high, first.blocks) == (pytest.approx(-3.15 - half_s), pytest.approx(-3.15 + half_s), 5)
+    assert [(table.key, table.rows[0]) for table in effect_tables(found)] == [
+        (one.metric, ("L1 − L0", "S1", one.interval, one.p_value, one.p_adjusted, 5, one.cut_off))
+        for one in (found[0], found[6])
     ]
-    assert of(effects(made, contrasts=[("L1", "L0")]), "S1").cut_off == 2
 
 
 def test_levels_of_different_situations_are_refused() -> None:

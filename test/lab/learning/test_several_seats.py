@@ -3,6 +3,7 @@
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from recorded_episode import quick_template
 
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.errors import InputError
-from siren_ros.lab.learning import parallel_env
+from siren_ros.lab.learning import parallel_env, several_seats
 from siren_ros.lab.learning.environment import SeatResult
 from siren_ros.lab.learning.rollout import Seat
 from siren_ros.running.generation.replay_check import repeat_episode
@@ -69,9 +70,9 @@ def test_the_seats_are_the_actors_of_the_episode_and_its_bag_repeats(tmp_path: P
     assert repeat_episode(record) is None
 
 
-def test_each_result_goes_to_its_driver_and_who_ends_leaves() -> None:
+def test_each_result_goes_to_its_driver_and_who_ends_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
     """The basis of the environment is made here: it says what it was asked for, and three results of each driver."""
-    env, asked = parallel_env(**SHORT, drivers=("civilian", "emv")), []
+    asked: list[Any] = []
 
     def result(number: float, **ends: bool) -> SeatResult:
         return SeatResult(np.array([number]), 10.0 * number, info={"time_s": number}, **ends)
@@ -83,10 +84,12 @@ def test_each_result_goes_to_its_driver_and_who_ends_leaves() -> None:
             {Seat.CIVILIAN: result(5.0, terminated=True)},
         ]
     )
-    env._env = SimpleNamespace(
+    basis = SimpleNamespace(
         reset=lambda seed, _random, options: asked.append((seed, options)) or first,
         step=lambda actions: asked.append(actions) or next(rest),
     )
+    monkeypatch.setattr(several_seats, "BaseEnv", lambda *_: basis)
+    env = parallel_env(**SHORT, drivers=("civilian", "emv"))
     assert env.reset(seed=7, options={"map": "a"}) == (
         {"civilian": [1.0], "emv": [2.0]},
         {"civilian": {"time_s": 1.0}, "emv": {"time_s": 2.0}},

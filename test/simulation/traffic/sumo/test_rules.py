@@ -250,7 +250,7 @@ def test_riders_leave_the_jam_behind_the_emv() -> None:
         cos, sin = np.cos(traffic.yaw_rad[emv]), np.sin(traffic.yaw_rad[emv])
         dx, dy = traffic.x_m[rows] - traffic.x_m[emv], traffic.y_m[rows] - traffic.y_m[emv]
         behind_m, aside_m = -(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)
-        if np.any((behind_m > KEEPS_M) & (behind_m < 60.0) & (aside_m < 1.0) & (traffic.speed_mps[rows] > 7.0)):
+        if np.any((behind_m > KEEPS_M) & (behind_m < 100.0) & (aside_m < 1.0) & (traffic.speed_mps[rows] > 7.0)):
             return
     pytest.fail("nobody follows the EMV")
 

@@ -10,6 +10,7 @@ from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.tables import Measure
 from siren_ros.reports.exam.examinee import Examinee
+from siren_ros.scoring.judging.surrogate_safety import longest_run
 
 Numbers = Mapping[str, float]
 STANDS_MPS: Final = 0.5
@@ -58,8 +59,7 @@ def first_step(examinee: Examinee, holds: Flags) -> int | None:
 
 def longest(examinee: Examinee, holds: Flags) -> Finding:
     """The longest time for which a condition holds without interruption, and the step at which that begins."""
-    held = examinee.track.step[holds]
-    run = max(np.split(held, np.flatnonzero(np.diff(held) != 1) + 1), key=len)
+    run = longest_run(holds, examinee.track.step)
     return Finding(Measure(len(run) * STEP_S), int(run[0]) if len(run) else None)
 
 

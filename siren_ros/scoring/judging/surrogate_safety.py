@@ -358,15 +358,17 @@ def pair_measures(encounters: Encounters, contacts: PredictedContacts) -> tuple[
     return tuple(measures)
 
 
-def longest_run_s(flags: Flags, steps: Steps) -> float:
-    """Longest time for which a condition held without interruption: number of consecutive steps times the step.
+def longest_run(flags: Flags, steps: Steps) -> Steps:
+    """The consecutive steps of the longest time for which a condition held without interruption; the first such run.
 
     Args:
         flags: The condition at each step, shape ``(M,)``.
         steps: Increasing step numbers, shape ``(M,)``; a missing step interrupts.
     """
     held = steps[flags]
-    if not len(held):
-        return 0.0
-    runs = np.split(held, np.flatnonzero(np.diff(held) != 1) + 1)
-    return max(len(run) for run in runs) * STEP_S
+    return max(np.split(held, np.flatnonzero(np.diff(held) != 1) + 1), key=len)
+
+
+def longest_run_s(flags: Flags, steps: Steps) -> float:
+    """Longest time for which a condition held without interruption: steps of ``longest_run`` times the step."""
+    return len(longest_run(flags, steps)) * STEP_S

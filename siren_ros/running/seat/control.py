@@ -17,8 +17,8 @@ _GENTLE_MPS2: Final = 2.0
 """Gentle braking, and lateral acceleration in bends."""
 _HEADWAY_S: Final = 1.4
 _STANDSTILL_M: Final = 2.5
-_BESIDE_M: Final = 0.25
-"""Lateral distance kept to the vehicle ahead."""
+BESIDE_M: Final = 0.25
+"""Lateral distance kept to the vehicle ahead; a driver stands beside somebody who is nearer."""
 _LOOK_M: Final = (0.0, 4.0, 8.0, 14.0, 20.0)
 """Distances ahead at which bends are checked."""
 _END_M: Final = 3.0
@@ -77,7 +77,7 @@ def speed_to_leader(sight: Sight, offset_m: float) -> float:
     least = math.inf
     for other in sight.others:
         across = min(abs(other.left_m - offset_m), abs(other.left_m - sight.left_m))
-        if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + _BESIDE_M:
+        if other.gap_m > -1.5 and across < other.half_width_m + 0.5 * sight.width_m + BESIDE_M:
             least = min(least, _behind_mps(other))
     return least
 
@@ -107,7 +107,7 @@ def speed_to_passing_emv(sight: Sight) -> float:
     for siren in sight.sirens:
         if siren.along and siren.gap_m < 0.0 and siren.ahead_m < _PASSED_M and abs(siren.left_m) < _NEXT_M:
             apart_m = abs(siren.left_m) - 0.5 * (sight.width_m + sight.bodies[siren.actor_id].width_m)
-            if apart_m < _BESIDE_M or _STUCK_MPS < siren.speed_mps < _WAITS_MPS:
+            if apart_m < BESIDE_M or _STUCK_MPS < siren.speed_mps < _WAITS_MPS:
                 return 0.0
             if siren.speed_mps > _STUCK_MPS:
                 least = min(least, siren.speed_mps - _PASSES_MPS)

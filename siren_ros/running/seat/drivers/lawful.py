@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.running.seat.control import (
+    BESIDE_M,
     FREE_BESIDE_M,
     change_ahead_m,
     emv_waits,
@@ -156,8 +157,6 @@ _NEARLY_M: Final = 1.0
 """The same distance while an EMV passes: then it stands, and does not roll on for the rest before the last one."""
 _CLOSE_M: Final = 0.1
 """The same distance where the EMV needs the width between two queues."""
-_BRUSHES_M: Final = 0.25
-"""Lateral distance below which a driver whose path changes lanes stands beside somebody."""
 _TRIES_S: Final = 3.0
 _TRIED_M: Final = 0.5
 """A driver that has moved less in this time has no way to that side."""
@@ -237,7 +236,7 @@ class LawfulDriver:
         change_m, wanted = change_ahead_m(sight), self._wanted(state, sight)
         if not is_free(sight.left_m + change_m, sight, 0.0):  # somebody is where the path changes to
             state = replace(state, offset_m=sight.left_m - change_m)
-            if not is_free(sight.left_m + math.copysign(_CLOSE_M, change_m), sight, 0.0, _BRUSHES_M):
+            if not is_free(sight.left_m + math.copysign(_CLOSE_M, change_m), sight, 0.0, BESIDE_M):
                 wanted = 0.0  # those of that lane go first
         hardest = self.habits.brakes_mps2 if state.phase is Phase.MAKES_WAY else Habits.brakes_mps2
         return state, steered(sight, wanted, state.offset_m, lights, hardest)

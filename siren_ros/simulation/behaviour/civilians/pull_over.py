@@ -106,10 +106,14 @@ def may_go_on(unit: YieldUnit, ego: Ego, lane: int) -> bool:
     return needed_m < math.inf and gaps_in_lane(ego, lane).front_m > needed_m
 
 
+def _row_of(ego: Ego, emv_id: int) -> int:
+    """Row of an EMV; −1 if it is not on the map."""
+    return int(rows_of_ids(ego.seen.actor_id, np.array([emv_id], dtype=np.uint32))[0])
+
+
 def emv_takes_shoulder(ego: Ego, lane: int, emv_id: int) -> bool:
     """Whether the EMV indicates and will use the shoulder, so that all drivers there go left."""
-    network = ego.network
-    (row,) = rows_of_ids(ego.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
+    network, row = ego.network, _row_of(ego, emv_id)
     if row < 0:
         return False
     way = shoulder_into_turn(network, ego.traffic.route_of_row(row), SHOULDER_REACH_M)
@@ -322,8 +326,8 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
         if room and may_enter(ego, movement, ego.half_length_m - to_line, urgent=True):
             ahead = to_line + junction_m(ego, movement) + 2.0 * ego.half_length_m + _BEYOND_JUNCTION_M
             # Those between the EMV and this driver follow, and need as much road.
-            emv = rows_of_ids(ego.seen.actor_id, np.array([unit.emv_id], np.uint32))
-            ahead += sum(ego.distance_m(row) for row in emv.tolist() if row >= 0)
+            emv = _row_of(ego, unit.emv_id)
+            ahead += ego.distance_m(emv) if emv >= 0 else 0.0
         else:
             ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement, urgent=room)))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)

@@ -518,9 +518,12 @@ class _GroupPlanner:
         # On a very long edge it would end before the site.
         needed_m = max(route_length_m(self.template), front + ROUTE_SLACK_S * ROUTE_SPEED_MPS)
         route = self.factory.draw_route(edges, needed_m, rng, lane, actor_class)
-        reach_m = braking_distance_m(group.speed_mps * group.speed_mps, BRAKE_MPS2) + SAMPLE_M
-        speed = min(speed, before_bends_mps(self.network, self.network.lanes[lane], front, route, reach_m))
-        spot = Spot(lane, front, 0.0 if group.standing and not row.headway_s else speed)
+        if group.standing and not row.headway_s:
+            speed = 0.0
+        else:
+            reach_m = braking_distance_m(group.speed_mps * group.speed_mps, BRAKE_MPS2) + SAMPLE_M
+            speed = min(speed, before_bends_mps(self.network, self.network.lanes[lane], front, route, reach_m))
+        spot = Spot(lane, front, speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 
     def _in_time_mps(self, row: GroupRow, group: DemandGroup, rear_m: float) -> float:

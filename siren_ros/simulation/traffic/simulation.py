@@ -29,7 +29,6 @@ from siren_ros.simulation.traffic.observation import CrossingWatch, Mover, React
 from siren_ros.simulation.traffic.sumo.mirror import Mirror
 from siren_ros.simulation.traffic.sumo.orders import time_signal
 from siren_ros.simulation.traffic.sumo.population import (
-    MIRRORS_M,
     REPLACEMENT_DISTANCE_M,
     Point,
     SumoPopulation,
@@ -47,6 +46,7 @@ from siren_ros.simulation.traffic.sumo.readings import (
 from siren_ros.simulation.traffic.sumo.rules import RULES, Moment, Road, Rule, Setting, acts_of
 from siren_ros.simulation.traffic.sumo.walkers import WALKING_OPTIONS, Walkers, walker_types_xml
 from siren_ros.simulation.world.actors import (
+    MIRRORS_M,
     ActorDescription,
     ActorStates,
     EmvAdvice,

@@ -74,6 +74,8 @@ EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUC
 TWO_WHEELED: Final = frozenset(kind for kind in ActorClass if kind.body in {ActorClass.MOTORCYCLE, ActorClass.BICYCLE})
 PEOPLE_CLASSES: Final = frozenset({*TWO_WHEELED, ActorClass.PEDESTRIAN})
 """Classes that the demand of a template has as people, and that scores have in rows of their own."""
+MIRRORS_M: Final = 0.4
+"""Width of a vehicle's two mirrors, which bodies are measured without."""
 VEHICLE_CLASSES: Final = tuple(member for member in ActorClass if member is not ActorClass.PEDESTRIAN)
 
 

@@ -35,6 +35,7 @@ from siren_ros.simulation.behaviour.driving.lane_change import (
     gaps_in_lane,
     lane_change_path,
     offset_in_lane,
+    reaches_beside,
     refusal_of_gaps,
     sweeps_somebody,
 )
@@ -53,7 +54,7 @@ from siren_ros.simulation.conflicts.yielding import Rank, rank_of
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection
 from siren_ros.simulation.roads.routing import road_lane_of
 from siren_ros.simulation.scenario.driver_parameters import YieldConfig
-from siren_ros.simulation.world.actors import NO_ACTOR, Event, EventKind, Mode, TrafficFlags
+from siren_ros.simulation.world.actors import MIRRORS_M, NO_ACTOR, Event, EventKind, Mode, TrafficFlags
 
 GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
 _LET_IN_AT: Final = GAP_REFUSALS - {Refusal.GAP_FRONT}
@@ -373,13 +374,12 @@ def rejoin(unit: YieldUnit, ego: Ego) -> YieldStep:
     return YieldStep(changed(unit, navigator=navigator, stopped_steps=stopped), command)
 
 
-_MIRRORS_M: Final = 0.4
-"""Lateral distance of bodies within which SUMO, for which both have mirrors, takes the one in front for a leader."""
-
-
 def _is_back(ego: Ego, lane: int) -> bool:
-    """Whether a vehicle is back in its lane, and SUMO would not brake at once for somebody who reaches into it."""
-    brakes = not standing(ego) and sweeps_somebody(ego, 0.0, LEAST_SIDEWAYS_M, lane, _MIRRORS_M)
+    """Whether a vehicle is back in its lane, and SUMO would not brake at once for somebody who reaches into it.
+
+    SUMO takes a body for a leader where the mirrors would meet: one of each of the two.
+    """
+    brakes = not standing(ego) and reaches_beside(ego, lane, LEAST_SIDEWAYS_M, MIRRORS_M)
     return _straight(ego, lane, _REJOIN_OFFSET_M) and not brakes
 
 

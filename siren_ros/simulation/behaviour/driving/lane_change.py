@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from siren_ros.base.numerics.arrays import Floats, Points, changed
+from siren_ros.base.numerics.arrays import Floats, Points, Rows, changed
 from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.compiled import YAW, X, Y, compiled
 from siren_ros.base.numerics.geometry import project_on
@@ -222,28 +222,41 @@ def offset_in_lane(ego: Ego, lane: int) -> tuple[float, float]:
     return left, math.remainder(ego.pose[2] - heading, 2.0 * math.pi)
 
 
-def sweeps_somebody(ego: Ego, shift_m: float, way_m: float, lane: int = NO_LANE, margin_m: float = 0.0) -> bool:
+def sweeps_somebody(ego: Ego, shift_m: float, way_m: float) -> bool:
     """Whether somebody ahead is in what a vehicle sweeps on a lateral move by ``shift_m``, left positive.
 
     ``way_m`` is its length, to which the stopping distance is added. Of two whose ways meet the one in front goes
-    first. With a ``lane`` it asks instead for anybody in another lane within ``margin_m`` of either side, front ahead.
+    first.
     """
+    sweeps_m, _, ahead_m, left_m, reach_m, side_m = _bodies_near(ego, way_m)
+    aside_m = math.copysign(1.0, shift_m) * left_m
+    beside = (aside_m > 0.0) & (aside_m - side_m < ego.half_width_m + abs(shift_m))
+    return bool(np.any(beside & (ahead_m > 0.0) & (ahead_m - reach_m < sweeps_m)))
+
+
+def reaches_beside(ego: Ego, lane: int, way_m: float, margin_m: float) -> bool:
+    """Whether the body of somebody in another lane than the given one is within ``margin_m`` of a vehicle's way.
+
+    The way goes straight on, on either side and as far as in ``sweeps_somebody``; the body reaches beyond its front.
+    """
+    sweeps_m, rows, ahead_m, left_m, reach_m, side_m = _bodies_near(ego, way_m)
+    others = (ego.traffic.lane[rows] != lane) & (ahead_m + reach_m > ego.half_length_m)
+    beside = others & (np.abs(left_m) - side_m < ego.half_width_m + margin_m)
+    return bool(np.any(beside & (ahead_m - reach_m < sweeps_m)))
+
+
+def _bodies_near(ego: Ego, way_m: float) -> tuple[float, Rows, Floats, Floats, Floats, Floats]:
+    """How far a vehicle comes, rows of those near, and of each its centre ahead and left and its half extents there."""
     seen, (cos, sin), (x_m, y_m), speed = ego.seen, ego.direction, ego.place, ego.speed_mps
     braking_m = braking_distance_m(speed * speed, ego.civilian_driver.driving.comfort_brake_mps2)
     sweeps_m = ego.half_length_m + way_m + braking_m
     rows = ego.near(sweeps_m + ego.half_length_m)
     dx_m, dy_m = seen.x_m[rows] - x_m, seen.y_m[rows] - y_m
-    ahead_m, aside_m = cos * dx_m + sin * dy_m, math.copysign(1.0, shift_m) * (cos * dy_m - sin * dx_m)
     along = np.minimum(np.abs(cos * seen.cos[rows] + sin * seen.sin[rows]), 1.0)
     across = np.sqrt(1.0 - along * along)
     reach_m = along * seen.half_length_m[rows] + across * seen.half_width_m[rows]
     side_m = across * seen.half_length_m[rows] + along * seen.half_width_m[rows]
-    if lane != NO_LANE:
-        others = (ego.traffic.lane[rows] != lane) & (ahead_m + reach_m > ego.half_length_m)
-        beside = others & (np.abs(aside_m) - side_m < ego.half_width_m + margin_m)
-        return bool(np.any(beside & (ahead_m - reach_m < sweeps_m)))
-    beside = (aside_m > 0.0) & (aside_m - side_m < ego.half_width_m + abs(shift_m))
-    return bool(np.any(beside & (ahead_m > 0.0) & (ahead_m - reach_m < sweeps_m)))
+    return sweeps_m, rows, cos * dx_m + sin * dy_m, cos * dy_m - sin * dx_m, reach_m, side_m
 
 
 SUMO: Final = "sumo"

@@ -32,7 +32,7 @@ from siren_ros.simulation.traffic.demand.plan import (
 )
 from siren_ros.simulation.traffic.demand.road_users import draw_paint
 from siren_ros.simulation.traffic.sumo.readings import SUBSCRIBED, map_from_sumo
-from siren_ros.simulation.world.actors import TWO_WHEELED, ActorClass, by_class
+from siren_ros.simulation.world.actors import MIRRORS_M, TWO_WHEELED, ActorClass, by_class
 
 Point: TypeAlias = tuple[float, float]
 Planned = TypeVar("Planned")
@@ -100,9 +100,6 @@ default of 0 the front of a waiting vehicle reaches into the way of others, whos
 _CROSSING_GAP_M: Final = 0.5
 """``jmCrossingGap``: how near to a driver's way somebody on a crossing lets SUMO's driver wait. SUMO's 10 m take no
 account of time; ``conflicts.people`` does, and holds drivers before."""
-MIRRORS_M: Final = 0.4
-"""Width that is added to a civilian for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass
-each other by widths alone, also where one stands at an angle to its lane."""
 _ESCAPED: Final = re.compile(r'[&<>"\n\r\t]')
 _MODEL_PARAMETERS: Final[Mapping[str, Mapping[str, float]]] = {
     "EIDM": {"sigmaleader": 0.0, "sigmagap": 0.0, "sigmaerror": 0.0, "taccmax": 0.6, "jerkmax": 4.0},
@@ -156,6 +153,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     ridden, cycles = vehicle.actor_class in TWO_WHEELED, vehicle.actor_class is ActorClass.BICYCLE
     numbers = {
         "length": vehicle.length_m,
+        # SUMO lets vehicles pass each other by widths alone, also where one stands at an angle to its lane.
         "width": vehicle.width_m + (0.0 if vehicle.is_emv or cycles else MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,

@@ -12,10 +12,9 @@ calls them at their moments. The rules about making way are here:
   need the middle of such a road, and a driver who sees it come cannot know that it will not.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from itertools import groupby
 from typing import Final
 
 import libsumo
@@ -23,10 +22,9 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Codes, Flags, Floats, Rows
-from siren_ros.base.numerics.braking import braking_distance_m
 from siren_ros.base.numerics.compiled import compiled
 from siren_ros.simulation.conflicts.junction_approach import NOBODY
-from siren_ros.simulation.roads.road_network import NO_LANE, Connection, RoadNetwork
+from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.roads.routing import opposite_edges, rescue_sides
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel, LevelPolicy
 from siren_ros.simulation.traffic.demand.plan import PlannedVehicle, TrafficPlan
@@ -39,10 +37,11 @@ from siren_ros.simulation.traffic.sumo.driving_corrections import (
 )
 from siren_ros.simulation.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE, Mirror
 from siren_ros.simulation.traffic.sumo.orders import GapOut, JamOrders, RouteEnds, StandOffs
-from siren_ros.simulation.traffic.sumo.population import MIRRORS_M, YELLOW_REACTION_S, SumoPopulation
+from siren_ros.simulation.traffic.sumo.population import SumoPopulation
 from siren_ros.simulation.traffic.sumo.readings import ANGLE, SPEED, SumoColumns, X, Y
 from siren_ros.simulation.traffic.sumo.walkers import Walkers
-from siren_ros.simulation.world.actors import Indices, Owner, SignalState, TrafficState, rows_of_ids
+from siren_ros.simulation.traffic.sumo.yellow import DriversAtYellow
+from siren_ros.simulation.world.actors import MIRRORS_M, Indices, Owner, TrafficState, rows_of_ids
 
 # These are no parameters: studies vary the share of those who filter.
 FASTEST_MPS: Final = 30.0 / 3.6
@@ -436,62 +435,9 @@ def _rescue_lane(setting: Setting) -> Act | None:
     return lambda road: lane.apply(road.columns, road.vehicles, road.outside, emvs)
 
 
-_GENTLE_STOP_MPS2: Final = 3.05
-"""Deceleration with which drivers stop at yellow, 10 ft/s² (ITE, Traffic Engineering Handbook: yellow times)."""
-_BEFORE_LINE_M: Final = 2.0
-"""Distance from the stop line at which SUMO's drivers come to a stand."""
-HEEDS_LIGHTS: Final = 16
-"""The part of SUMO's speed mode by which a driver stops at yellow and red lights."""
-
-
-def goes_at_yellow(ahead_m: float, mps: float, yellow_s: float) -> bool:
-    """Whether a driver reaches the line while it is yellow, and after reacting could not stop gently before it."""
-    stop_m = mps * YELLOW_REACTION_S + braking_distance_m(mps * mps, _GENTLE_STOP_MPS2) + _BEFORE_LINE_M
-    return ahead_m < min(stop_m, mps * yellow_s)
-
-
-def _turned_yellow(
-    signals: Sequence[SignalState], shown: dict[str, str], ways: Mapping[str, Sequence[Connection]]
-) -> Iterator[Connection]:
-    """The movements that are green in the shown states and yellow now; the shown states become those of now."""
-    for signal in signals:
-        before, shown[signal.signal_id] = shown.get(signal.signal_id, ""), signal.state
-        for way in ways.get(signal.signal_id, ()) if before != signal.state else ():
-            if (way.letter_in(before) + way.letter_in(signal.state)).lower() == "gy":
-                yield way
-
-
-def _signal(way: Connection) -> str:
-    return str(way.signal_id)
-
-
 def _yellow(setting: Setting) -> Act | None:
-    signalled = [way for way in setting.network.connections if way.signal_id is not None and way.yellow_s > 0.0]
-    signalled.sort(key=_signal)
-    ways = {signal: list(group) for signal, group in groupby(signalled, _signal)}
-    going, shown = dict[int, Connection](), dict[str, str]()  # each goer's movement, and each signal's state before
-
-    def act(road: Road) -> None:
-        traffic, lanes = road.last, setting.network.lanes
-        if traffic is None:
-            return
-        inside = traffic.owner == Owner.SUMO
-        for way in _turned_yellow(traffic.signals, shown, ways):
-            for row in np.flatnonzero(inside & (traffic.lane == way.from_lane)).tolist():
-                ahead_m = lanes[way.from_lane].length_m - float(traffic.lane_position_m[row])
-                follows = lanes[way.to_lane].edge in traffic.route_of_row(row)[1:2]
-                if follows and goes_at_yellow(ahead_m, float(traffic.sumo_speed_mps[row]), way.yellow_s):
-                    going[int(traffic.actor_id[row])] = way
-        rows = rows_of_ids(traffic.actor_id, np.array([*going], np.uint32)).tolist()
-        for row, (actor_id, way) in zip(rows, [*going.items()], strict=True):
-            there, yellow = row >= 0 and inside[row], way.letter_in(shown[_signal(way)]).lower() == "y"
-            if not there or traffic.lane[row] != way.from_lane or not yellow:
-                del going[actor_id]
-            if there:
-                name, heeds = road.reported[actor_id].name, 0 if actor_id in going else HEEDS_LIGHTS
-                libsumo.vehicle.setSpeedMode(name, libsumo.vehicle.getSpeedMode(name) & ~HEEDS_LIGHTS | heeds)
-
-    return act if ways else None
+    drivers = DriversAtYellow(setting.network)
+    return (lambda road: drivers.apply(road.last, road.reported)) if drivers.movements else None
 
 
 def _continuity(setting: Setting) -> Act:

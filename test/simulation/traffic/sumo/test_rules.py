@@ -4,13 +4,12 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import libsumo
 import numpy as np
 import pytest
-from hand_made_record import STRAIGHT, crossing, traffic_of
+from hand_made_record import traffic_of
 from traffic_helpers import columns_of, load_map, plan_of, plan_s2
 
 from siren_ros.base.numerics.geometry import overlapping_pairs
@@ -21,7 +20,6 @@ from siren_ros.simulation.roads.routing import driving_lanes, opposite_edges, re
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import JamHead, PlannedVehicle, SignalTiming, load_drivers
-from siren_ros.simulation.traffic.sumo.population import MIRRORS_M
 from siren_ros.simulation.traffic.sumo.rules import (
     BEND,
     BESIDE_M,
@@ -29,7 +27,6 @@ from siren_ros.simulation.traffic.sumo.rules import (
     ENDS_ABOVE_MPS,
     FASTEST_MPS,
     FORMS_BELOW_MPS,
-    HEEDS_LIGHTS,
     KEEPS_M,
     NEXT_M,
     ROAD_M,
@@ -45,10 +42,16 @@ from siren_ros.simulation.traffic.sumo.rules import (
     coming_to_jam,
     filter_speeds_mps,
     forming,
-    goes_at_yellow,
     kept_sides,
 )
-from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Owner, TrafficState, rows_of_ids
+from siren_ros.simulation.world.actors import (
+    MIRRORS_M,
+    ActorClass,
+    ActorDescription,
+    Owner,
+    TrafficState,
+    rows_of_ids,
+)
 
 EVERYWHERE = {"caution", "yellow", "stand-offs", "sideways", "bends", "continuity"}
 TIMING = SignalTiming(signal_id="s", link=1, red_from_s=5.0, crossing=(0,), platoon=("a",), emv="emv0")
@@ -383,48 +386,3 @@ def test_who_meets_an_emv_slows_down_and_keeps_right_until_it_has_passed(
     told.clear()
     drivers.apply(scene(network, 20.0), {**vehicles, CIVILIAN: replace(vehicles[CIVILIAN], oncoming_share=1.0)})
     assert told == []
-
-
-@pytest.mark.parametrize(
-    ("ahead_m", "mps", "goes"),
-    [
-        (22.0, 9.0, True),  # 9 m to react, 13.3 m to brake from 9 m/s with 3.05 m/s², and 2 m before the line
-        (24.5, 9.0, False),
-        (41.5, 13.9, True),  # stopping takes 47.6 m, but yellow ends after 41.7 m
-        (42.0, 13.9, False),
-    ],
-)
-def test_who_stops_at_yellow_can_do_so_gently(ahead_m: float, mps: float, goes: bool) -> None:
-    assert goes_at_yellow(ahead_m, mps, 3.0) is goes
-
-
-@pytest.mark.parametrize(("ahead_m", "owner", "turns"), [(20.0, 0, 0), (40.0, 0, 0), (20.0, 1, 0), (20.0, 0, 1)])
-def test_who_goes_at_yellow_heeds_lights_again_once_it_is_red(
-    monkeypatch: pytest.MonkeyPatch, setting: Setting, ahead_m: float, owner: int, turns: int
-) -> None:
-    network = crossing()
-    network = replace(network, connections=tuple(replace(way, yellow_s=3.0) for way in network.connections))
-    way, modes, seen = network.connections[STRAIGHT], {"car": 27}, []
-    monkeypatch.setattr(libsumo.vehicle, "getSpeedMode", modes.__getitem__)
-    monkeypatch.setattr(libsumo.vehicle, "setSpeedMode", modes.__setitem__)
-    (act,) = (rule.make(replace(setting, network=network)) for rule in RULES if rule.name == "yellow")
-    edges = [
-        network.lanes[lane].edge for lane in (way.from_lane, network.connections[-1].to_lane if turns else way.to_lane)
-    ]
-    columns = {
-        "actor_id": np.array([7], np.uint32),
-        "owner": np.array([[Owner.SUMO, Owner.ROS][owner]], np.uint8),
-        "lane": np.array([way.from_lane], np.int32),
-        "lane_position_m": np.array([network.lanes[way.from_lane].length_m - ahead_m]),
-        "sumo_speed_mps": np.array([9.0]),
-        "route_offset": np.array([0, 2], np.int32),
-        "route_edges": np.array(edges, np.int32),
-    }
-    vehicles = {7: SimpleNamespace(name="car")}
-    for letter in "Ggyyrr":
-        last = replace(traffic_of(0, letter * len(network.connections)), **columns)
-        act(SimpleNamespace(last=last, reported=vehicles))
-        seen.append(modes["car"] & HEEDS_LIGHTS)
-    goes = (ahead_m, owner, turns) == (20.0, 0, 0)
-    assert seen == [16, 16, *([0, 0] if goes else [16, 16]), 16, 16]
-    assert modes == {"car": 27}

@@ -25,7 +25,7 @@ from siren_ros.simulation.behaviour.driving.step_view import ActorTable
 from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.simulation.roads.routing import rescue_sides
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS
-from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
+from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal
 from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner, TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -373,12 +373,6 @@ def test_removed_civilian_is_forgotten(lab, world, state):
     state, commands = step_yield(state, gone, world)
     assert not state.units
     assert len(commands) == 0
-
-
-def test_realistic_preset_draws_per_actor(lab):
-    world = lab.world_of(lab.straight_road(), lab.L2, preset=load_preset("realistic"))
-    state, _, _ = steps(world, [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))])
-    assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1
 
 
 def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world, state):

@@ -415,7 +415,7 @@ def test_without_a_path_it_brakes_to_a_stop(lab):
     assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
     assert command.brake > 0.35
     assert blocker == NO_ACTOR
-    assert state.done
+    assert (state.done, state.remaining_m) == (True, 0.0)
     assert state.integral_mps2 == 0.0
 
 
@@ -431,11 +431,6 @@ def test_a_limit_counts_besides_target_and_path(lab):
     assert command(SpeedLimit(2.0)).brake > 0.0
     hard = command(SpeedLimit(5.0, brake_mps2=7.0)).brake
     assert hard * vehicle.max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)
-
-
-def test_without_a_path_nothing_is_left_of_it_and_it_is_done():
-    assert NavigatorState().remaining_m == 0.0
-    assert NavigatorState().done
 
 
 MANOEUVRING = ManoeuvringConfig()

@@ -181,6 +181,10 @@ def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_
     crossing = lab.view(straight, lab.L3, cars, poses=poses)
     assert math.isinf(free_way(standing, crossing.ego(0)).free_m)
     assert free_way(replace(standing, gap_escape_active=True), crossing.ego(0)).free_m < 12.0
+    slowly = np.array([[100.0, 0.0, 0.0, 5.0], [115.0, 0.0, math.pi, 0.9]])
+    bumpers = 15.0 - 0.5 * sum(lab.vehicles[kind].length_m for kind in (ActorClass.AMBULANCE, ActorClass.SEDAN))
+    way = free_way(standing, lab.view(straight, lab.L3, cars, poses=slowly).ego(0))
+    assert way.free_m == pytest.approx(bumpers - 0.8 * 0.9, abs=0.3), "who comes on slowly, in the time that is watched"
 
 
 def approach_mps(ahead_m, config):
@@ -239,10 +243,27 @@ def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_ha
     assert approach(26.0, 3.0, overlap=2.0, leaving=-1.0) == staying
 
 
-def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
-    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 1, 130, 0, (0,)))).speed_mps)
-    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 70, 0, (0,)))).speed_mps)
-    assert anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 130, 0, (0,)))).speed_mps < 13.0
+def test_of_the_vehicles_on_the_path_in_the_same_direction_the_one_that_asks_for_least_counts(lab):
+    """Whoever has which id; the path ends 3 m before the road's end at 400 m."""
+    stands, rolls, aside, behind, beyond = (
+        (30.0, 0, 0.0),
+        (50.0, 0, 4.0),
+        (20.0, 1, 0.0),
+        (-30.0, 0, 0.0),
+        (296.0, 0, 0.0),
+    )
+
+    def limit(*others):
+        cars = [lab.Car(2 + n, lane, 100.0 + m, mps, (0,)) for n, (m, lane, mps) in enumerate(others)]
+        return anticipated_limit(*scene_of_anticipation(lab, *cars, speed=5.0)).speed_mps
+
+    gap = 30.0 - 0.5 * sum(lab.vehicles[kind].length_m for kind in (ActorClass.AMBULANCE, ActorClass.SEDAN))
+    assert limit(stands) == pytest.approx(approach(gap, 0.0), rel=1e-4)
+    assert limit(stands, rolls) == limit(rolls, stands) == limit(aside, stands, behind, rolls) == limit(stands)
+    assert limit(aside, behind) == math.inf
+    cars = [lab.Car(1, 0, 360, 5, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 100.0 + beyond[0], 0, (0,))]
+    ego = lab.view(lab.straight_road(), lab.L2, cars).ego(0)
+    assert anticipated_limit(follow_route(EmvUnit(1), ego)[0], ego).speed_mps == math.inf
 
 
 def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
@@ -255,7 +276,8 @@ def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_hand
 def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
     asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
-    assert math.isinf(anticipated_limit(unit, ego).speed_mps)
+    for request in (LateralRequest(), LateralRequest(1, "intent", 0), LateralRequest(-1, ROUTE, 0)):
+        assert math.isinf(anticipated_limit(replace(unit, request=request), ego).speed_mps)
     expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / SPEED_GAIN_1PS)
     assert anticipated_limit(asked, ego).speed_mps == pytest.approx(expected)
 
@@ -447,14 +469,16 @@ def test_the_emv_stops_before_a_junction_behind_which_there_is_no_room_for_it(la
     assert before_full_exit(lab, NEED_M - 0.1, front_m=99.5, speed=0.0) == 0.0
 
 
-def test_those_who_move_ahead_of_it_need_room_as_well(lab):
-    """A car that drives on the junction takes its length and gap of what is left behind it."""
+@pytest.mark.parametrize("beyond", [False, True])
+def test_those_who_move_ahead_of_it_need_room_as_well(lab, beyond):
+    """A car that drives on the junction, or beyond it, takes its length and gap of what is left behind it."""
     straight, left = (CROSSED.connections[way].via[0] for way in (STRAIGHT, STRAIGHT_LEFT))
-    moves = lab.Car(3, straight, 10.0, 4.0, WAY)
+    moves = lab.Car(3, OUT_LANE, 3.0, 4.0, WAY[1:]) if beyond else lab.Car(3, straight, 10.0, 4.0, WAY)
     taken_m = lab.vehicles[ActorClass.SEDAN].length_m + CivilianDriver().driving.standstill_gap_m
     assert before_full_exit(lab, NEED_M + taken_m + 0.1, moves) == math.inf
     assert before_full_exit(lab, NEED_M + taken_m - 0.1, moves) < math.inf
-    assert before_full_exit(lab, NEED_M + 0.1, replace(moves, lane=left)) == math.inf, "in the other lane"
+    elsewhere = lab.Car(3, left, 10.0, 4.0, WAY)
+    assert before_full_exit(lab, NEED_M + 0.1, elsewhere) == math.inf, "in the other lane"
 
 
 def test_who_cannot_stop_or_drives_between_others_or_blocks_nobody_goes_on(lab):

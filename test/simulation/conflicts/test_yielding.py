@@ -418,6 +418,14 @@ def test_nobody_comes_where_all_others_have_red_and_nobody_is_on_the_junction():
     assert EDGE_M < ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), inside) <= EDGE_M + 0.5
 
 
+def test_at_the_left_of_its_lane_a_turning_vehicle_is_sooner_in_the_way_of_those_who_are_on_the_junction():
+    right, inside = NETWORK.connections[RIGHT], frozenset(NETWORK.connections[EAST].via)
+    room = JunctionRoom(NETWORK)
+    left, middle, edge = (room.beyond_line_m(right, lights("r"), inside, side=side) for side in (1, 0, -1))
+    assert left < middle - 0.5 < edge - 1.0
+    assert {room.beyond_line_m(right, lights("G"), frozenset(), side=side) for side in (1, 0, -1)} == {middle}
+
+
 def test_the_same_approach_and_ways_that_do_not_meet_leave_room():
     own = frozenset(NETWORK.connections[STRAIGHT_LEFT].via)
     assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), own) == math.inf

@@ -9,7 +9,14 @@ from hand_made_record import STRAIGHT, STRAIGHT_LEFT, crossing
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.braking import speed_before_mps
-from siren_ros.simulation.behaviour.driving.driver_states import ROUTE, EmvUnit, LateralRequest
+from siren_ros.simulation.behaviour.driving.driver_states import (
+    ROUTE,
+    Compliance,
+    Driver,
+    EmvUnit,
+    LateralRequest,
+    YieldUnit,
+)
 from siren_ros.simulation.behaviour.driving.navigator import SPEED_GAIN_1PS, NavigatorState, SpeedLimit
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import (
     LEAVING_MPS,
@@ -45,7 +52,7 @@ from siren_ros.simulation.scenario.driver_parameters import (
     JunctionEntryConfig,
 )
 from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal
-from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, SignalState
+from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, Mode, SignalState
 
 
 def scene(lab, *others, speed=5.0, corridor=True):
@@ -82,7 +89,7 @@ def people_limit(unit, view, left_m, *, row=0):
 def test_people_on_a_crossing_beside_the_path_limit_the_speed(lab, beside_m, limited):
     unit, view = scene(lab, corridor=False)
     found = people_limit(unit, view, view.ego(0).half_width_m + beside_m)
-    assert (found.blocker_id == 7) is limited
+    assert (found.blocker_id == 7, found.brake_mps2) == (limited, 0.0), "comfortable braking is enough"
     assert found.speed_mps == (pytest.approx(math.sqrt(1.6**2 + 4.0 * (found.free_m - 0.4))) if limited else math.inf)
 
 
@@ -140,16 +147,27 @@ def test_between_queues_the_emv_moves_sideways_behind_whoever_comes_up_beside_it
     lab, kind, at_m, left_m, speed_mps, emv_mps, stops
 ):
     """The path leads 2 m to the right within 12 m, where the other one goes past on the right of the EMV."""
+    unit, ego = moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps)
+    limit = passage_limit(unit, ego)
+    assert (limit.blocker_id == 2) is stops
+    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the other one to be past"
+
+
+def moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps):
     cars = [lab.Car(1, 0, 100, emv_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, at_m, speed_mps, (0,), kind)]
     poses = np.array([[100.0, 0.0, 0.0, emv_mps], [at_m, left_m, 0.0, speed_mps]])
     view = lab.view(lab.straight_road(), lab.L3, cars, poses=poses)
     s_m = np.linspace(0.0, 80.0, 161)
     aside_m = -2.0 * np.clip(s_m / 12.0, 0.0, 1.0)
     path = TrackedPath.of(Curve.through(np.stack((100.0 + s_m, aside_m), axis=1)), view.ego(0).navigator_config)
-    unit = replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True)
-    limit = passage_limit(unit, view.ego(0))
-    assert (limit.blocker_id == 2) is stops
-    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the other one to be past"
+    return replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True), view.ego(0)
+
+
+def test_whoever_is_beside_the_emv_and_no_faster_leaves_way_as_one_ahead_does(lab):
+    rolls, stands = (
+        free_way(*moving_right(lab, ActorClass.BICYCLE, 103.0, -1.9, mps, 2.0)).free_m for mps in (1.5, 0.0)
+    )
+    assert rolls - stands == pytest.approx(1.5**2 / 8.0)
 
 
 @pytest.mark.parametrize(("gap_m", "stops"), [(0.05, True), (0.07, False)])
@@ -497,20 +515,30 @@ def test_a_fast_emv_looks_as_far_ahead_as_it_takes_to_stop(lab, speed_mps, far_m
     assert lab.view(lab.straight_road(), lab.L1, [emv]).ego(0).far_m(80.0) == pytest.approx(far_m)
 
 
+def beside_a_neighbour(lab, unit, other, kind):
+    """The limit of a driver whose path leads to the left, where actor 1 or 2 is alongside."""
+    cars = [lab.Car(3, 0, 100.0, 1.0, (0,), kind), lab.Car(other, 1, 101.0, 1.0, (0,), left=-0.5)]
+    ego = lab.view(lab.straight_road(), lab.L3, cars).ego(1)
+    points = np.array([[100.0 + s, 0.2 * s] for s in np.arange(0.0, 30.0, 0.5)])
+    path = TrackedPath.of(Curve.through(points), ego.navigator_config)
+    unit = replace(unit, navigator=NavigatorState().following(path, *ego.place))
+    seen = replace(ego.seen, is_emv=ego.seen.actor_id != 2)
+    drive = Drive(unit, replace(ego, seen=seen), path, 0.0, 5.0, ego.navigator_config)
+    return next(item.limit(drive) for item in MECHANISMS if item.name == "manoeuvring")
+
+
 @pytest.mark.parametrize(("change_side", "other", "limited"), [(1, 1, True), (0, 1, False), (1, 2, False)])
 def test_in_a_lane_change_an_emv_minds_emvs_at_its_side_alone(lab, change_side, other, limited):
     """Civilians make way; an EMV that came up at its side, while the change stood half done, does not."""
-    view = lab.view(
-        lab.straight_road(),
-        lab.L3,
-        [lab.Car(3, 0, 100.0, 1.0, (0,), ActorClass.AMBULANCE), lab.Car(other, 1, 101.0, 1.0, (0,), left=-0.5)],
-    )
-    ego = view.ego(1)
-    points = np.array([[100.0 + s, 0.2 * s] for s in np.arange(0.0, 30.0, 0.5)])
-    path = TrackedPath.of(Curve.through(points), ego.navigator_config)
-    unit = EmvUnit(3, NavigatorState().following(path, *ego.place), change_side=change_side)
-    seen = replace(ego.seen, is_emv=ego.seen.actor_id != 2)
-    drive = Drive(unit, replace(ego, seen=seen), path, 0.0, 5.0, ego.navigator_config)
-    limit = next(item.limit(drive) for item in MECHANISMS if item.name == "manoeuvring")
+    limit = beside_a_neighbour(lab, EmvUnit(3, change_side=change_side), other, ActorClass.AMBULANCE)
     assert limit.blocker_id == (1 if limited else NO_ACTOR)
     assert math.isfinite(limit.speed_mps) is limited
+
+
+@pytest.mark.parametrize("other", [1, 2])
+def test_a_civilian_minds_everybody_at_its_side_on_the_way_to_the_edge_and_back(lab, other):
+    driver = Driver(Compliance.COMPLIES, 0.0, 40.0)
+    units = [YieldUnit(3, 1, driver, 0, phase=phase) for phase in Mode]
+    limits = [beside_a_neighbour(lab, unit, other, ActorClass.SEDAN).blocker_id for unit in units]
+    sideways = {Mode.YIELD_PULL_OVER, Mode.REJOIN}
+    assert limits == [other if phase in sideways else NO_ACTOR for phase in Mode]

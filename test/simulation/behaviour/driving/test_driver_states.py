@@ -9,10 +9,16 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.simulation.behaviour.driving.driver_states import (
     Compliance,
     Driver,
+    EmvUnit,
+    LateralRequest,
+    Refusal,
     RoutePlan,
+    YieldUnit,
     best_lane,
+    civilian_guards,
     draw_driver,
     emv_fully_passed,
+    emv_guards,
     plan_route,
     present_lane,
     strategic_side,
@@ -22,7 +28,7 @@ from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZ
 from siren_ros.simulation.behaviour.driving.tracked_path import LaneEnd
 from siren_ros.simulation.behaviour.emv.controller import reference_line
 from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.actors import ActorClass, Mode
 
 
 def test_each_driver_is_a_draw_from_a_stream_of_its_own():
@@ -172,3 +178,93 @@ def test_lanes_that_only_an_emv_may_use_count_for_it(lab):
     network = road.built()
     assert [strategic_side(network, lane, route(0, 1)) for lane in (0, 1, 2)] == [0, -1, -1]
     assert [best_lane(network, lane, route(0, 1)) for lane in (0, 1, 2)] == [0, 0, 0]
+
+
+ASKED = LateralRequest(-1, "slow_traffic", 99)
+ONLY_FROM_A_CHANGE = "at this level only from a lane change that stands still"
+NO_CORRIDOR = "this level has no rescue corridor"
+NOBODY_FORMS = "nobody ahead forms a rescue lane or brakes for the EMV"
+STANDS = "stands for 1.3 s, enters after 3 s"
+NO_WISH = "neither route nor traffic ask for one"
+
+
+@pytest.mark.parametrize(
+    ("level", "unit", "acts", "why"),
+    [
+        ("L2", {}, [], [ONLY_FROM_A_CHANGE, NO_CORRIDOR, NO_WISH, "route"]),
+        (
+            *("L2", {"stopped_s": 1.3, "change_side": -1}, ["forced lane change"]),
+            [STANDS, NO_CORRIDOR, "to the right", "route"],
+        ),
+        (
+            *("L2", {"request": ASKED}, []),
+            [ONLY_FROM_A_CHANGE, NO_CORRIDOR, "asked for to the right (slow traffic)", "route"],
+        ),
+        (
+            *("L2", {"request": replace(ASKED, side=1), "change_step": 80}, []),
+            [ONLY_FROM_A_CHANGE, NO_CORRIDOR, "asked for to the left (slow traffic), not before 1.0 s", "route"],
+        ),
+        (
+            *("L3", {"stopped_s": 1.3, "request": replace(ASKED, deferred=Refusal.GAP_REAR)}, []),
+            [STANDS, NOBODY_FORMS, "asked for to the right (slow traffic), deferred: gap rear", "route"],
+        ),
+        (
+            *("L3", {"blocker_free_s": 0.4, "corridor": True, "corridor_seen_step": 90}, ["rescue corridor"]),
+            ["nobody blocks the way", "none has made way for 0.5 s", "not between other vehicles", "rescue corridor"],
+        ),
+        (
+            *("L3", {"gap_escape_active": True, "corridor": True, "corridor_seen_step": 100}),
+            ["gap escape", "rescue corridor"],
+            ["no free path yet", "vehicles ahead make way", "not between other vehicles", "gap escape"],
+        ),
+        (
+            *("L3", {"gap_escape_active": True, "escape_offset_m": 0.0, "blocker_free_s": 0.4}, ["gap escape"]),
+            ["drives past the blocker; 0.4 of 2 s free", NOBODY_FORMS, "not between other vehicles", "gap escape"],
+        ),
+    ],
+)
+def test_what_is_said_of_an_emvs_guards(lab, level, unit, acts, why):
+    guards = emv_guards(EmvUnit(1, **unit), 100, lab.world_of(lab.straight_road(), getattr(lab, level)))
+    names = ["gap escape", "rescue corridor", "forced lane change", "waypoints"]
+    assert [(guard.name, guard.why) for guard in guards] == list(
+        zip(names, [*why[:3], f"the path comes from the {why[3]}"], strict=True)
+    )
+    assert [guard.name for guard in guards if guard.acts] == [*acts, "waypoints"]
+
+
+@pytest.mark.parametrize(
+    ("level", "unit", "acts", "why"),
+    [
+        ("L2", {}, [], ["late, in 1.0 s", "not begun", "not begun"]),
+        ("L2", {"react_step": 90, "deferred": "gap_rear"}, [1], ["late, 0.5 s ago", "deferred: gap rear", "not begun"]),
+        (
+            *("L2", {"react_step": 100, "phase": Mode.YIELD_LANE_CHANGE, "side": 1}, [1, 2]),
+            ["late, 0.0 s ago", "to the left", "the lane change is not finished"],
+        ),
+        (
+            *("L3", {"react_step": 90, "phase": Mode.YIELD_PULL_OVER, "side": -1}, [1, 2]),
+            ["late, 0.5 s ago", "to the right", "the pull-over is not finished"],
+        ),
+        (
+            *("L3", {"react_step": 90, "phase": Mode.YIELD_HOLD}, [1, 3]),
+            ["late, 0.5 s ago", "done", "until the EMV has passed"],
+        ),
+        (
+            *("L2", {"react_step": 90, "phase": Mode.REJOIN}, [1, 4]),
+            ["late, 0.5 s ago", "done", "until the EMV has passed"],
+        ),
+        (
+            *("L3", {"emv_id": 0, "driver": Driver(Compliance.NEVER, 1.0, 60.0), "react_step": 90}, []),
+            ["this driver does not comply", "not begun", "not begun"],
+        ),
+    ],
+)
+def test_what_is_said_of_a_civilians_guards(lab, level, unit, acts, why):
+    driver = replace(YieldUnit(2, 1, Driver(Compliance.LATE, 4.0, 60.0), 120), **unit)
+    guards = civilian_guards(driver, 100, lab.world_of(lab.straight_road(), getattr(lab, level)))
+    heard = "heard the EMV within 60 m" + ": EMV 1" * (driver.emv_id == 1)
+    made = ["pulls over", "holds"] if level == "L3" else ["changes lane", "keeps its lane"]
+    names = ["notices", "reacts", *made, "rejoins"]
+    texts = [heard, *why, "once the EMV has passed, or is gone"]
+    assert [(guard.name, guard.why) for guard in guards] == list(zip(names, texts, strict=True))
+    assert [guard.name for guard in guards if guard.acts] == ["notices", *(names[at] for at in acts)]

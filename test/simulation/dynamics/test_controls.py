@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from dynamics.fleet_scenes import command_of, stacked, traffic_of
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.compiled import X, Y
@@ -176,34 +174,6 @@ def test_sideways_slide_at_standstill_moves_nothing() -> None:
     """SUMO may shift standing vehicles sideways; a car cannot follow, and must not drive off either."""
     none = np.zeros(60)
     assert np.abs(followed(ActorClass.SEDAN, none, np.linspace(0.0, 0.8, 60), none, none)[X]).max() < 0.3
-
-
-@settings(max_examples=10, deadline=None)
-@given(
-    jump_m=st.floats(-3.0, 3.0),
-    turn_rad=st.floats(-1.5, 1.5),
-    speed_mps=st.floats(0.0, 15.0),
-    kind=st.sampled_from(VEHICLE_CLASSES),
-)
-def test_any_reference_gives_usable_controls(
-    jump_m: float, turn_rad: float, speed_mps: float, kind: ActorClass
-) -> None:
-    table = ParameterTable.of([kind], PARAMETERS)
-    body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, speed_mps))
-    tracker = TrackerState.at(np.zeros(1), np.zeros(1), np.zeros(1))
-    for step in range(1, 40):
-        reach = jump_m + speed_mps * STEP_S * step
-        pose = reach * np.cos(turn_rad), reach * np.sin(turn_rad), turn_rad
-        reference = Reference(*(np.full(1, value) for value in (*pose, speed_mps, 0.0)))
-        controls, tracker = track(body, tracker, reference, table, STEP_S)
-        assert 0.0 <= controls.throttle[0] <= 1.0
-        assert 0.0 <= controls.brake[0] <= 1.0
-        assert np.isfinite(controls.steer_rad[0])
-        following = step_bodies(body, controls, table, STEP_S)
-        vx, vy = body.velocity_mps(table)
-        moved = np.hypot(following.x_m - body.x_m, following.y_m - body.y_m)
-        assert moved[0] <= np.hypot(vx, vy)[0] * STEP_S + 0.05
-        body = following
 
 
 KIND = ActorClass.SEDAN

@@ -181,86 +181,52 @@ def test_lanes_that_only_an_emv_may_use_count_for_it(lab):
 
 
 ASKED = LateralRequest(-1, "slow_traffic", 99)
-ONLY_FROM_A_CHANGE = "at this level only from a lane change that stands still"
-NO_CORRIDOR = "this level has no rescue corridor"
-NOBODY_FORMS = "nobody ahead forms a rescue lane or brakes for the EMV"
-STANDS = "stands for 1.3 s, enters after 3 s"
-NO_WISH = "neither route nor traffic ask for one"
+ONLY_THEN, NO_CORRIDOR = "at this level only from a lane change that stands still", "this level has no rescue corridor"
+NOBODY, BETWEEN = "nobody ahead forms a rescue lane or brakes for the EMV", "not between other vehicles"
+STANDS, TO_RIGHT = "stands for 1.3 s, enters after 3 s", "asked for to the right (slow traffic)"
+IN_CORRIDOR = {"corridor": True, "corridor_seen_step": 90, "blocker_free_s": 0.4}
+OF_EMV = [
+    ("L2", {}, [], [ONLY_THEN, NO_CORRIDOR, "neither route nor traffic ask for one", "route"]),
+    ("L2", {"stopped_s": 1.3, "change_side": -1}, [2], [STANDS, NO_CORRIDOR, "to the right", "route"]),
+    ("L2", {"request": ASKED}, [], [ONLY_THEN, NO_CORRIDOR, TO_RIGHT, "route"]),
+    ("L2", {"request": ASKED, "change_step": 80}, [],
+     [ONLY_THEN, NO_CORRIDOR, TO_RIGHT + ", not before 1.0 s", "route"]),
+    ("L3", {"stopped_s": 1.3, "request": replace(ASKED, side=1, deferred=Refusal.GAP_REAR)}, [],
+     [STANDS, NOBODY, "asked for to the left (slow traffic), deferred: gap rear", "route"]),
+    ("L3", IN_CORRIDOR, [1], ["nobody blocks the way", "none has made way for 0.5 s", BETWEEN, "rescue corridor"]),
+    ("L3", {**IN_CORRIDOR, "gap_escape_active": True, "corridor_seen_step": 100}, [0, 1],
+     ["no free path yet", "vehicles ahead make way", BETWEEN, "gap escape"]),
+    ("L3", {"gap_escape_active": True, "escape_offset_m": 0.0, "blocker_free_s": 0.4}, [0],
+     ["drives past the blocker; 0.4 of 2 s free", NOBODY, BETWEEN, "gap escape"]),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("level", "unit", "acts", "why"),
-    [
-        ("L2", {}, [], [ONLY_FROM_A_CHANGE, NO_CORRIDOR, NO_WISH, "route"]),
-        (
-            *("L2", {"stopped_s": 1.3, "change_side": -1}, ["forced lane change"]),
-            [STANDS, NO_CORRIDOR, "to the right", "route"],
-        ),
-        (
-            *("L2", {"request": ASKED}, []),
-            [ONLY_FROM_A_CHANGE, NO_CORRIDOR, "asked for to the right (slow traffic)", "route"],
-        ),
-        (
-            *("L2", {"request": replace(ASKED, side=1), "change_step": 80}, []),
-            [ONLY_FROM_A_CHANGE, NO_CORRIDOR, "asked for to the left (slow traffic), not before 1.0 s", "route"],
-        ),
-        (
-            *("L3", {"stopped_s": 1.3, "request": replace(ASKED, deferred=Refusal.GAP_REAR)}, []),
-            [STANDS, NOBODY_FORMS, "asked for to the right (slow traffic), deferred: gap rear", "route"],
-        ),
-        (
-            *("L3", {"blocker_free_s": 0.4, "corridor": True, "corridor_seen_step": 90}, ["rescue corridor"]),
-            ["nobody blocks the way", "none has made way for 0.5 s", "not between other vehicles", "rescue corridor"],
-        ),
-        (
-            *("L3", {"gap_escape_active": True, "corridor": True, "corridor_seen_step": 100}),
-            ["gap escape", "rescue corridor"],
-            ["no free path yet", "vehicles ahead make way", "not between other vehicles", "gap escape"],
-        ),
-        (
-            *("L3", {"gap_escape_active": True, "escape_offset_m": 0.0, "blocker_free_s": 0.4}, ["gap escape"]),
-            ["drives past the blocker; 0.4 of 2 s free", NOBODY_FORMS, "not between other vehicles", "gap escape"],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("level", "unit", "acts", "why"), OF_EMV)
 def test_what_is_said_of_an_emvs_guards(lab, level, unit, acts, why):
     guards = emv_guards(EmvUnit(1, **unit), 100, lab.world_of(lab.straight_road(), getattr(lab, level)))
     names = ["gap escape", "rescue corridor", "forced lane change", "waypoints"]
-    assert [(guard.name, guard.why) for guard in guards] == list(
-        zip(names, [*why[:3], f"the path comes from the {why[3]}"], strict=True)
-    )
-    assert [guard.name for guard in guards if guard.acts] == [*acts, "waypoints"]
+    texts = [*why[:3], f"the path comes from the {why[3]}"]
+    assert [(guard.name, guard.why) for guard in guards] == list(zip(names, texts, strict=True))
+    assert [guard.name for guard in guards if guard.acts] == [*(names[at] for at in acts), "waypoints"]
 
 
-@pytest.mark.parametrize(
-    ("level", "unit", "acts", "why"),
-    [
-        ("L2", {}, [], ["late, in 1.0 s", "not begun", "not begun"]),
-        ("L2", {"react_step": 90, "deferred": "gap_rear"}, [1], ["late, 0.5 s ago", "deferred: gap rear", "not begun"]),
-        (
-            *("L2", {"react_step": 100, "phase": Mode.YIELD_LANE_CHANGE, "side": 1}, [1, 2]),
-            ["late, 0.0 s ago", "to the left", "the lane change is not finished"],
-        ),
-        (
-            *("L3", {"react_step": 90, "phase": Mode.YIELD_PULL_OVER, "side": -1}, [1, 2]),
-            ["late, 0.5 s ago", "to the right", "the pull-over is not finished"],
-        ),
-        (
-            *("L3", {"react_step": 90, "phase": Mode.YIELD_HOLD}, [1, 3]),
-            ["late, 0.5 s ago", "done", "until the EMV has passed"],
-        ),
-        (
-            *("L2", {"react_step": 90, "phase": Mode.REJOIN}, [1, 4]),
-            ["late, 0.5 s ago", "done", "until the EMV has passed"],
-        ),
-        (
-            *("L3", {"emv_id": 0, "driver": Driver(Compliance.NEVER, 1.0, 60.0), "react_step": 90}, []),
-            ["this driver does not comply", "not begun", "not begun"],
-        ),
-    ],
-)
+AGO, NOT_BEGUN, UNTIL = "late, 0.5 s ago", "not begun", "until the EMV has passed"
+REFUSES = Driver(Compliance.NEVER, 1.0, 60.0)
+OF_CIVILIAN = [
+    ("L2", {"react_step": 120}, [], ["late, in 1.0 s", NOT_BEGUN, NOT_BEGUN]),
+    ("L2", {"deferred": "gap_rear"}, [1], [AGO, "deferred: gap rear", NOT_BEGUN]),
+    ("L2", {"react_step": 100, "phase": Mode.YIELD_LANE_CHANGE, "side": 1}, [1, 2],
+     ["late, 0.0 s ago", "to the left", "the lane change is not finished"]),
+    ("L3", {"phase": Mode.YIELD_PULL_OVER, "side": -1}, [1, 2], [AGO, "to the right", "the pull-over is not finished"]),
+    ("L3", {"phase": Mode.YIELD_HOLD}, [1, 3], [AGO, "done", UNTIL]),
+    ("L2", {"phase": Mode.REJOIN}, [1, 4], [AGO, "done", UNTIL]),
+    ("L3", {"emv_id": 0, "driver": REFUSES}, [], ["this driver does not comply", NOT_BEGUN, NOT_BEGUN]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("level", "unit", "acts", "why"), OF_CIVILIAN)
 def test_what_is_said_of_a_civilians_guards(lab, level, unit, acts, why):
-    driver = replace(YieldUnit(2, 1, Driver(Compliance.LATE, 4.0, 60.0), 120), **unit)
+    driver = replace(YieldUnit(2, 1, Driver(Compliance.LATE, 4.0, 60.0), 90), **unit)
     guards = civilian_guards(driver, 100, lab.world_of(lab.straight_road(), getattr(lab, level)))
     heard = "heard the EMV within 60 m" + ": EMV 1" * (driver.emv_id == 1)
     made = ["pulls over", "holds"] if level == "L3" else ["changes lane", "keeps its lane"]

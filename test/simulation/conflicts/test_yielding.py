@@ -26,6 +26,7 @@ from siren_ros.simulation.conflicts.yielding import (
 )
 from siren_ros.simulation.conflicts.zones import STEP_M, Zone
 from siren_ros.simulation.roads.road_network import Connection
+from siren_ros.simulation.scenario.driver_parameters import ConflictConfig
 
 FREE = Connection(0, 1, (), "s", None, -1, must_stop=False, junction="j")
 
@@ -69,6 +70,12 @@ def test_a_link_that_the_signal_does_not_have_leaves_it_to_the_signs(link, rank)
 
 CONFIG = Margins()
 INF = math.inf
+
+
+@pytest.mark.parametrize(("own_s", "after_s"), [(0.7, 0.7), (0.0, 0.0), (None, 1.3)])
+def test_the_presets_time_stands_where_the_driver_has_none(own_s, after_s):
+    margins = Margins.of(ConflictConfig(after_s=own_s, standoff_m=1.5), 1.3, 6.0)
+    assert margins == Margins()._replace(after_s=after_s, standoff_m=1.5, horizon_s=6.0)
 
 
 def crossing_zone(own_in, other_in, width=6.0, blocked=INF):

@@ -11,13 +11,15 @@ from siren_ros.scoring.evaluation.realism.road_tracks import RoadTracks
 LENGTH_M, WIDTH_M = 4.0, 1.8
 
 
-def lane(*arcs: np.ndarray, turned_rad: float = 0.0, every_s: float = 0.1) -> RoadTracks:
-    """Cars in one straight lane, at arc lengths of their middles over time."""
+def lane(*arcs: np.ndarray, turned_rad: float = 0.0, every_s: float = 0.1, last_m: float = LENGTH_M) -> RoadTracks:
+    """Cars in one straight lane, at arc lengths of their middles over time; the length of the last one may differ."""
     ids = np.repeat(np.arange(len(arcs)), [len(arc) for arc in arcs]).astype(float)
     along = np.concatenate(arcs)
     time_s = np.concatenate([every_s * np.arange(len(arc)) for arc in arcs])
     place = along * np.cos(turned_rad), along * np.sin(turned_rad), np.full(len(along), turned_rad)
-    return RoadTracks.of_columns(ids, time_s, *place, np.full(len(along), LENGTH_M), np.full(len(along), WIDTH_M))
+    return RoadTracks.of_columns(
+        ids, time_s, *place, np.where(ids < ids[-1], LENGTH_M, last_m), np.full(len(along), WIDTH_M)
+    )
 
 
 def stands(at_m: float, frames: int = 60) -> np.ndarray:
@@ -46,10 +48,10 @@ def test_cars_far_apart_or_moving_or_side_by_side_are_no_queue() -> None:
 
 
 def test_headway_is_front_to_front_once_a_second_and_only_of_followers() -> None:
-    tracks = lane(drives(0.0, 10.0), drives(18.0, 10.0))
+    tracks = lane(drives(0.0, 10.0), drives(20.0, 10.0), last_m=8.0)
     headways = road_tracks.following_headways_s(tracks)
-    assert headways == pytest.approx(np.full(6, 1.8))
-    assert road_tracks.following_gaps_m(tracks) == pytest.approx(np.full(6, 18.0 - LENGTH_M))
+    assert headways == pytest.approx(np.full(6, 2.2))
+    assert road_tracks.following_gaps_m(tracks) == pytest.approx(np.full(6, 14.0))
     assert len(road_tracks.following_headways_s(lane(drives(0.0, 10.0), drives(18.0, 12.0)))) == 0
     assert len(road_tracks.following_headways_s(lane(drives(0.0, 2.0), drives(8.0, 2.0)))) == 0
 
@@ -74,6 +76,8 @@ def test_changes_of_speed_are_those_of_whole_seconds() -> None:
     assert road_tracks.changes_of_speed(speeding_up, 1)[1:-1] == pytest.approx(np.full(7, 1.5))
     assert road_tracks.changes_of_speed(speeding_up, 2)[1:-1] == pytest.approx(np.zeros(6), abs=1e-9)
     assert len(road_tracks.changes_of_speed(lane(stands(0.0)), 1)) == 0
+    mixed = lane(drives(0.0, 10.0), stands(50.0), drives(90.0, 7.0))
+    assert road_tracks.moving_speeds_mps(mixed) == pytest.approx([10.0] * 6 + [7.0] * 6)
 
 
 def test_start_and_stop_are_mean_accelerations_between_1_and_6_mps() -> None:
@@ -85,15 +89,21 @@ def test_start_and_stop_are_mean_accelerations_between_1_and_6_mps() -> None:
     assert road_tracks.stops_mps2(lane(-start[::-1])) == pytest.approx([2.0], abs=0.02)
     slow = np.minimum(0.2 * np.arange(100), 5.0)
     assert len(road_tracks.starts_mps2(lane(np.cumsum(0.1 * slow)))) == 0, "it ends below 6 m/s"
+    again = np.concatenate((0.2 * np.arange(40), np.full(20, 4.0), np.full(20, 8.0)))
+    assert road_tracks.starts_mps2(lane(np.cumsum(0.1 * again))) == pytest.approx([2.0], abs=0.05), "it never stopped"
 
 
 def test_queue_discharges_from_the_fourth_vehicle_on() -> None:
-    """Five cars with gaps of 2 m start one after the other by 2 s, and drive at 6 m/s at once."""
+    """Five vehicles with gaps of 2 m start one after the other by 2 s, and drive at 6 m/s at once.
+
+    The last one is 10 m long. It comes nearer at 0.5 m/s just before the first one starts.
+    """
     arcs = []
     for place in range(5):
-        waits = 10 + 20 * place
-        arcs.append(np.concatenate((np.full(waits, -6.0 * place), -6.0 * place + 0.6 * np.arange(200 - waits))))
-    headways = road_tracks.discharge_headways_s(lane(*arcs))
+        waits, at_m = 60 + 20 * place, -6.0 * place - 3.0 * (place == 4)
+        arcs.append(np.concatenate((np.full(waits, at_m), at_m + 0.6 * np.arange(250 - waits))))
+    arcs[4][:60] -= 0.05 * np.minimum(np.arange(60, 0, -1), 20)
+    headways = road_tracks.discharge_headways_s(lane(*arcs, last_m=10.0))
     assert headways == pytest.approx([3.0, 3.0], abs=0.05)  # 2 s later, and 6 m more at 6 m/s
 
 

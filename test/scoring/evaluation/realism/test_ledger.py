@@ -15,6 +15,7 @@ from siren_ros.scoring.evaluation.realism.ledger import (
     compare,
     ledger_table,
     read_ledger,
+    sources_table,
     unanswered_table,
     verdict_counts,
 )
@@ -53,61 +54,95 @@ def test_shipped_ledger_answers_25_lines_and_gives_every_line_a_source_or_a_reas
         ((2.45, 2.55, 2.5, 2.6, 2.65), AGREES),
         ((3.9, 4.0, 4.1, 4.0, 3.95), DIFFERS),
         ((0.1, 0.2, 0.3, 0.2, 0.25), DIFFERS),
-        ((-9.0, 14.0, 2.0, 9.0, -6.0), UNDECIDED),
+        ((-0.19, 2.0, 4.19, 2.0, 2.0), AGREES),  # 3.85 m wide
+        ((-0.35, 2.0, 4.35, 2.0, 2.0), UNDECIDED),  # 4.13 m
+        ((2.0, 2.1, 1.9), UNDECIDED),
     ],
 )
 def test_verdict_is_that_of_two_intervals(means: tuple[float, ...], verdict: str) -> None:
     (result,) = compare([LINE], gaps(*means))
     assert result.verdict is verdict
-    assert result.samples == 10
+    assert result.samples == 2 * len(means)
     assert result.predicted.value == pytest.approx(np.mean(means))
 
 
-def test_few_episodes_decide_nothing_and_few_samples_answer_nothing() -> None:
-    (few,) = compare([LINE], gaps(2.0, 2.1, 1.9))
-    assert few.verdict is UNDECIDED
-    (none,) = compare([LINE], gaps(2.0))
-    assert none.verdict is CANNOT
-    assert "2 samples" in none.reason
+def study() -> list[RealismEpisode]:
+    """Five seeds at the level of the template, one of them at L3 too, all at L0 in another order; one without L0."""
+    own = [
+        episode(
+            {
+                "standing_gap_m": [1.7 + 0.1 * seed, 1.9 + 0.1 * seed],
+                "hardest_brake_mps2": [2.0 + 0.2 * seed],
+                "time_to_site_s": [7.0 + 0.1 * seed],
+                "emv_contact": [float(seed == 0)],
+                "moved": [1.0],
+                "wake_share": [1.0] * (seed < 4),
+            },
+            seed=seed,
+        )
+        for seed in range(5)
+    ]
+    nominal = [
+        episode(
+            {"time_to_site_s": [10.0], "hardest_brake_mps2": [9.0], "standing_gap_m": [2.0] * 2 * (seed == 3)},
+            "L0",
+            own=False,
+            seed=seed,
+        )
+        for seed in (3, 1, 0, 2, 4)
+    ]
+    alone = replace(episode({"time_to_site_s": [1.0]}, seed=9), fitted_to=("X1", "X2"))
+    return [*own, *nominal, episode({"standing_gap_m": [9.0] * 5}, "L3", own=False), alone]
+
+
+def test_a_study_has_the_intervals_and_verdicts_that_are_worked_out_by_hand() -> None:
+    """Of a mean the interval is Student's over episodes, of a share Wilson's; L0 counts for gaps and saved time."""
+    share = replace(LINE, unit="share", value=0.5, low=0.4, high=0.6)
+    lines = (
+        replace(LINE, count=1234),
+        replace(LINE, line_id="X2", value=1.0, low=0.9, high=1.1, count=0, year=0),
+        replace(LINE, line_id="X3", samples="hardest_brake_mps2", value=0.0005, low=0.0004, high=0.0006),
+        replace(share, line_id="X4", samples="time_saved", value=0.3, low=0.25, high=0.35),
+        replace(share, line_id="X5", samples="emv_contact", statistic="share"),
+        replace(LINE, line_id="X6", samples="", cannot="nobody counts them"),
+        replace(share, line_id="X7", samples="wake_share"),
+        replace(share, line_id="X8", samples="moved", value=0.9, low=0.8, high=1.0),
+    )
+    results = compare(lines, study())
+    here = "here, 2020; n = 10"
+    assert ledger_table(results).rows == (
+        ("X1", "a gap", "m", "2.00 [1.50, 2.50]", "2.00 [1.85, 2.15]", "agrees (fitted)", 12, "here, 2020; n = 1,234"),
+        (
+            "X2",
+            "a gap",
+            "m",
+            "1.00 [0.90, 1.10]",
+            "2.00 [1.85, 2.15]",
+            "differs by +1.00 (fitted)",
+            12,
+            "here; n not given",
+        ),
+        ("X3", "a gap", "m", "0.00050 [0.00040, 0.00060]", "2.40 [2.01, 2.79]", "differs by +2.40", 5, here),
+        ("X4", "a gap", "share", "0.30 [0.25, 0.35]", "0.28 [0.26, 0.30]", "agrees", 5, here),
+        ("X5", "a gap", "share", "0.50 [0.40, 0.60]", "0.20 [0.036, 0.62]", "agrees", 5, here),
+        ("X8", "a gap", "share", "0.90 [0.80, 1.00]", "1.00 [0.57, 1.00]", "agrees", 5, here),
+    )
+    few = "4 samples; it takes more episodes"
+    unanswered = (("X6", "a gap", "2.00 m", "nobody counts them"), ("X7", "a gap", "0.50 share", few))
+    assert unanswered_table(results).rows == unanswered
+    assert sources_table(results).rows == tuple((line.line_id, "somebody", "abstract") for line in lines)
+    assert verdict_counts(results) == {AGREES: 4, DIFFERS: 2, UNDECIDED: 0, CANNOT: 2}
+    (without_l0,) = compare([lines[3]], study()[:5])
+    assert without_l0.reason == "0 samples; it takes episodes at L0 and at the template's own level"
+    (single,) = compare([LINE], [episode({"standing_gap_m": [2.0] * 5})])
+    assert ledger_table([single]).rows[0][4:6] == ("2.00 [–]", UNDECIDED)
     with pytest.raises(InputError):
         compare([LINE], [])
 
 
-def test_only_own_levels_count_and_ordinary_traffic_of_l0_too() -> None:
-    others = [episode({"standing_gap_m": [9.0] * 5}, level="L3", own=False)]
-    nominal = [episode({"standing_gap_m": [2.0, 2.0]}, level="L0", own=False)]
-    own = gaps(2.0, 2.0, 2.0, 2.0)
-    (result,) = compare([LINE], [*own, *others, *nominal])
-    assert result.samples == 10
-    assert result.predicted.value == pytest.approx(2.0)
-    hard = replace(LINE, samples="hardest_brake_mps2")
-    braking = [episode({"hardest_brake_mps2": [2.0]}) for _ in range(5)]
-    (of_emv,) = compare([hard], [*braking, episode({"hardest_brake_mps2": [9.0]}, level="L0", own=False)])
-    assert of_emv.predicted.value == pytest.approx(2.0)
-
-
-def test_saved_time_is_that_against_the_same_episode_at_l0() -> None:
-    saved = replace(LINE, samples="time_saved", value=0.3, unit="share", low=0.25, high=0.35)
-    own = [episode({"time_to_site_s": [7.0 + 0.1 * seed]}, seed=seed) for seed in range(5)]
-    nominal = [episode({"time_to_site_s": [10.0]}, "L0", own=False, seed=seed) for seed in (3, 1, 0, 2, 4)]
-    (result,) = compare([saved], [*own, *nominal, episode({"time_to_site_s": [1.0]}, seed=9)])
-    assert result.samples == 5
-    assert result.predicted.value == pytest.approx(0.28)
-    assert result.verdict is AGREES
-
-
-def test_rare_events_have_wilsons_interval_over_episodes() -> None:
-    rare = replace(LINE, samples="emv_contact", statistic="share", unit="share", value=0.0005, low=0.0004, high=0.0006)
-    (result,) = compare([rare], [episode({"emv_contact": [0.0]}) for _ in range(20)])
-    assert result.predicted.high == pytest.approx(0.161, abs=0.001)
-    assert result.verdict is UNDECIDED
-    (many,) = compare([rare], [episode({"emv_contact": [float(number < 10)]}) for number in range(20)])
-    assert many.verdict is DIFFERS
-
-
-def test_tables_hold_every_line_once() -> None:
-    lines = (LINE, replace(LINE, line_id="X2", samples="", cannot="nobody counts them"))
-    results = compare(lines, gaps(1.9, 2.0, 2.1, 2.0, 1.95))
-    assert [row[0] for row in ledger_table(results).rows] == ["X1"]
-    assert [(row[0], row[-1]) for row in unanswered_table(results).rows] == [("X2", "nobody counts them")]
-    assert verdict_counts(results)[AGREES] == verdict_counts(results)[CANNOT] == 1
+def test_each_statistic_is_that_of_all_samples() -> None:
+    episodes = [episode({"following_gap_m": [float(2 * k), 2.0 * k + 1.0]}) for k in (3, 0, 1, 4, 2)]
+    episodes.append(episode({"following_gap_m": [10.0]}))
+    expected = {"mean": 5.0, "median": 5.0, "sd": 11.0**0.5, "p10": 1.0, "p50": 5.0, "p90": 9.0, "p95": 9.5}
+    lines = [replace(LINE, samples="following_gap_m", statistic=name) for name in expected]
+    assert [one.predicted.value for one in compare(lines, episodes)] == pytest.approx([*expected.values()])

@@ -140,7 +140,7 @@ def on_report(
     else:
         state = state._replace(waiting=state.waiting - {report.participant}, busy_s=busy)
     if report.error and not state.reason:
-        state = state._replace(end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
+        state = state._replace(end=EpisodeEnd.FAILED, reason=f"{who}: {report.error}")
     return _all_reported(state, config, now_s) if _may_go_on(state, config) else (state, None)
 
 

@@ -51,15 +51,6 @@ def test_contacts_are_those_of_the_emv_and_those_in_its_wake() -> None:
     assert samples(record, "emv_contact").tolist() == [0.0]
 
 
-def test_an_encounter_that_begins_later_has_the_rows_of_the_smaller_gap() -> None:
-    scene = RealismScene(passing())
-    (far,), (near,) = scene.heard, scene.near
-    assert far.gap_m[0] > near.gap_m[0]
-    assert near.gap_m[0] <= 40.0
-    assert near.gap_m.tolist() == far.gap_m[-len(near.gap_m) :].tolist()
-    assert near.driver.track.step[near.passed_row] == far.driver.track.step[far.passed_row]
-
-
 def test_episode_without_an_emv_that_moves_has_no_samples_of_it() -> None:
     record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, arc((0.0, 5.0)))})
     scene = RealismScene(record)

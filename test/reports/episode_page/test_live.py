@@ -82,32 +82,6 @@ def told(messages: Messages, every: int) -> tuple[list[bytes], LiveEpisode]:
     return parts, episode
 
 
-def test_the_parts_together_are_the_record(messages: Messages, record: EpisodeRecord) -> None:
-    parts, episode = told(messages, 50)
-    rest, place = episode.since(Place(30))
-    rows = rows_of(parts)
-    last = max(step for step, *_ in rows)
-    wanted = sorted(
-        row for row in zip(record.rows.step, record.rows.actor_id, *record.rows.xy_m.T, strict=True) if row[0] <= last
-    )
-    assert [row[:2] for row in rows] == [(int(step), int(actor)) for step, actor, *_ in wanted]
-    assert np.abs(np.array(rows)[:, 2:] - np.array(wanted)[:, 2:]).max() <= 0.0005 + 1e-9
-    assert last >= record.steps - 1 - 50
-    assert min(step for step, *_ in rows_of([rest])) == 31
-    assert place.step == record.steps - 1
-
-
-def test_events_and_signals_come_once_and_the_outcome_at_the_end(messages: Messages, record: EpisodeRecord) -> None:
-    heads = [unpacked(part)[0] for part in told(messages, 1)[0]]
-    assert [event[0] for head in heads for event in head["events"]] == [event.step for event in record.events]
-    assert heads[0]["verdict"] is None
-    assert heads[0]["ended"] == "not yet"
-    assert all("ended" not in head for head in heads[1:-1])
-    assert record.outcome is not None
-    assert heads[-1]["ended"] == record.outcome.end.value
-    assert "columns" in heads[-1]
-
-
 @pytest.mark.parametrize(
     ("lacking", "from_step", "shown"), [(topics.EVENTS, 5, 4), (topics.MAP, -1, -1), (topics.EPISODE, -1, -1)]
 )

@@ -214,11 +214,6 @@ def test_sites_are_swept_between_maps_and_levels() -> None:
     assert len({episode.inputs_sha256 for episode in planned}) == 8
 
 
-def test_without_draws_none_is_counted() -> None:
-    (planned,) = plan_study(Study(("S2",), ("L1",)))
-    assert (planned.name, planned.draw, planned.request.values) == ("S2_L1_seed0", -1, "")
-
-
 @pytest.mark.parametrize("field", ["templates", "levels", "seeds", "maps", "sites"])
 def test_nothing_of_a_kind_is_no_study(field: str) -> None:
     with pytest.raises(InputError, match=field):

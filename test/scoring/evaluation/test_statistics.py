@@ -295,14 +295,13 @@ def skewed(rng: np.random.Generator, episodes: int) -> np.ndarray:
     return 2.0 * rng.lognormal(-0.125, 0.5, episodes)
 
 
-def sums_of(rng: np.random.Generator, means: Means, episodes: int, strata: int = 1) -> BlockSums:
-    count = rng.integers(50, 400, episodes * strata).astype(np.float64)
-    values = np.concatenate([means(rng, episodes) for _ in range(strata)])
-    return BlockSums(values * count, count, np.repeat(np.arange(strata), episodes))
+def sums_of(rng: np.random.Generator, means: Means, episodes: int) -> BlockSums:
+    count = rng.integers(50, 400, episodes).astype(np.float64)
+    return BlockSums(means(rng, episodes) * count, count, np.zeros(episodes, dtype=np.intp))
 
 
-def coverage(interval_of: Callable[[np.random.Generator], Interval], true: float, trials: int = TRIALS) -> float:
-    intervals = [interval_of(np.random.default_rng(seed)) for seed in range(trials)]
+def coverage(interval_of: Callable[[np.random.Generator], Interval], true: float) -> float:
+    intervals = [interval_of(np.random.default_rng(seed)) for seed in range(TRIALS)]
     return float(np.mean([interval.low <= true <= interval.high for interval in intervals]))
 
 
@@ -311,52 +310,6 @@ def coverage(interval_of: Callable[[np.random.Generator], Interval], true: float
 def test_a_mean_over_the_samples_of_episodes(episodes, means, least) -> None:
     held = coverage(lambda rng: interval_of_mean(sums_of(rng, means, episodes)), 2.0)
     assert least < held < 0.97
-
-
-@pytest.mark.parametrize("episodes", [2, 5])
-def test_a_mean_over_seven_templates(episodes) -> None:
-    """With two episodes of each, Welch's degrees of freedom are few, and the interval rather too wide."""
-    held = coverage(lambda rng: interval_of_mean(sums_of(rng, skewed, episodes, 7)), 2.0)
-    assert 0.92 < held < 0.99
-
-
-def test_a_paired_difference() -> None:
-    """The second model is 0.3 m worse; both have the episode's difficulty in common."""
-
-    def interval_of(rng: np.random.Generator) -> Interval:
-        first = sums_of(rng, skewed, 5)
-        noise = first.count * rng.normal(0.3, 0.4, 5)
-        other = BlockSums(first.total + noise, first.count, first.stratum)
-        return paired_difference(other, first, rng)[0]
-
-    assert 0.92 < coverage(interval_of, 0.3, 300) < 0.985
-
-
-def test_the_ratio_of_two_models() -> None:
-    """As the error of IDM over that of CV: 1.2, with scatter of its own in each episode."""
-
-    def interval_of(rng: np.random.Generator) -> Interval:
-        first = sums_of(rng, skewed, 5)
-        total = first.total * rng.normal(1.2, 0.2, 5)
-        other = BlockSums(total, first.count, first.stratum)
-        return jackknife(other.value() / first.value(), other.left_out() / first.left_out(), first.stratum).interval()
-
-    assert 0.89 < coverage(interval_of, 1.2) < 0.97
-
-
-def test_a_rank_correlation_over_templates() -> None:
-    """Seven templates of 1.0 to 2.5 m, of which two neighbours stand the other way round in the paper."""
-    true = np.linspace(1.0, 2.5, 7)
-    paper = [1.0, 3.0, 2.0, 4.0, 5.0, 6.0, 7.0]
-
-    def interval_of(rng: np.random.Generator) -> Interval:
-        estimates = [
-            estimate_of_mean(sums_of(rng, lambda drawn, count, mean=mean: 0.5 * mean * skewed(drawn, count), 5))
-            for mean in true
-        ]
-        return ranking_interval(estimates, paper)
-
-    assert coverage(interval_of, 1.0 - 6.0 * 2.0 / (7.0 * 48.0), 150) > 0.92
 
 
 @pytest.mark.parametrize("score", [balanced_accuracy, macro_f1, lambda counts: f1(counts, 1)])
@@ -369,4 +322,4 @@ def test_scores_of_risk(score) -> None:
     def interval_of(rng: np.random.Generator) -> Interval:
         return score(rng.multinomial(20, shares.ravel()).reshape(3, 4))
 
-    assert 0.89 < coverage(interval_of, true, 600) < 0.98
+    assert 0.89 < coverage(interval_of, true) < 0.98

@@ -1,6 +1,5 @@
 """Answers, references, controls and severities, and their scores."""
 
-import csv
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from siren_ros.scoring.evaluation.risk.labels import (
 from siren_ros.scoring.evaluation.risk.report import (
     PAPER_BALANCE,
     PAPER_SCORES,
-    save_confusions,
     scores_as_json,
     table_of_changes,
     table_of_severity,
@@ -56,7 +54,6 @@ from siren_ros.scoring.evaluation.risk.scoring import (
 from siren_ros.scoring.evaluation.risk.sequence_model import CHANGES, Control, load_sequence_model, sequence_answers
 from siren_ros.scoring.evaluation.risk.video_set import VideoSet, changes_of_labels
 from siren_ros.scoring.evaluation.risk.vlm.pipeline import questions_about
-from siren_ros.scoring.evaluation.scores import csv_of
 from siren_ros.sensing.specification import Mount
 
 NORMAL, NEAR_MISS, COLLISION = RiskClass
@@ -128,16 +125,6 @@ def test_only_answered_videos_count(small_set: VideoSet) -> None:
     assert found.by_template["S4"].tolist() == [[1, 0, 0, 0], [0] * 4, [0] * 4]
     assert found.by_template["S6"][RiskClass.COLLISION].tolist() == [0, 0, 0, 1]
     assert (found.by_template["S4"] + found.by_template["S6"] == found.overall).all()
-
-
-def test_rows_of_a_set_as_a_file_and_its_confusions_as_a_picture(small_set: VideoSet, tmp_path: Path) -> None:
-    first, second = (score_answers(name, small_set, of(small_set)) for name, of in (("m_1", majority), ("o", oracle)))
-    written = csv.DictReader(csv_of(row for model in (first, second) for row in model.rows).splitlines())
-    rows = {(row["model"], row["group"], row["metric"]): row for row in written}
-    assert (float(rows["m_1", "all", "accuracy"]["value"]), rows["m_1", "all", "accuracy"]["samples"]) == (0.5, "6")
-    assert (rows["o", "S4", "recall_collision"]["value"], rows["o", "S4", "recall_collision"]["low"]) == ("", "")
-    save_confusions(first, tmp_path / "confusion.png")
-    assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000
 
 
 FIRST = np.array([[6, 2, 0, 0], [1, 3, 0, 1], [0, 0, 0, 0]])

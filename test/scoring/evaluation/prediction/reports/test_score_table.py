@@ -17,7 +17,6 @@ from siren_ros.scoring.evaluation.prediction.reports.score_table import (
     score_table,
 )
 from siren_ros.scoring.evaluation.prediction.scoring import Category, EpisodeScores, Trait
-from siren_ros.scoring.evaluation.scores import Score
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -144,42 +143,11 @@ def test_templates_that_the_paper_does_not_have() -> None:
     assert compare_with_paper(table, "cv", "miss_rate_6") is None
 
 
-def differences_of(values: dict[str, list[list[float]]], metric: str = "ade_m", group: str = "all") -> list[Score]:
-    """Differences of models, whose values are given by episode."""
-    count = len(next(iter(values.values())))
-    scores = []
-    for number in range(count):
-        models = {model: model_scores(np.array(given[number])) for model, given in values.items()}
-        scores.append(episode_scores("S1", models, number))
-    pairs = differences(score_table(scores))
-    return [pair for pair in pairs if pair.metric == metric and pair.group == group]
-
-
-def test_a_model_that_is_always_better() -> None:
-    base = [[float(seed), seed + 2.0] for seed in range(8)]
-    (pair,) = differences_of({"a": base, "b": [[value + 0.5 for value in row] for row in base]})
-    assert (pair.model, pair.against, pair.samples) == ("a", "b", 16)
-    assert (pair.interval.value, pair.interval.low, pair.interval.high) == pytest.approx((-0.5, -0.5, -0.5))
-    assert pair.p_value == pytest.approx(2.0 / 256.0)
-
-
-def test_models_are_compared_on_the_samples_that_both_have() -> None:
-    """The second has no more than the first sample of each episode."""
-    (pair,) = differences_of({"a": [[1.0, 9.0], [1.0, 9.0]], "b": [[2.0], [2.0]]})
-    assert pair.interval.value == pytest.approx(-1.0)
-    assert pair.samples == 2
-
-
-def test_without_common_samples_there_is_no_difference() -> None:
-    (pair,) = differences_of({"a": [[1.0], [1.0]], "b": [[], []]})
-    assert not pair.interval.valid
-    assert pair.p_value == 1.0
-
-
 def test_three_models_are_three_tests() -> None:
-    base = np.arange(10.0)
-    models = {name: [[value + shift] for value in base] for name, shift in (("a", 0.0), ("b", 1.0), ("c", 2.0))}
-    pairs = differences_of(models)
+    shifts = {"a": 0.0, "b": 1.0, "c": 2.0}
+    models = [{name: model_scores(np.array([base + shift])) for name, shift in shifts.items()} for base in range(10)]
+    pairs = differences(score_table([episode_scores("S1", one, seed) for seed, one in enumerate(models)]))
+    pairs = [pair for pair in pairs if (pair.metric, pair.group) == ("ade_m", "all")]
     assert [(pair.model, pair.against) for pair in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
     assert all(pair.p_adjusted == pytest.approx(3.0 * pair.p_value) for pair in pairs)
 

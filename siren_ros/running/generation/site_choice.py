@@ -26,7 +26,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     approach_to,
     stays_inside,
 )
-from siren_ros.simulation.traffic.demand.group_demand import QUEUED_CAR_M, connection_from
+from siren_ros.simulation.traffic.demand.group_rows import QUEUED_CAR_M, connection_from
 from siren_ros.simulation.traffic.demand.plan import DriverPopulation, TrafficPlan
 from siren_ros.simulation.traffic.demand.road_users import Dimensions
 from siren_ros.simulation.world.actors import ActorClass

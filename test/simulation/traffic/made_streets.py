@@ -6,7 +6,7 @@ Behind it, 20 m on, it goes on for 200 m. A side road of one lane comes from the
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -120,6 +120,12 @@ def group(
     return DemandGroup("group", placement, vehicles, 7.0, 5.0, 8.0, anchor, standing, optional)
 
 
+def crossing(vehicles: int, spacing_m: float = 3.0) -> DemandGroup:
+    """A queue on the side road; vehicles that do not stand have 8 m/s."""
+    queue = group(Placement.CROSSING, GroupAnchor.STOP_LINE, standing=True)
+    return replace(queue, vehicles=vehicles, spacing_m=spacing_m)
+
+
 def template_with(*groups: DemandGroup, start_m: float = -200.0) -> Template:
     """Sedans only, who wish for the limit; ten civilians in all."""
     template = load_template("S4")
@@ -142,3 +148,42 @@ def same_drivers() -> DriverPopulation:
         speed_factor=replace(drivers.speed_factor, mean=1.0, std=0.0),
         tau_s=replace(drivers.tau_s, mean=1.2, std=0.0),
     )
+
+
+def with_connection(number: int, **changed: Any) -> RoadNetwork:
+    """The streets with one movement that is different."""
+    network = streets()
+    connections = list(network.connections)
+    connections[number] = replace(connections[number], **changed)
+    return replace(network, connections=tuple(connections))
+
+
+class Road:
+    """A road along x, edge by edge; a lane with offset n is n lane widths left of the axis."""
+
+    def __init__(self) -> None:
+        self.lanes: list[Lane] = []
+        self.edges: list[Edge] = []
+        self.connections: list[Connection] = []
+
+    def edge(self, from_m: float, to_m: float, offsets: Sequence[int], kind: LaneKind = LaneKind.DRIVING) -> None:
+        edge, first = len(self.edges), len(self.lanes)
+        for position, offset in enumerate(offsets):
+            centre = Polyline.through(np.array([[from_m, 3.5 * offset], [to_m, 3.5 * offset]]))
+            name = f"e{edge}_{position}"
+            self.lanes.append(Lane(first + position, name, edge, position, kind, centre, 3.5, 8.3, True, True))
+        lanes = tuple(range(first, len(self.lanes)))
+        self.edges.append(Edge(edge, f"e{edge}", lanes, f"J{edge}", f"J{edge + 1}", kind is LaneKind.INTERNAL))
+
+    def connect(self, source: int, target: int, via: tuple[int, ...] = ()) -> None:
+        junction = f"J{self.lanes[target].edge}"
+        self.connections.append(Connection(source, target, via, "s", None, -1, False, junction))
+
+    def site(self, edges: tuple[int, ...], approach_lane: int, movements: tuple[int, ...]) -> Site:
+        """The site at the end of the approach lane's edge."""
+        edge = self.lanes[approach_lane].edge
+        where = (edges, edges.index(edge), edge, (edge,), approach_lane)
+        return Site(SiteKind.QUEUED_APPROACH, "here", "J", *where, 100.0, movements, (), 1.0)
+
+    def built(self) -> RoadNetwork:
+        return RoadNetwork(tuple(self.lanes), tuple(self.edges), tuple(self.connections), {}, (0.0, 0.0), "!")

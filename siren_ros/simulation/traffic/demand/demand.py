@@ -35,13 +35,13 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     long_enough_route,
 )
 from siren_ros.simulation.traffic.demand.group_demand import (
-    QUEUED_CAR_M,
     STAGE_BEHIND_M,
     GroupPlan,
     before_bends_mps,
     plan_groups,
     route_length_m,
 )
+from siren_ros.simulation.traffic.demand.group_rows import QUEUED_CAR_M
 from siren_ros.simulation.traffic.demand.plan import (
     PLACEMENT_GAP_M,
     RED_BEHIND_S,

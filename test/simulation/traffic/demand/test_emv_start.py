@@ -1,4 +1,4 @@
-"""Starts of EMVs: the first, those behind it, and those across its way; places of background traffic."""
+"""Starts of EMVs: the first, those behind it, and those across its way."""
 
 import math
 from dataclasses import replace
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_made_record import STRAIGHT as NORTHBOUND_WAY
+from hand_made_record import crossing as signal_crossing
 from made_streets import (
     A_LEFT,
     A_RIGHT,
@@ -14,14 +16,18 @@ from made_streets import (
     B_RIGHT,
     C_LEFT,
     C_RIGHT,
-    CONFIG,
+    CROSSING,
     FAR,
-    LIMIT_MPS,
+    NEAR,
+    SOUTH,
     STRAIGHT_LEFT,
     A,
     B,
     C,
+    D,
     M,
+    N,
+    Road,
     emv_demand,
     group,
     same_drivers,
@@ -36,14 +42,13 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, comes_from_the_side
+from siren_ros.simulation.roads.routing import EdgeGraph
 from siren_ros.simulation.roads.site_finder import find_sites, require_site
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import EmvDriver
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import TEMPLATES
 from siren_ros.simulation.scenario.scenario import (
-    DemandGroup,
     EmvDemand,
     GroupAnchor,
     Placement,
@@ -51,10 +56,7 @@ from siren_ros.simulation.scenario.scenario import (
     StartReference,
 )
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.demand import demand as demand_module
 from siren_ros.simulation.traffic.demand import emv_start as emv_start_module
-from siren_ros.simulation.traffic.demand import plan as plan_module
-from siren_ros.simulation.traffic.demand.demand import plan_traffic
 from siren_ros.simulation.traffic.demand.emv_start import (
     EMV_ACCEL_MPS2,
     EmvStart,
@@ -65,16 +67,19 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     crossing_start,
     crossing_ways,
     depart_speed_mps,
+    early_m_of,
     emv_start,
     following_starts,
     lane_before,
+    long_enough_route,
     prolonged,
     start_m_of,
+    stays_inside,
     travel_lane,
     unhindered_arrival_s,
     way_to_stop_line_m,
 )
-from siren_ros.simulation.traffic.demand.plan import LaneInterval, SignalTiming, Spot, TrafficPlan, chain_along
+from siren_ros.simulation.traffic.demand.plan import Spot, chain_along
 from siren_ros.simulation.traffic.demand.road_users import VehicleFactory
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -131,24 +136,14 @@ def test_every_template_takes_more_emvs_and_one_that_crosses(name: str) -> None:
 def test_the_crossing_emv_comes_from_the_side_to_the_first_ones_junction_in_time(name: str, after_s: float) -> None:
     """Into the site's junction, or into the first one behind the site's road."""
     setup = set_up(name, f"emv.crossing=1,emv.crossing_after_s={after_s}")
-    network, site, template = setup.network, setup.site, setup.template
-    start = emv_start(network, site, start_m_of(network, site, template.emv))
-    ways, edge = crossing_ways(network, site, start)
-    wanted_s = arrival_s(network, site, start, edge, template.emv) + after_s
-    others = [vehicle for vehicle in setup.plan.groups if not vehicle.name.startswith("crossing")]
-    way, across = crossing_start(network, ways, template.emv, wanted_s, (*setup.plan.emvs[:-1], *others))
-    # It starts a run-up of 20 m before junctions on the way.
-    assert abs(unhindered_arrival_s(network, across, template.emv) - wanted_s) < 5.0
-    assert network.edges[edge].to_junction == way.junction == setup.plan.crossed
+    network, site, across = setup.network, setup.site, setup.plan.emvs[-1]
     assert setup.plan.crossed == (site.junction or network.edges[site.stretch[-1]].to_junction)
-    own = civilian_movements(network, edge, start.route[start.route.index(edge) + 1])[-1]
-    assert comes_from_the_side(network, own, network.connections[way.connections[-1]])
-    assert setup.plan.emvs[-1].spot.lane == across.lane
-    assert setup.plan.emvs[-1].spot.front_m == across.front_m
-    assert any(area.lane == across.lane and area.from_m < across.front_m < area.to_m for area in setup.plan.stage)
+    spot = across.spot
+    assert any(area.lane == spot.lane and area.from_m < spot.front_m < area.to_m for area in setup.plan.stage)
     # No crossing queue stands in its lane; the other lanes keep theirs, and the volume stays.
     alone = set_up(name, "")
-    chain = chain_along(network, network.lanes[across.lane], across.route).lanes
+    edges = [network.edge_by_id[edge].index for edge in across.route]
+    chain = chain_along(network, network.lanes[spot.lane], edges).lanes
     before = chain[: next(at for at, lane in enumerate(chain) if network.lanes[lane].kind is LaneKind.INTERNAL)]
     queues = [[v.spot.lane for v in one.plan.groups if v.name.startswith("crossing")] for one in (setup, alone)]
     assert bool(queues[0]) is (name in {"S4", "S6"})
@@ -159,14 +154,66 @@ def test_the_crossing_emv_comes_from_the_side_to_the_first_ones_junction_in_time
     assert "crossing" not in alone.description.parameters
 
 
-def test_without_a_side_street_a_crossing_emv_is_refused() -> None:
-    """The turn on the shoulder of a street without others: nobody comes from the side."""
-    network, site = streets(), signal_site()
-    side = [way for _, way in network.connections_at["J"] if network.lanes[way.from_lane].edge not in site.route]
-    kept = tuple(way for way in network.connections if way not in side)
-    lonely = replace(network, connections=kept)
-    with pytest.raises(InputError, match=r"emv\.crossing is above 0"):
-        crossing_ways(lonely, replace(site, connections=site.connections[:1]), start_at(110.0))
+def side_streets() -> RoadNetwork:
+    """More ways from the north over J: to the EMV's road (9), to a road from which a way leads back (8), and others."""
+    network = streets()
+    lanes, edges = list(network.lanes), list(network.edges)
+    for name, x_m, ends_m, allowed in (("e", 15.0, (-20.0, -120.0), True), ("f", 12.0, (120.0, 12.0), False)):
+        centre = Polyline.through([(x_m, y_m) for y_m in ends_m])
+        changed = {"index": len(lanes), "edge": len(edges), "lane_id": f"{name}_0", "civilian_allowed": allowed}
+        edges.append(replace(edges[D], index=len(edges), edge_id=name, lanes=(len(lanes),)))
+        lanes.append(replace(lanes[SOUTH], centre=centre, **changed))
+    east, gone = len(lanes) - 2, len(lanes) - 1
+    crossed = network.connections[CROSSING]
+    ways = (
+        replace(crossed, from_lane=FAR, to_lane=C_LEFT, via=(), direction="t"),
+        replace(crossed, to_lane=east, via=(), direction="r"),
+        replace(crossed, to_lane=C_LEFT, via=(), direction="l"),
+        replace(crossed, from_lane=gone, to_lane=C_LEFT, via=()),
+        replace(crossed, from_lane=east, to_lane=NEAR, via=(), junction="E"),
+    )
+    return replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=(*network.connections, *ways))
+
+
+def test_ways_across_come_first_and_of_these_the_one_straight_on() -> None:
+    """Nobody turns back, or comes from a road that is closed to civilians. On a road the next side street counts."""
+    network, site, start = side_streets(), signal_site(), start_at(110.0)
+    expected = [(N, (CROSSING,)), (N, (8,)), (N, (9,))]
+    road = replace(site, junction=None, site_edge=A, site_position=0, stretch=(A, B))
+    for one in (site, road, replace(road, stretch=(A,), connections=(0, 1))):
+        ways, edge = crossing_ways(network, one, start)
+        assert [(way.site_edge, way.connections) for way in ways] == expected
+        assert (edge, {way.junction for way in ways}) == (B, {"J"})
+    own = tuple(way for way in network.connections if network.lanes[way.from_lane].edge in site.route)
+    lonely, before = replace(network, connections=own), replace(road, stretch=(A,), connections=(0, 1), junction="K")
+    for roads, one in ((lonely, site), (network, before)):
+        with pytest.raises(InputError, match=r"emv\.crossing is above 0"):
+            crossing_ways(roads, one, start)
+
+
+@pytest.mark.parametrize(
+    ("end_m", "needed_m", "junction", "last"),
+    [
+        (530.0, 490.0, None, C),
+        (530.0, 520.0, None, D),
+        (530.0, 5000.0, None, C),
+        (6000.0, 5000.0, None, D),
+        (6000.0, 5000.0, "J", C),
+    ],
+)
+def test_a_way_on_that_is_long_enough_or_much_longer_replaces_the_route_behind_the_site(
+    end_m: float, needed_m: float, junction: str | None, last: int
+) -> None:
+    """A route of 500 m; behind the site at 300 m there is another road, up to a place that is farther away."""
+    road = Road()
+    for from_m, to_m in ((0.0, 200.0), (200.0, 300.0), (300.0, 500.0), (300.0, end_m)):
+        road.edge(from_m, to_m, (0,))
+    for source, target in ((A, B), (B, C), (B, D)):
+        road.connect(source, target)
+    factory = VehicleFactory(road.built(), same_drivers(), DIMENSIONS)
+    site = replace(road.site((A, B, C), 1, ()), junction=junction)
+    for seed in range(4):
+        assert long_enough_route(factory, (A, B, C), site, needed_m, np.random.default_rng(seed)) == (A, B, last)
 
 
 def test_where_the_side_street_is_too_short_or_full_no_emv_starts() -> None:
@@ -181,7 +228,9 @@ def test_where_the_side_street_is_too_short_or_full_no_emv_starts() -> None:
         crossing_start(NETWORK, ways, emv_demand(0.0), 60.0, ())
     elsewhere: Any = SimpleNamespace(spot=Spot(A_LEFT, start.front_m, 0.0))
     assert crossing_start(NETWORK, ways, emv_demand(0.0), 15.0, (elsewhere,)) == (way, start)
-    assert crossing_start(NETWORK, [*ways, *ways], emv_demand(0.0), 15.0, ()) == (way, start)
+    assert crossing_start(NETWORK, [*ways, replace(way, name="later")], emv_demand(0.0), 15.0, ()) == (way, start)
+    _, first = crossing_start(NETWORK, ways, emv_demand(0.0), 29.8, ())
+    assert (first.lane, first.front_m) == (FAR, 8.0), "its body is on the road"
     soon, near = crossing_start(NETWORK, ways, emv_demand(0.0), -1.0, ())
     assert (soon.junction, way_to_stop_line_m(NETWORK, near)) == ("J", pytest.approx(10.0)), "the nearest start"
 
@@ -262,6 +311,7 @@ def test_the_lane_before_is_of_the_same_kind_and_on_the_edge_that_is_asked_for()
         beside = replace(network, lanes=tuple(lanes))
         assert lane_before(beside, NETWORK.lanes[B_LEFT], A)[0].index == A_RIGHT
         assert lane_before(beside, NETWORK.lanes[B_LEFT], M)[0].index == FAR
+    assert lane_before(NETWORK, NETWORK.lanes[C_RIGHT], A) == (NETWORK.lanes[A_LEFT], ()), "no lane leads there"
 
 
 def test_others_have_the_right_of_way_at_stops_and_behind_a_signal_that_turns_red() -> None:
@@ -295,12 +345,6 @@ def test_an_emv_that_starts_behind_the_sites_edge_arrives_once_although_its_way_
     site, start = replace(signal_site(), **road), EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,))
     for one in (start, replace(start, route=(B, C, A))):
         assert arrival_s(NETWORK, site, one, C, emv_demand(0.0)) == pytest.approx(7.0 + 20.0)
-
-
-def edges_of(traffic: TrafficPlan, network: RoadNetwork = NETWORK) -> set[str]:
-    """Edges on which background and reserve start."""
-    lanes = {vehicle.spot.lane for vehicle in (*traffic.background, *traffic.reserve)}
-    return {network.edges[network.lanes[lane].edge].edge_id for lane in lanes}
 
 
 def with_cut(network: RoadNetwork, length_m: float, *lanes: int) -> RoadNetwork:
@@ -357,113 +401,6 @@ def test_departing_and_arriving_on_a_straight_way() -> None:
     assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0)) == 10.0
 
 
-def plan(*groups: DemandGroup, count: int = 1, network: RoadNetwork = NETWORK, **changed: Any) -> TrafficPlan:
-    template = template_with(*groups)
-    emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
-    template = replace(template, emv=emv, **changed)
-    return plan_traffic(network, signal_site(), template, 3, replace(same_drivers(), traffic=CONFIG), DIMENSIONS)
-
-
-def near(monkeypatch: pytest.MonkeyPatch, **values: float) -> None:
-    """Background traffic near the EMV's way alone, with a large reserve."""
-    usual = {"NEIGHBOURHOOD_M": 5.0, "BACKGROUND_SPACING_M": 10.0, "RESERVE_FACTOR": 8.0}
-    for name, value in {**usual, **values}.items():
-        monkeypatch.setattr(demand_module, name, value)
-
-
-def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups() -> None:
-    """The EMV's rear is at 153.8 m; 25 m behind that and 35 m ahead of the foremost front, on both lanes."""
-    traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0))
-    (foremost,) = traffic.groups
-    front_m = foremost.spot.front_m
-    assert front_m == pytest.approx(160.0 + 12.0 + 4.6)
-    rear_m = 160.0 - 6.2 - 25.0
-    assert LaneInterval(A_LEFT, pytest.approx(rear_m), pytest.approx(200.0)) in traffic.stage
-    assert LaneInterval(A_RIGHT, pytest.approx(rear_m), pytest.approx(200.0)) in traffic.stage
-    beyond_m = front_m + 35.0 - 210.0
-    assert LaneInterval(B_LEFT, 0.0, pytest.approx(beyond_m)) in traffic.stage
-    # Nobody of the groups in its lane: then its whole way to the stop line is kept free.
-    free = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1, standing=True)).stage
-    assert LaneInterval(B_LEFT, 0.0, pytest.approx(100.0)) in free
-    assert LaneInterval(A_LEFT, 0.0, pytest.approx(200.0)) in free
-
-
-def test_volumes_and_steps() -> None:
-    traffic = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
-    assert (len(traffic.groups), len(traffic.background), len(traffic.reserve)) == (3, 7, 40)
-    assert (traffic.civilians, traffic.warm_up_steps) == (10, 100)
-
-
-def test_background_traffic_can_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
-    monkeypatch.setattr(demand_module, "PLACEMENT_GAP_M", 6.0)
-    monkeypatch.setattr(plan_module, "PLACEMENT_GAP_M", 6.0)
-    traffic = plan()
-    for vehicle in (*traffic.background, *traffic.reserve):
-        lane = NETWORK.lanes[vehicle.spot.lane]
-        free_m = min(6.0, lane.length_m - vehicle.spot.front_m)
-        assert vehicle.spot.speed_mps == pytest.approx(min(0.7 * LIMIT_MPS, np.sqrt(2.0 * 2.5 * free_m)))
-        assert vehicle.length_m <= vehicle.spot.front_m <= lane.length_m
-
-
-def test_background_vehicles_keep_their_gaps_on_a_full_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Vehicles of one lane are 9 m apart or more, on either side."""
-    template = template_with()
-    crowded = replace(template.demand, background_vehicles=22)
-    monkeypatch.setattr(demand_module, "RESERVE_FACTOR", 0.0)
-    vehicles = plan(demand=crowded).background
-    by_lane: dict[int, list[float]] = {}
-    for vehicle in vehicles:
-        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle.spot.front_m)
-    assert max(map(len, by_lane.values())) > 2
-    for fronts in by_lane.values():
-        assert (np.diff(sorted(fronts)) >= 9.0 + 4.6).all()
-
-
-def test_the_signal_turns_red_before_the_emv_arrives() -> None:
-    """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1.
-
-    Braking from 10 to 5.56 m/s with 1.2 m/s² takes 3.70 s over 28.8 m, which is 0.82 s more.
-    """
-    crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
-    traffic = plan(crossing, signal=SignalDemand(4.0)).signal
-    assert traffic == SignalTiming(
-        "J", 1, pytest.approx(11.82, abs=0.05), (3,), (), "emv0", pytest.approx(15.0), (0, 2, 1)
-    )
-    assert plan(crossing, signal=None).signal is None
-    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
-    timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal
-    assert timing is not None
-    assert (timing.platoon, timing.beside) == (("stream0", "stream1"), ())
-    neighbours = replace(group(Placement.SAME_DIRECTION, GroupAnchor.EMV, vehicles=2), name="near")
-    timing = plan(neighbours, crossing, signal=SignalDemand(4.0)).signal
-    assert timing is not None
-    assert (timing.platoon, timing.beside) == ((), ("near0", "near1"))
-
-
-def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(monkeypatch: pytest.MonkeyPatch) -> None:
-    """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
-    near(monkeypatch, NEIGHBOURHOOD_AFTER_M=50.0)
-    traffic = plan()
-    assert edges_of(traffic) == {"a", "b"}, "from the last edge nobody can drive on"
-    back = replace(NETWORK.connections[0], from_lane=C_LEFT, via=())
-    looped = replace(NETWORK, connections=(*NETWORK.connections, back))
-    wide = plan(network=looped)
-    assert edges_of(wide, looped) == {"a", "b", "c"}
-
-
-def test_the_streets_around_have_a_density_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond the lanes near the EMV's way, of 5 m, three lanes of 100 m lead on, of the roads m and n."""
-    dense = replace(template_with().demand, background_vehicles=2, district_per_lane_km=40.0)
-    for district_m, around in ((5.0, 0), (300.0, 12)):
-        near(monkeypatch, DISTRICT_M=district_m)
-        traffic = plan(demand=dense)
-        district = [vehicle for vehicle in traffic.background if vehicle.name.startswith("district")]
-        assert len(district) == around
-        assert {vehicle.route[0] for vehicle in district} <= {"m", "n"}
-        assert traffic.civilians == 2 + around
-
-
 def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
     lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
     shoulder = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2, kind=LaneKind.SHOULDER)
@@ -471,33 +408,15 @@ def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
     network = replace(NETWORK, lanes=(*lanes, shoulder), edges=tuple(edges))
     assert travel_lane(network, replace(signal_site(), approach_lane=shoulder.index)).index == B_LEFT
     assert travel_lane(network, signal_site()).index == B_LEFT
-
-
-def test_groups_ahead_are_counted_from_the_foremost_emv_and_the_others_keep_their_headway() -> None:
-    """6.2 m of length and 2 s at 10 m/s."""
-    traffic = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
-    assert [emv.spot.front_m for emv in traffic.emvs] == pytest.approx([160.0, 133.8, 107.6])
-    assert {emv.spot.lane for emv in traffic.emvs} == {A_LEFT}
-    assert LaneInterval(A_LEFT, pytest.approx(107.6 - 6.2 - 25.0), pytest.approx(200.0)) in traffic.stage
-    first = traffic.emvs[0]
-    assert (first.route, first.driver.speed_factor) == (("a", "b", "c"), pytest.approx(10.0 / LIMIT_MPS))
-    assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
-
-
-def test_a_lane_is_near_the_emvs_way_where_its_middle_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The side road ends 12 m from the way, and its middle is 62 m away."""
-    for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
-        near(monkeypatch, NEIGHBOURHOOD_M=reach_m)
-        assert edges_of(plan()) == edges
-
-
-def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Two lanes of 200 m and two of 100 m are near; ten civilians want 59 m or 61 m each."""
-    for spacing_m, wide in ((59.0, False), (61.0, True)):
-        near(monkeypatch, BACKGROUND_SPACING_M=spacing_m)
-        assert ({"m", "n"} <= edges_of(plan())) is wide
+    short = with_cut(busy(), 50.0, B_RIGHT)
+    lanes = list(short.lanes)
+    lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
+    for site in (signal_site(), road_site()):
+        starts_m = [
+            start_m_of(replace(short, lanes=tuple(lanes)), replace(site, approach_lane=lane), emv_demand(-120.0))
+            for lane in (B_LEFT, B_RIGHT)
+        ]
+        assert starts_m == [8.0, 8.0]
 
 
 def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
@@ -531,6 +450,15 @@ def test_an_approach_that_is_too_short_says_by_how_much() -> None:
     assert str(second.flaw).endswith(f"start ({second.flaw.missing_m:.0f} m)")
     with pytest.raises(MapError, match=f"with {second.flaw.missing_m:.0f} m more of road"):
         emv_start(NETWORK, signal_site(), far[1].start_m)
+
+
+@pytest.mark.parametrize(("start_m", "first_m", "rank"), [(-207.0, 200.0, 2), (-202.0, 200.0, 0), (-5.0, 5.0, 0)])
+def test_an_emv_has_its_length_of_road_behind_its_front(start_m: float, first_m: float, rank: int) -> None:
+    """8 m, or the whole of a shorter road."""
+    emv = replace(emv_demand(start_m), start_from=StartReference.SITE_START)
+    lanes = list(NETWORK.lanes)
+    lanes[A_LEFT] = replace(lanes[A_LEFT], centre=lanes[A_LEFT].centre.cut(200.0 - first_m, 200.0))
+    assert approach_to(replace(NETWORK, lanes=tuple(lanes)), signal_site(), emv).rank == rank
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
@@ -584,13 +512,35 @@ def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
     assert behind_queue_mps(NETWORK, start_at(start_m), [car]) == pytest.approx(expected_mps)
 
 
-def test_the_emv_of_a_plan_starts_at_that_speed() -> None:
-    """The queue reaches back over K to the road on which the EMV starts at 160 m; a short one leaves it its 10 m/s."""
-    for vehicles, limited in ((14, True), (4, False)):
-        traffic = plan(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))
-        (emv,) = traffic.emvs
-        spots = [vehicle.spot for vehicle in traffic.groups]
-        rear_m = min({A_LEFT: 0.0, B_LEFT: 210.0}[spot.lane] + spot.front_m - 4.6 for spot in spots)
-        expected_mps = min((5.0 * (rear_m - 160.0 - 4.0)) ** 0.5, 10.0)
-        assert (expected_mps < 10.0) is limited
-        assert emv.spot.speed_mps == pytest.approx(expected_mps)
+@pytest.mark.parametrize(
+    ("first_gap_m", "yellow_s", "gap_m"),
+    [(20.0, 3.0, 20.0), (30.0, 3.0, 22.0), (15.0, 4.5, 8.0 * 3.1 - 4.5), (5.0, 2.0, 5.0), (15.0, 6.0, 8.0 * 4.6 - 4.5)],
+)
+def test_the_red_lies_between_a_stream_and_the_emv(first_gap_m: float, yellow_s: float, gap_m: float) -> None:
+    """It begins 0.4 s before the EMV comes. The last vehicle drives on 1.8 s after the yellow began.
+
+    The junction is 30 m long: at 22 m the vehicle is inside.
+    """
+    network = signal_crossing()
+    ways = tuple(replace(way, yellow_s=yellow_s) for way in network.connections)
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL), first_gap_m=first_gap_m, speed_mps=8.0)
+    where = replace(signal_site(), connections=(NORTHBOUND_WAY,))
+    network = replace(network, connections=(*ways, replace(ways[NORTHBOUND_WAY], via=())))
+    for order in ((NORTHBOUND_WAY, len(ways)), (len(ways), NORTHBOUND_WAY)):
+        early_m = early_m_of(network, replace(where, connections=order), stream)
+        assert stream.first_gap_m - early_m == pytest.approx(gap_m), "the longest way counts"
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "anchor", "stays"), [(16.0, "arrival", True), (17.0, "arrival", False), (17.0, "emv", True)]
+)
+def test_a_fast_stream_has_left_a_small_junction_before_the_emv_comes(
+    speed_mps: float, anchor: str, stays: bool
+) -> None:
+    """The last vehicle of 4.5 m is 1.6 s ahead of the EMV, and 8 m before the end of 30 m: at 16.6 m/s or less."""
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor(anchor)), speed_mps=speed_mps)
+    where = replace(signal_site(), connections=(NORTHBOUND_WAY,))
+    ways = tuple(replace(way, yellow_s=3.0) for way in signal_crossing().connections)
+    network = replace(signal_crossing(), connections=ways)
+    assert stays_inside(network, where, stream) == stays
+    assert stays_inside(network, where, replace(stream, optional=True))

@@ -5,6 +5,7 @@ import json
 import os
 import stat
 import tempfile
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,12 @@ from siren_ros.base.params.parameters import (
     InputFile,
     NotedFiles,
     RecordedFiles,
+    check_fields,
+    checked_value,
+    defaults_of,
     files_from_json,
     files_to_json,
+    parameter,
     parse_strict_yaml,
     read_strict_yaml,
 )
@@ -244,6 +249,47 @@ def test_the_hash_of_a_folder_is_of_its_files_names_and_bytes(tmp_path: Path) ->
     same = hash_of(a="1", b="2", c="3")
     assert hash_of(c="3", b="2", a="1") == same
     assert len({same, hash_of(a="2", b="1", c="3"), hash_of(a="1", b="2", d="3"), hash_of(a="1", b="2")}) == 4
+
+
+@dataclass
+class Config:
+    rate: float = parameter(2.0, "A number.", minimum=0.5, maximum=4.0)
+    count: int = parameter(3, "A whole number.", minimum=1)
+    on: bool = parameter(False, "A flag.")
+    kind: str = parameter("a", "A choice.", choices=("a", "b"), read=lambda word: str(word).lower())
+    names: list[str] = parameter(["x"], "A list.")  # noqa: RUF009 - it is a field
+    text: str = parameter("", "A text.")
+
+
+@pytest.mark.parametrize(
+    ("name", "taken", "refused", "allowed"),
+    [
+        ("rate", [(0.5, 0.5), (4, 4.0)], (0.4, 4.1, 5, float("nan"), True, "2"), "a number from 0.5 to 4"),
+        ("count", [(1, 1), (10**9, 10**9)], (0, 2.0, True, "2"), "an integer of at least 1"),
+        ("on", [(True, True)], (1, "true", None), "true or false"),
+        ("kind", [("B", "b")], ("c", ""), "one of 'a', 'b'"),
+        ("names", [(None, []), (("y", 2), ["y", "2"])], ("y", 2), "a list of strings"),
+        ("text", [("2", "2")], (2, True, None, ["2"]), "a string"),
+    ],
+)
+def test_a_parameter_takes_values_of_its_kind_within_its_range_alone(name, taken, refused, allowed) -> None:
+    field, default = Config.__dataclass_fields__[name], getattr(Config(), name)
+    for given, value in taken:
+        found = checked_value(field, default, given)
+        assert (found, type(found)) == (value, type(default))
+    for given in refused:
+        with pytest.raises(InputError) as error:
+            checked_value(field, default, given)
+        assert (error.value.parameter, error.value.allowed) == (name, allowed)
+    check_fields(Config())
+    with pytest.raises(InputError, match=name):
+        check_fields(replace(Config(), **{name: refused[0]}))
+
+
+def test_each_config_has_lists_of_its_own() -> None:
+    assert defaults_of(Config) == {"rate": 2.0, "count": 3, "on": False, "kind": "a", "names": ["x"], "text": ""}
+    Config().names.append("y")
+    assert Config().names == ["x"]
 
 
 READERS = {"templates": load_template, "presets": load_preset, "suites": load_suite, "looks": load_look}

@@ -312,7 +312,7 @@ def _waiting(
 # These are no parameters: resolution and width of the paths.
 _SPACING_M: Final = 0.5
 _CLEAR_M: Final = 1.0
-"""Distance kept between a body and the edge of others' paths."""
+"""Distance kept between the middle of a body and the edge of others' paths."""
 
 
 class JunctionRoom:
@@ -320,7 +320,7 @@ class JunctionRoom:
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._starts: dict[tuple[int, int], tuple[tuple[Connection, float], ...]] = {}
+        self._starts: dict[tuple[int, int, int], tuple[tuple[Connection, float], ...]] = {}
 
     def beyond_line_m(
         self,
@@ -328,24 +328,26 @@ class JunctionRoom:
         signals: Mapping[str, str],
         occupied: AbstractSet[int],
         quiet: AbstractSet[int] = frozenset(),
+        side: int = 0,
     ) -> float:
         """Distance beyond the stop line that a vehicle's front may go without blocking others.
 
-        Infinite if none may come.
+        Infinite if none may come. ``side`` is the edge of its lane at which the vehicle is, +1 left, -1 right, 0 none:
+        those who are on the junction already need the space, as they cannot wait before their line any more.
 
         Others come from other approaches. They may come where no red light holds them, or if they are on the junction
         already: ``occupied`` are the lanes with vehicles. From the lanes in ``quiet`` nobody comes.
         """
-        coming = (
+        coming = [
             start_m
-            for other, start_m in self._others(movement)
-            if not occupied.isdisjoint(other.via)
-            or (rank_of(other, signals) is not Rank.RED and other.from_lane not in quiet)
-        )
+            for other, start_m in self._others(movement, 0)
+            if rank_of(other, signals) is not Rank.RED and other.from_lane not in quiet
+        ]
+        coming += [start_m for other, start_m in self._others(movement, side) if not occupied.isdisjoint(other.via)]
         return min(coming, default=math.inf)
 
-    def _others(self, movement: Connection) -> tuple[tuple[Connection, float], ...]:
-        key = movement.from_lane, movement.to_lane
+    def _others(self, movement: Connection, side: int) -> tuple[tuple[Connection, float], ...]:
+        key = movement.from_lane, movement.to_lane, side
         if key not in self._starts:
             network, approach = self._network, self._network.lanes[movement.from_lane].edge
             others = (
@@ -353,18 +355,21 @@ class JunctionRoom:
                 for _, other in network.connections_at.get(movement.junction, ())
                 if network.lanes[other.from_lane].edge != approach and network.is_civilian(other)
             )
-            starts = ((other, self._start_m(movement, other)) for other in others)
+            starts = ((other, self._start_m(movement, other, side)) for other in others)
             self._starts[key] = tuple((other, start_m) for other, start_m in starts if start_m < math.inf)
         return self._starts[key]
 
-    def _start_m(self, movement: Connection, other: Connection) -> float:
+    def _start_m(self, movement: Connection, other: Connection, side: int) -> float:
         """Where the path of another movement, as wide as its lane, begins on a movement.
 
         Infinite if they do not meet.
         """
         own, its = (movement_path(self._network, item).resampled(_SPACING_M) for item in (movement, other))
-        apart_m = np.linalg.norm(own.points[:, None] - its.points[None], axis=-1).min(axis=1)
-        near = np.flatnonzero(apart_m < 0.5 * self._network.lanes[other.to_lane].width_m + _CLEAR_M)
+        lanes = self._network.lanes
+        aside_m = side * max(0.5 * lanes[movement.from_lane].width_m - _CLEAR_M, 0.0)
+        points = own.offset_points(own.arc_m, aside_m)
+        apart_m = np.linalg.norm(points[:, None] - its.points[None], axis=-1).min(axis=1)
+        near = np.flatnonzero(apart_m < 0.5 * lanes[other.to_lane].width_m + _CLEAR_M)
         return float(own.arc_m[near[0]]) if len(near) else math.inf
 
 

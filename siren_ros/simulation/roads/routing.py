@@ -51,7 +51,8 @@ def movement_path(network: RoadNetwork, connection: Connection) -> Polyline:
     ends = (network.lanes[connection.from_lane].centre.points[-1], network.lanes[connection.to_lane].centre.points[0])
     if np.linalg.norm(ends[1] - ends[0]) > 2e-6:
         return Polyline.through(np.stack(ends))
-    return network.lanes[connection.from_lane].centre.cut(network.lanes[connection.from_lane].length_m - 0.01, 1e9)
+    lane = network.lanes[connection.from_lane]
+    return lane.centre.cut(lane.length_m - 0.01, lane.length_m)
 
 
 def movement_turn_rad(network: RoadNetwork, connection: Connection) -> float:

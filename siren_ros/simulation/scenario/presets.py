@@ -102,6 +102,8 @@ class DriverPreset:
     """Distance to that EMV at which they do."""
     filtering: float = 0.0
     """Share of the motorcyclists who follow an EMV through the rescue lane."""
+    lane_change_log_s: TruncatedNormal | None = None
+    """Logarithm of the time of a driver's lane changes that no EMV asks for; None where all change as fast as then."""
     drivers: Mapping[str, float] = field(default_factory=dict)
     """Parameters of drivers that differ from their defaults, by their names in ``DRIVER_PARAMETERS``."""
     fitted_to: tuple[str, ...] = ()
@@ -196,6 +198,14 @@ def read_distribution(section: StrictMapping, low: float, high: float) -> Trunca
     return TruncatedNormal(mean, std, minimum, maximum)
 
 
+def _lane_change(section: StrictMapping) -> TruncatedNormal:
+    """The logarithm of a log-normal time, whose mean and deviation are written."""
+    written = read_distribution(section, 0.5, 60.0)
+    variance = math.log1p((written.std / written.mean) ** 2)
+    middle, limits = math.log(written.mean) - 0.5 * variance, (math.log(written.minimum), math.log(written.maximum))
+    return TruncatedNormal(middle, math.sqrt(variance), *limits)
+
+
 def _shares(section: StrictMapping) -> ComplianceShares:
     shares = ComplianceShares(*(section.number(key, 0.0, 1.0) for key in ("complies", "late", "never")))
     section.finish()
@@ -224,6 +234,7 @@ _PARTS: Final[Mapping[str, _Reader]] = {
     "pedestrian_distance_m": _within(300.0),
     "rescue_lane": _rescue_lane,
     "filtering": lambda section, key: {key: section.number(key, 0.0, 1.0)},
+    "lane_change_s": lambda section, key: {"lane_change_log_s": _lane_change(section.mapping(key))},
     "drivers": _section(_drivers),
 }
 """Parts of a preset's file, with readers of the fields that they give."""

@@ -54,6 +54,7 @@ from siren_ros.simulation.world.actors import (
     EventKind,
     Indices,
     Lights,
+    Mode,
     Owner,
     SignalState,
     TrafficState,
@@ -63,6 +64,8 @@ from siren_ros.simulation.world.actors import (
 _LARGEST_SEED: Final = 2**31 - 1
 _EXCHANGE_STEPS: Final = round(2.0 / STEP_S)
 """So often people enter and leave."""
+_YIELDS: Final = np.array([mode.is_yielding for mode in Mode])
+"""By mode."""
 _SIREN: Final = int(Lights.BEACON | Lights.SIREN)
 
 
@@ -208,6 +211,8 @@ class SumoSimulation:
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         road = self._road
         road.step = step
+        yielding = states.actor_id[_YIELDS[states.mode]].tolist()
+        road.asked.update(self._reported[actor_id].name for actor_id in yielding if actor_id in self._reported)
         self._apply(Moment.CAUTION)
         self._mirror.apply(states, self._reported, self._ids, self._ahead)
         if road.last is not None and self._population.civilians < self._plan.civilians:
@@ -292,6 +297,7 @@ class SumoSimulation:
         columns = self._columns
         self._road.outside = columns.which(self._mirror.places)
         self._apply(Moment.MOTION)
+        self._road.asked.clear()
         libsumo.simulationStep()
         departed = self._population.drop_departed()
         self._population.take_in_own()

@@ -41,6 +41,9 @@ def test_corners_to_both_sides_slow_down_as_each_alone_does(way_m):
     speeds = braking.bend_speeds_mps(path, 3.0)
     assert speeds.min() == pytest.approx(np.sqrt(3.0 / (0.5 * turned)), rel=1e-6)
     assert speeds[:8].min() > 1e3
+    slow = speeds[9 : 12 + round(way_m)] < 1e3
+    assert slow[:3].all(), "within a metre of the first corner"
+    assert slow[-3:].all(), "and of the second"
 
 
 def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger():
@@ -61,7 +64,9 @@ def test_from_6_mps_with_2_5_mps2_a_vehicle_stops_within_7_2_m(way_m, stops):
 def test_profiles_never_exceed_the_speeds_that_they_keep_to(target, first_mps, accel_mps2):
     limits = np.array(target)
     braked = braking.with_braking(limits, accel_mps2)
+    before = braked.copy()
     reached = braking.with_accelerating(braked, first_mps, accel_mps2)
+    assert (limits.tolist(), braked.tolist()) == (target, before.tolist())
     assert np.all(reached <= braked)
     assert np.all(braked <= limits)
     assert reached[0] <= first_mps

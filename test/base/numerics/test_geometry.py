@@ -58,11 +58,16 @@ def test_the_gap_of_two_boxes_of_4_by_2_m(turn, x, y, yaw, gap):
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.0])
 def test_of_several_boxes_those_that_overlap_are_found_with_their_depth(turn):
-    """Four boxes of 4 by 2 m in a row; the second reaches 0.5 m into the first, the third touches nobody."""
-    places = rotate(np.array([[0.0, 0.0], [3.5, 0.0], [8.0, 0.0], [3.5, 1.8]]), turn)
-    first, second, depth = overlapping_pairs(*places.T, np.full(4, turn), np.full(4, 4.0), np.full(4, 2.0))
-    assert list(zip(first.tolist(), second.tolist(), strict=True)) == [(0, 1), (0, 3), (1, 3)]
-    assert depth == pytest.approx([0.5, 0.2, 0.2])
+    """Four boxes of 4 by 2 m in a row; the second reaches 0.5 m into the first, the third touches nobody.
+
+    Between two long ones there is a small one, 0.1 m deep in both.
+    """
+    row = [(0.0, 0.0), (3.5, 0.0), (8.0, 0.0), (3.5, 1.8), (50.0, 0.0), (56.2, 0.0), (62.4, 0.0)]
+    places = rotate(np.array(row), turn)
+    lengths = np.array([4.0, 4.0, 4.0, 4.0, 12.0, 0.6, 12.0])
+    first, second, depth = overlapping_pairs(*places.T, np.full(7, turn), lengths, np.full(7, 2.0))
+    assert list(zip(first.tolist(), second.tolist(), strict=True)) == [(0, 1), (0, 3), (1, 3), (4, 5), (5, 6)]
+    assert depth == pytest.approx([0.5, 0.2, 0.2, 0.1, 0.1])
 
 
 POINTS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [13.0, 9.0]])

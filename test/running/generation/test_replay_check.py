@@ -45,7 +45,7 @@ from siren_ros.scoring.judging.outcome import outcome_of
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.world.actors import EventKind, Mode
+from siren_ros.simulation.world.actors import Mode
 from siren_ros.simulation.world.commands import AvControl, Controls
 
 json_values = st.recursive(
@@ -375,10 +375,6 @@ def decided(record: EpisodeRecord) -> dict[int, dict[int, Decision]]:
     return dict(decisions_of(record))
 
 
-def acting(decision: Decision) -> dict[str, bool]:
-    return {guard.name: guard.acts for guard in decision.guards}
-
-
 def test_each_driven_actor_has_a_decision_at_each_step(record: EpisodeRecord, decided: Any) -> None:
     assert list(decided) == [traffic.step for traffic in record.traffic]
     for commands in (commands for rows in record.commands.values() for commands in rows):
@@ -404,23 +400,6 @@ def test_the_pedals_follow_the_strictest_limit(record: EpisodeRecord, decided: A
             assert command.brake[0] == 0.0
             below += 1
     assert min(above, below) > 5
-
-
-def test_guards_act_with_the_mode_and_the_events(record: EpisodeRecord, decided: Any) -> None:
-    emv_id, seen = record.emv_ids[0], set()
-    deferred = {(event.step, event.actor_id) for event in record.events_of(EventKind.YIELD_DEFERRED)}
-    for step, decisions in decided.items():
-        for actor_id, decision in decisions.items():
-            acts = acting(decision)
-            if actor_id == emv_id:
-                assert acts["gap escape"] == (decision.mode is Mode.GAP_ESCAPE)
-                assert acts["rescue corridor"] == (decision.mode is Mode.COPY_SUMO) or acts["gap escape"]
-            else:
-                assert acts["rejoins"] == (decision.mode is Mode.REJOIN)
-                if (step, actor_id) in deferred:
-                    assert any(guard.why.startswith("deferred: ") for guard in decision.guards)
-            seen.add(decision.mode)
-    assert len(seen) >= 4
 
 
 def test_another_decision_than_the_recorded_one_is_told(record: EpisodeRecord) -> None:

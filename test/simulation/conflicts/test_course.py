@@ -364,6 +364,42 @@ def test_who_has_no_route_walks_ten_metres_straight_on(network):
     assert found.number[2] >= 0
 
 
+@pytest.fixture
+def in_a_row():
+    """Two signals 40 m apart, A and B; behind the second one the way goes on or turns."""
+    ways = ([[0, 0], [100, 0]], [[100, 0], [140, 0]], [[140, 0], [240, 0]], [[140, 0], [140, 100]])
+    lanes = [lane(at, at, way) for at, way in enumerate(ways)]
+    signals = (("A", 0), ("B", 0), ("B", 1))
+    pairs = zip(((0, 1), (1, 2), (1, 3)), signals, strict=True)
+    movements = [replace(movement(*pair), signal_id=name, signal_link=link) for pair, (name, link) in pairs]
+    return roads(lanes, [road(at, f"e{at}", (at,)) for at in range(4)], *movements)
+
+
+def test_each_of_two_signals_has_its_own_state_at_every_step_on_each_course(in_a_row):
+    """What a step was given stays; a course that comes later has the states of then."""
+    book = CourseBook(in_a_row)
+    on, turns = (traffic_of([0], [(0, 1, last)], lane_position_m=[60.0]) for last in (2, 3))
+
+    def ranks(traffic, a, b):
+        rights = book.rights_of(book.courses_of(traffic), {"A": a, "B": b})
+        return rights.rank[rights.first[0] : rights.last[0]]
+
+    red, green, yellow = Rank.RED, Rank.PRIORITY, Rank.CLEARING
+    steps = {("r", "rG"): [red, red], ("G", "Gr"): [green, green], ("r", "Gr"): [red, green]}
+    steps |= {("G", "yG"): [green, yellow]}
+    given = [ranks(on, *states) for states in steps]
+    assert [each.tolist() for each in given] == list(steps.values())
+    assert ranks(turns, "G", "yG").tolist() == [green, green]
+
+
+def test_the_signal_counts_that_the_front_has_come_to_last(in_a_row):
+    signals = SignalState("A", "r"), SignalState("B", "Gr")
+    traffic = traffic_of([0], [(0, 1, 2)], signals, lane_position_m=[60.0])
+    outlook = Outlook(traffic, CourseBook(in_a_row), HALF_LENGTH[:1], HALF_WIDTH[:1])
+    found = [outlook.rank(0, way) for way in (39.9, 40.1, 79.9, 80.1)]
+    assert found == [Rank.PRIORITY, Rank.RED, Rank.RED, Rank.PRIORITY]
+
+
 def test_each_route_from_a_lane_has_a_course_of_its_own(network):
     """From the left lane to the north, and straight on to the east."""
     book, routes = CourseBook(network), (edges(0, 2), edges(0, 4))

@@ -11,6 +11,7 @@ from hand_made_record import STRAIGHT, STRAIGHT_LEFT, crossing
 from siren_ros.simulation.conflicts.junction_approach import (
     SETBACK_M,
     Line,
+    LineBook,
     Lookout,
     Outlines,
     Passer,
@@ -21,21 +22,28 @@ from siren_ros.simulation.conflicts.junction_approach import (
     safe_mps,
     side_streets,
 )
+from siren_ros.simulation.scenario.driver_parameters import JunctionEntryConfig
+from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal
 
 STREET = SideStreet(near_m=4.0, far_m=10.0, aside_m=7.0, limit_mps=8.0)
 LOOKOUT = Lookout(horizon_s=8.0, pet_s=1.0, brake_mps2=3.0, reaction_s=0.5, standoff_m=1.0, length_m=6.0)
 
 
 def crossroads(streets=((8.0, 1.0), (4.0, -1.0))):
-    """A lane to the east, 12 m over the junction; a street from the south and one from the north, 4 m and 8 m in."""
+    """A lane to the east, 12 m over the junction, and two back; a street from the south and one from the north.
+
+    They are 4 m and 8 m in. The other way from the lane is crossed by nobody.
+    """
     road = RoadBuilder().edge([[-200, 0], [0, 0]], 1, ("W", "J"))
     road.edge([[0, 0], [12, 0]], 1, ("J", "J"), internal=True).edge([[12, 0], [200, 0]], 1, ("J", "E"))
-    road.edge([[0, 3.3], [-200, 3.3]], 1, ("J", "W"))
+    road.edge([[0, 6.6], [-200, 6.6]], 2, ("J", "W"))
     for x_m, way in streets:
         ends = [[-150, -8], [-8, 8], [8, 150]]
         for (begin, end), names in zip(ends, (("S", "J"), ("J", "J"), ("J", "N")), strict=True):
             road.edge([[x_m, way * begin], [x_m, way * end]], 1, names, internal=names == ("J", "J"))
-    road.connect(0, 2, via=(1,)).connect(4, 6, via=(5,)).connect(7, 9, via=(8,))
+    road.connect(0, 2, via=(1,)).connect(0, 4)
+    for first in range(5, 5 + 3 * len(streets), 3):
+        road.connect(first, first + 2, via=(first + 1,))
     return road.built()
 
 
@@ -67,16 +75,29 @@ def test_who_does_not_reckon_with_others_sees_enough_everywhere():
     assert math.isinf(safe_mps(STREET, 5.0, replace(LOOKOUT, horizon_s=0.2)))
 
 
-def test_streets_from_both_sides_are_where_their_lanes_cross():
-    network = crossroads()
+@pytest.mark.parametrize("order", [1, -1])
+def test_streets_from_both_sides_are_where_their_lanes_cross(order):
+    network = crossroads(((8.0, 1.0), (4.0, -1.0))[::order])
     right, left = side_streets(network, network.connections[0])
     width, near = 3.3, pytest.approx(4.0, abs=0.3)
     assert left.near_m + 0.5 * width == near
     assert right.near_m + 0.5 * width == pytest.approx(8.0, abs=0.3)
     assert (right.far_m - right.near_m, left.far_m - left.near_m) == pytest.approx((width, width))
     assert right.aside_m == pytest.approx(0.5 * width + SETBACK_M)
-    assert left.aside_m == pytest.approx(1.5 * width + SETBACK_M)
+    assert left.aside_m == pytest.approx(2.5 * width + SETBACK_M)
     assert right.limit_mps == pytest.approx(13.89)
+    (across,) = side_streets(near_line := crossroads(((1.0, 1.0),)), near_line.connections[0])
+    assert (across.near_m, across.far_m) == (0.0, pytest.approx(1.0 + 0.5 * width, abs=0.3)), "it begins at the line"
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_each_way_from_a_lane_has_a_view_of_its_own(order):
+    """Where nobody crosses, the driver comes to the line at the speed that it draws."""
+    network = crossroads()
+    fast = Attention(emv_line_mps=TruncatedNormal(9.0, 0.0, 9.0, 9.0))
+    book = LineBook(network, JunctionEntryConfig(), fast, 1)
+    found = [book.approach_mps(1, 6.5, network.connections[at], 3.0) for at in (0, 1)[::order]][::order]
+    assert found[0] < found[1] == pytest.approx(math.sqrt(81.0 + 2.0 * JunctionEntryConfig().brake_mps2 * 3.0))
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -86,11 +107,11 @@ def test_streets_from_one_side_count_from_the_nearest_to_the_farthest_with_the_h
     network = replace(network, lanes=tuple(lanes))
     (street,) = side_streets(network, network.connections[0])
     assert (street.near_m, street.far_m) == pytest.approx((4.0 - 0.5 * 3.3, 8.0 + 0.5 * 3.3), abs=0.3)
-    fastest = max(network.connections[1:], key=lambda one: lanes[one.from_lane].speed_limit_mps)
+    fastest = max(network.connections[2:], key=lambda one: lanes[one.from_lane].speed_limit_mps)
     assert street.limit_mps == lanes[fastest.from_lane].speed_limit_mps
     slow = replace(network, lanes=tuple(replace(lane, speed_limit_mps=30.0 - lane.index) for lane in lanes))
     assert side_streets(slow, slow.connections[0])[0].limit_mps == 30.0 - min(
-        one.from_lane for one in network.connections[1:]
+        one.from_lane for one in network.connections[2:]
     )
 
 
@@ -136,6 +157,7 @@ def test_past_somebody_near_the_way_the_driver_goes_at_walking_pace(turn, side):
     assert worst == 0
     assert free == pytest.approx(BEGINS_M - HALF_LENGTH_M, abs=0.6)
     assert speed == pytest.approx(np.sqrt(PACE_MPS**2 + 2.0 * GENTLE_MPS2 * (free - EARLY_M)))
+    assert wait(22.0, side * 2.5, turn, speed_mps=14.0)[2] == 4.0, "no harder, though 5.4 m/s2 were needed"
 
 
 @pytest.mark.parametrize(("left_m", "worst"), [(3.3, 0), (3.5, -1), (-3.3, 0), (-3.5, -1)])
@@ -191,6 +213,19 @@ def test_an_emv_slows_down_for_people_beside_the_crossing():
     _, speed, brake, free = wait(19.0, 2.0, beside_mps=8.0)
     assert (speed, brake) == (pytest.approx(np.sqrt(64.0 + 2.0 * GENTLE_MPS2 * (free - EARLY_M))), 0.0)
     assert wait(17.5, 2.0, beside_mps=8.0)[0] == -1, "farther than 2 m from it"
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_each_person_is_at_the_nearest_crossing_and_on_it_or_beside_it(order):
+    """Two crossings 3 m apart; on the first, beside it, between both, beside the second, and away from them."""
+    squares = [np.array([(x, 0.0), (x + 4.0, 0.0), (x + 4.0, 4.0), (x, 4.0)]) for x in (0.0, 7.0)[::order]]
+    x_m = np.array([3.0, 5.0, 6.0, 12.9, 13.1])
+    poses = x_m, np.full(5, 2.0), np.array([0.0, 1.0, 2.0, 3.0, -1.0]), np.array([0.0, 1.0, 1.5, 0.5, 1.0])
+    people = people_at([4, 9, 2, 7, 5], poses, Outlines(np.concatenate(squares), np.array([0, 4, 8])))
+    crossing = np.array([0.0, 0.0, 1.0, 1.0]) if order > 0 else np.array([1.0, 1.0, 0.0, 0.0])
+    velocity = poses[3] * np.cos(poses[2]), poses[3] * np.sin(poses[2])
+    rows = *poses[:2], *velocity, [*crossing, -1.0], [1.0, 0.0, 0.0, 0.0, 0.0], [4.0, 9.0, 2.0, 7.0, 5.0]
+    np.testing.assert_allclose(people, rows)
 
 
 def test_the_outlines_of_a_map_stand_one_after_the_other():

@@ -26,6 +26,7 @@ from siren_ros.simulation.conflicts.yielding import (
 )
 from siren_ros.simulation.conflicts.zones import STEP_M, Zone
 from siren_ros.simulation.roads.road_network import Connection
+from siren_ros.simulation.scenario.driver_parameters import ConflictConfig
 
 FREE = Connection(0, 1, (), "s", None, -1, must_stop=False, junction="j")
 
@@ -69,6 +70,12 @@ def test_a_link_that_the_signal_does_not_have_leaves_it_to_the_signs(link, rank)
 
 CONFIG = Margins()
 INF = math.inf
+
+
+@pytest.mark.parametrize(("own_s", "after_s"), [(0.7, 0.7), (0.0, 0.0), (None, 1.3)])
+def test_the_presets_time_stands_where_the_driver_has_none(own_s, after_s):
+    margins = Margins.of(ConflictConfig(after_s=own_s, standoff_m=1.5), 1.3, 6.0)
+    assert margins == Margins()._replace(after_s=after_s, standoff_m=1.5, horizon_s=6.0)
 
 
 def crossing_zone(own_in, other_in, width=6.0, blocked=INF):
@@ -416,6 +423,14 @@ def test_nobody_comes_where_all_others_have_red_and_nobody_is_on_the_junction():
     assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), frozenset()) == math.inf
     inside = frozenset(NETWORK.connections[EAST].via)
     assert EDGE_M < ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), inside) <= EDGE_M + 0.5
+
+
+def test_at_the_left_of_its_lane_a_turning_vehicle_is_sooner_in_the_way_of_those_who_are_on_the_junction():
+    right, inside = NETWORK.connections[RIGHT], frozenset(NETWORK.connections[EAST].via)
+    room = JunctionRoom(NETWORK)
+    left, middle, edge = (room.beyond_line_m(right, lights("r"), inside, side=side) for side in (1, 0, -1))
+    assert left < middle - 0.5 < edge - 1.0
+    assert {room.beyond_line_m(right, lights("G"), frozenset(), side=side) for side in (1, 0, -1)} == {middle}
 
 
 def test_the_same_approach_and_ways_that_do_not_meet_leave_room():

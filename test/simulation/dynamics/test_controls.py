@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dynamics.fleet_scenes import command_of, description, stacked, traffic_of
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from dynamics.fleet_scenes import command_of, stacked, traffic_of
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.compiled import X, Y
@@ -24,7 +22,6 @@ from siren_ros.simulation.dynamics.controls import (
     track,
     walk,
 )
-from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
 from siren_ros.simulation.dynamics.vehicle_model import (
     BRAKE,
     FORWARD,
@@ -34,7 +31,7 @@ from siren_ros.simulation.dynamics.vehicle_model import (
     load_vehicle_parameters,
     step_bodies,
 )
-from siren_ros.simulation.world.actors import VEHICLE_CLASSES, ActorClass, ActorStates, EventKind, Lights, Mode, Owner
+from siren_ros.simulation.world.actors import VEHICLE_CLASSES, ActorClass, Lights, Mode, Owner
 
 ROWS = {2: (0.0, 0.0, 0.0, 5.0), 5: (20.0, 0.0, 0.0, 5.0), 9: (40.0, 0.0, 0.0, 5.0)}
 LIGHTS = {2: Lights.INDICATOR_LEFT, 5: Lights.INDICATOR_RIGHT, 9: Lights.SIREN}
@@ -61,8 +58,9 @@ def test_of_a_command_the_rows_of_actors_that_left_are_void_and_the_others_hold(
     orders = merge_commands(traffic_of(3, ROWS, removed=[4]), [command])
     assert orders.throttle.tolist() == [0.0, 0.5, 0.0]
     assert orders.owner.tolist() == [Owner.SUMO, Owner.ROS, Owner.SUMO]
-    with pytest.raises(EpisodeError, match=r"commands actors \[4, 7\], unknown"):
-        merge_commands(traffic_of(3, ROWS, removed=[4]), [stacked(command_of(3, 4), command_of(3, 7))])
+    for message, ids in ((r"commands actors \[4, 7\], unknown", (4, 7)), ("commands an actor twice", (4, 4))):
+        with pytest.raises(EpisodeError, match=message):
+            merge_commands(traffic_of(3, ROWS, removed=[4]), [stacked(*(command_of(3, one) for one in ids))])
 
 
 @pytest.mark.parametrize("field", ["throttle", "brake", "steer"])
@@ -176,43 +174,6 @@ def test_sideways_slide_at_standstill_moves_nothing() -> None:
     """SUMO may shift standing vehicles sideways; a car cannot follow, and must not drive off either."""
     none = np.zeros(60)
     assert np.abs(followed(ActorClass.SEDAN, none, np.linspace(0.0, 0.8, 60), none, none)[X]).max() < 0.3
-
-
-@settings(max_examples=10, deadline=None)
-@given(
-    jump_m=st.floats(-3.0, 3.0),
-    turn_rad=st.floats(-1.5, 1.5),
-    speed_mps=st.floats(0.0, 15.0),
-    kind=st.sampled_from(VEHICLE_CLASSES),
-)
-def test_any_reference_gives_usable_controls(
-    jump_m: float, turn_rad: float, speed_mps: float, kind: ActorClass
-) -> None:
-    table = ParameterTable.of([kind], PARAMETERS)
-    body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, speed_mps))
-    tracker = TrackerState.at(np.zeros(1), np.zeros(1), np.zeros(1))
-    for step in range(1, 40):
-        reach = jump_m + speed_mps * STEP_S * step
-        pose = reach * np.cos(turn_rad), reach * np.sin(turn_rad), turn_rad
-        reference = Reference(*(np.full(1, value) for value in (*pose, speed_mps, 0.0)))
-        controls, tracker = track(body, tracker, reference, table, STEP_S)
-        assert 0.0 <= controls.throttle[0] <= 1.0
-        assert 0.0 <= controls.brake[0] <= 1.0
-        assert np.isfinite(controls.steer_rad[0])
-        following = step_bodies(body, controls, table, STEP_S)
-        vx, vy = body.velocity_mps(table)
-        moved = np.hypot(following.x_m - body.x_m, following.y_m - body.y_m)
-        assert moved[0] <= np.hypot(vx, vy)[0] * STEP_S + 0.05
-        body = following
-
-
-def test_tracker_rows_can_be_selected_joined_and_mixed() -> None:
-    state = TrackerState.at(np.arange(3.0), np.zeros(3), np.zeros(3))
-    other = replace(state, x_m=state.x_m + 10.0)
-    picked = TrackerState.joined((state.select(np.array([2])), other.select(np.array([0]))))
-    assert picked.x_m.tolist() == [2.0, 10.0]
-    mixed = TrackerState.where(np.array([True, False, True]), state, other)
-    assert mixed.x_m.tolist() == [0.0, 11.0, 2.0]
 
 
 KIND = ActorClass.SEDAN
@@ -492,37 +453,6 @@ def test_who_looks_back_turns_the_short_way_round(side: float) -> None:
     body = walked([(0.0, 0.0, -3.0 * side, 0.0)] * 3, start=(0.0, 0.0, 3.0 * side))
     assert np.sign(body[0, 5]) == side
     assert body[-1, 2] == pytest.approx(-3.0 * side)
-
-
-def states_at(gap_m: float, steps: int = 30) -> Any:
-    """A sedan at 5 m/s towards somebody who stands, ``gap_m`` from the middle of one to that of the other."""
-    state, found, events = FleetState.empty(PARAMETERS), [], []
-    spawned = [description(1), description(2, ActorClass.PEDESTRIAN)]
-    for step in range(steps):
-        rows = {1: (5.0 * STEP_S * step, 0.0, 0.0, 5.0), 2: (gap_m, 0.0, np.pi, 0.0)}
-        state, states, happened = step_fleet(state, traffic_of(step, rows, spawned if step == 0 else ()), ())
-        found.append(states)
-        events += happened
-    return found, events
-
-
-def test_people_follow_sumo_and_show_no_lights() -> None:
-    found, events = states_at(40.0)
-    last: ActorStates = found[-1]
-    assert last.x_m[1] == 40.0
-    assert last.residual_m[1] == 0.0
-    assert (last.owner[1], last.lights[1]) == (Owner.SUMO, Lights.NONE)
-    assert not [event for event in events if event.kind is EventKind.COLLISION]
-
-
-def test_a_contact_stops_the_vehicle_and_not_the_person() -> None:
-    found, events = states_at(6.0, steps=60)
-    (contact,) = (event for event in events if event.kind is EventKind.COLLISION)
-    assert (contact.actor_id, contact.other_id) == (1, 2)
-    last: ActorStates = found[-1]
-    assert last.speed_mps[0] == pytest.approx(0.0, abs=0.01)
-    assert last.owner.tolist() == [Owner.ROS, Owner.SUMO]
-    assert (last.x_m[1], last.y_m[1]) == (6.0, 0.0)
 
 
 def test_a_bus_does_not_swing_behind_lanes_that_shift():

@@ -10,7 +10,9 @@ from dynamics.fleet_scenes import PARAMETERS, begun, command_of, description, ki
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.errors import EpisodeError
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet, with_spawned, without_actors
+from siren_ros.simulation.roads.road_network import mirror_image
 from siren_ros.simulation.world.actors import (
+    ACTOR_STATE_DTYPES,
     ActorClass,
     ActorDescription,
     Event,
@@ -326,6 +328,7 @@ def test_a_released_actor_rolls_on_whichever_way_it_points(yaw: float) -> None:
     assert moved @ way == pytest.approx(before.speed_mps[0] * STEP_S, abs=0.005)
     assert after.speed_mps[0] == pytest.approx(before.speed_mps[0], abs=0.05)
     assert abs(after.steer_rad[0]) < 1e-3
+    assert after.residual_m[0] == 0.0
 
 
 @pytest.mark.parametrize("yaw", np.radians([0.0, 50.0, 140.0, -100.0]))
@@ -342,8 +345,10 @@ def test_the_residual_is_the_distance_between_both_poses(yaw: float, ahead: floa
 def test_at_the_step_of_release_sumos_acceleration_is_not_taken(accel: float) -> None:
     """SUMO's acceleration of that step is still that of the mirror."""
     state, _ = started(1, 10.0)
-    state, _, _ = step_fleet(state, traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)}), [command_of(1, 1, throttle=0.1)])
+    hard = replace(traffic_of(1, {1: (0.6, 50.0, 0.0, 10.0)}), sumo_accel_mps2=np.array([accel]))
+    state, _, _ = step_fleet(state, hard, [command_of(1, 1, throttle=0.1)])
     traffic = traffic_of(2, {1: (1.0, 50.0, 0.0, 10.0)})
+    assert (state.tracker.pace.tolist(), state.tracker.accel_mps2.tolist()) == ([1.0], [0.0])
     _, plain, _ = step_fleet(state, traffic, ())
     _, other, _ = step_fleet(state, replace(traffic, sumo_accel_mps2=np.array([accel])), ())
     assert other.throttle[0] == plain.throttle[0]
@@ -358,3 +363,55 @@ def test_a_vehicle_brought_back_says_how_far_it_is_from_sumos_and_one_that_ros_d
     assert states.residual_m == pytest.approx([1.0, 0.0], abs=0.02)
     assert after.tracker.y_m == pytest.approx([51.0, states.y_m[1]])
     assert states.y_m == pytest.approx([50.0, 100.0], abs=1e-6)
+
+
+WALKS = ActorClass.PEDESTRIAN
+CROWD = {1: ActorClass.SEDAN, 2: WALKS, 3: ActorClass.AMBULANCE, 4: WALKS}
+
+
+def in_a_crowd(ids: Sequence[int] = (1, 2, 3, 4), *, left_hand: bool = False):
+    """The last of four steps, and all events: a car hits somebody who walks into somebody else, and an EMV turns."""
+    state, told = FleetState.empty(PARAMETERS, left_hand=left_hand), []
+    for step in range(4):
+        at = STEP_S * step
+        rows = {
+            1: (12.0 * at, 3.0 + 1.2 * at, 0.1, 12.0), 2: (3.4, 3.3 + 1.4 * at, 1.5, 1.4),
+            3: (-20.0, 8.0, 0.4, 9.0), 4: (3.4, 3.5, -1.5, 0.0),
+        }  # fmt: skip
+        spawned = [description(i, CROWD[i]) for i in ids] if step == 0 else ()
+        traffic = traffic_of(step, {i: rows[i] for i in ids}, spawned, lights={2: Lights.INDICATOR_LEFT})
+        lights = Lights.SIREN | Lights.INDICATOR_LEFT
+        commands = [command_of(step, 3, throttle=0.3, steer=0.1, lights=lights)] if 3 in ids else []
+        if left_hand:
+            traffic, commands = mirror_image(traffic), [mirror_image(command) for command in commands]
+        state, states, events = step_fleet(state, traffic, commands)
+        told += events
+    return state, states, told
+
+
+def test_who_walks_is_moved_by_sumo_alone_shows_no_lights_and_does_not_stop_where_it_is_hit() -> None:
+    fleet, states, events = in_a_crowd()
+    assert [(e.actor_id, e.other_id) for e in events if e.kind is EventKind.COLLISION] == [(1, 2), (1, 4)]
+    assert fleet.stopped == (1,)
+    assert states.lights[[1, 3]].tolist() == [0, 0]
+    _, alone, _ = in_a_crowd((2, 4))
+    for name in ACTOR_STATE_DTYPES:
+        assert getattr(states, name)[[1, 3]].tolist() == getattr(alone, name).tolist()
+
+
+def test_where_traffic_keeps_left_states_and_events_are_the_mirror_image() -> None:
+    _, states, events = in_a_crowd()
+    _, image, theirs = in_a_crowd(left_hand=True)
+    assert theirs == [mirror_image(event) for event in events] != events
+    for name in ACTOR_STATE_DTYPES:
+        assert getattr(image, name).tolist() == getattr(mirror_image(states), name).tolist()
+
+
+def test_a_vehicle_has_the_size_that_its_description_says() -> None:
+    large = replace(description(1), length_m=5.5, width_m=2.0, height_m=1.9)
+    fleet, *_ = step_fleet(FleetState.empty(PARAMETERS), traffic_of(0, {1: (0.0, 0.0, 0.0, 0.0)}, [large]), ())
+    vehicle = PARAMETERS[ActorClass.SEDAN].sized(5.5, 2.0, 1.9)
+    assert {name: [getattr(vehicle, name)] for name in ("length_m", "width_m", "wheelbase_m")} == {
+        name: getattr(fleet.table, name).tolist() for name in ("length_m", "width_m", "wheelbase_m")
+    }
+    assert vehicle.wheelbase_m > PARAMETERS[ActorClass.SEDAN].wheelbase_m

@@ -370,5 +370,7 @@ def test_a_ring_of_road_is_counted_once_and_a_joint_is_straight_on():
     assert quiet_reach_m(ring, B_RIGHT, 1000.0) == pytest.approx(100.0)
     direct = replace(joint, via=())
     assert movement_path(NETWORK, direct).points == pytest.approx(np.array([(-110.0, -5.25), (-100.0, -5.25)]))
+    touching = movement_path(NETWORK, replace(direct, to_lane=joint.via[0]))
+    assert touching.points == pytest.approx(np.array([(-110.01, -5.25), (-110.0, -5.25)]))
     halves = replace(NETWORK.connections[2], via=(11, C_RIGHT))
     assert movement_path(NETWORK, halves).length_m == pytest.approx(220.0)

@@ -36,6 +36,18 @@ def test_draws_stay_within_the_limits(mean, std, seed):
     assert -5.0 <= TruncatedNormal(mean, std, -5.0, 5.0).draw(np.random.default_rng(seed)) <= 5.0
 
 
+def test_drivers_differ_in_their_lane_changes_as_published_but_in_the_paper():
+    assert load_preset("paper").lane_change_log_s is None
+    drawn, rng = load_preset("realistic").lane_change_log_s, np.random.default_rng(0)
+    assert load_preset("observed").lane_change_log_s == drawn
+    free = TruncatedNormal(drawn.mean, drawn.std, -9.0, 9.0)
+    times_s = np.exp([free.draw(rng) for _ in range(8000)])
+    assert times_s.mean() == pytest.approx(4.6, rel=0.02)
+    assert times_s.std() == pytest.approx(2.3, rel=0.06)
+    assert drawn.std == pytest.approx(0.47, abs=0.005)
+    assert np.exp([drawn.minimum, drawn.maximum]) == pytest.approx([2.5, 13.3])
+
+
 @pytest.mark.parametrize(
     ("old", "new", "shown"),
     [("never: 0.0", "never: 0.5", "add up to 1"), ("std: 0.0", "std: x", "a number"), ("title", "name", "title")],

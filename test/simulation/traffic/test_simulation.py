@@ -355,3 +355,21 @@ def test_who_makes_way_is_a_civilian_that_ros_drives_or_that_waits_for_a_gap_and
         assert ids["platoon1"] not in state.actor_id
         (event,) = [event for event in state.events if event.kind is EventKind.TELEPORT]
         assert (event.actor_id, event.detail) == (ids["platoon2"], {"reason": "sumo"})
+
+
+def test_who_has_noticed_the_siren_changes_lanes_at_the_usual_pace_and_others_at_their_own(town: Town) -> None:
+    compiled, network, plan = town
+    slow = tuple(replace(car, lane_change_s=9.0) for car in plan.groups)
+    with SumoSimulation(compiled, network, replace(plan, groups=slow), EmergencyLevel.L2) as simulation:
+        state = simulation.step(0, None)
+        ids = {actor.name: actor.actor_id for actor in state.spawned}
+        shown = []
+        for name, mode in (("platoon0", Mode.YIELD_REACTING), ("platoon1", Mode.NOMINAL), ("platoon2", Mode.REJOIN)):
+            row = following(state).select(following(state).actor_id == ids[name])
+            shown.append({field: getattr(row, field)[0] for field in ACTOR_STATE_DTYPES} | {"mode": mode})
+        simulation.step(1, states_of(0, shown))
+        usual_mps, own_mps = slow[0].driver.max_lateral_speed_mps, slow[0].sideways[0]
+        limits_mps = [libsumo.vehicle.getMaxSpeedLat(name) for name in ("platoon0", "platoon1", "platoon2")]
+        assert limits_mps == [usual_mps, pytest.approx(own_mps), pytest.approx(own_mps)]
+        simulation.step(2, states_of(1, [{**row, "mode": Mode.NOMINAL} for row in shown]))
+        assert libsumo.vehicle.getMaxSpeedLat("platoon0") == pytest.approx(own_mps), "the yield is over"

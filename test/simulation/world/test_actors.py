@@ -52,12 +52,6 @@ def test_a_class_without_a_row_has_that_of_its_body():
     assert table == {**cars, **others, ActorClass.POLICE: "police"}
 
 
-def test_bodies_are_of_plain_classes():
-    assert all(kind.body.body is kind.body for kind in ActorClass)
-    assert ActorClass.BUS.body is ActorClass.BUS
-    assert ActorClass.AMBULANCE.body is ActorClass.VAN
-
-
 def test_codes_are_those_of_the_messages():
     """Recorded bags hold the numbers."""
     assert [mode.name for mode in Mode] == [

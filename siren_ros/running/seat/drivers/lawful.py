@@ -154,7 +154,8 @@ _LAG_M: Final = 0.5
 _THERE_M: Final = 0.35
 """A driver within this distance of its target position has reached it."""
 _NEARLY_M: Final = 1.0
-"""The same distance while an EMV passes: then it stands, and does not roll on for the rest before the last one."""
+"""The same distance while an EMV passes: then it stands, and does not roll on for the rest before the last one. It does
+roll on before an EMV that cannot pass."""
 _CLOSE_M: Final = 0.1
 """The same distance where the EMV needs the width between two queues."""
 _TRIES_S: Final = 3.0
@@ -362,7 +363,8 @@ class LawfulDriver:
             return clearing
         near_emv_m = _QUEUES_M if sight.speed_mps > _STANDS_MPS else self.habits.heard_m
         passes = any(siren.along and siren.ahead_m < 0.0 and siren.gap_m < near_emv_m for siren in sight.sirens)
-        near_m = _CLOSE_M if self.habits.splits_queues else _NEARLY_M if passes else _THERE_M
+        nearly = passes and not emv_waits(sight)
+        near_m = _CLOSE_M if self.habits.splits_queues else _NEARLY_M if nearly else _THERE_M
         aside_m = self._aside_m(state.side, sight)
         widths_m = ((one, sight.width_m + sight.bodies[one.actor_id].width_m) for one in sight.sirens)
         in_way = emv_waits(sight) or any(one.behind and 2.0 * abs(one.left_m) < width_m for one, width_m in widths_m)

@@ -329,7 +329,8 @@ def _line_ahead(unit: YieldUnit, ego: Ego, place: tuple[int, float], way_m: floa
             emv = _row_of(ego, unit.emv_id)
             ahead += ego.distance_m(emv) if emv >= 0 else 0.0
         else:
-            ahead = min(ahead, to_line + min(over, room_beyond_line_m(ego, movement, urgent=room)))
+            beyond_m = room_beyond_line_m(ego, movement, urgent=room, side=unit.side)
+            ahead = min(ahead, to_line + min(over, beyond_m))
         lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
     return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + max(ahead, 0.0))
 

@@ -465,8 +465,8 @@ def movement_from(ego: Ego, lane: int) -> Connection | None:
     return next((way for way in ways if (*way.via, way.to_lane) == onward[1:]), None)
 
 
-def room_beyond_line_m(ego: Ego, movement: Connection, *, urgent: bool = False) -> float:
-    """Distance beyond the stop line that a driver's front may reach without blocking others.
+def room_beyond_line_m(ego: Ego, movement: Connection, *, urgent: bool = False, side: int = 0) -> float:
+    """Distance beyond the stop line that a driver's front may reach without blocking others, at a ``side`` of its lane.
 
     Where an EMV has waited long enough (``urgent``), others who stand or can stop gently before their lines let the
     driver go.
@@ -477,7 +477,7 @@ def room_beyond_line_m(ego: Ego, movement: Connection, *, urgent: bool = False) 
         way_m = ego.world.lane_length_m[lane_of] - ego.traffic.lane_position_m
         comes = (ego.seen.speed_mps > STANDING_MPS) & (braking_distance_m(ego.seen.speed_mps**2, brake_mps2) > way_m)
         quiet = frozenset(range(len(ego.network.lanes))).difference(lane_of[comes].tolist())
-    return ego.world.junction_room.beyond_line_m(movement, _signals(ego), frozenset(lane_of.tolist()), quiet)
+    return ego.world.junction_room.beyond_line_m(movement, _signals(ego), frozenset(lane_of.tolist()), quiet, side)
 
 
 def may_enter(ego: Ego, movement: Connection, front_m: float, *, urgent: bool) -> bool:

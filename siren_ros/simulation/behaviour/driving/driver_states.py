@@ -414,7 +414,7 @@ def civilian_guards(unit: YieldUnit, step: int, world: BehaviourWorld) -> tuple[
     heard = f"heard the EMV within {unit.driver.response_distance_m:.0f} m"
     reacts = "this driver does not comply" if not complies else f"{unit.driver.compliance.value}, "
     if complies:
-        reacts += f"in {left_s:.1f} s" if left_s > 0.0 else f"{-left_s:.1f} s ago"
+        reacts += f"in {left_s:.1f} s" if left_s > 0.0 else f"{abs(left_s):.1f} s ago"
     return (
         GuardState("notices", True, f"{heard}: EMV {unit.emv_id}" if unit.emv_id != NO_ACTOR else heard),
         GuardState("reacts", complies and left_s <= 0.0, reacts),

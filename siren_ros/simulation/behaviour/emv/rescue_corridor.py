@@ -263,6 +263,8 @@ _INFLUENCE_M: Final = 6.0
 """Distance along the road over which a vehicle shapes the corridor in front of and behind itself."""
 _AGAINST_COSINE: Final = -0.9
 """Vehicles with a smaller cosine to the line come towards the EMV. Those that cross it will be gone."""
+_AMPLE_M: Final = 1.0
+"""Distance to the vehicles on both sides, as courts ask of those who pass, with which the line needs no move."""
 _AMID_M: Final = 0.5
 """A vehicle whose centre is nearer than this to the corridor's line stands in its middle."""
 
@@ -271,8 +273,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     """Offsets of the corridor's middle from a reference line.
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
-    to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
-    lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
+    into the space between the vehicles on both sides, to its middle where that is narrow, or away from vehicles on one
+    side. On a road of one lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
     It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes and of vehicles that
     come towards it without moving to the middle of the space up to them. Whatever crosses has other rules.
 
@@ -309,8 +311,10 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
     lined = beside & (same & ~np.isin(rows, _on_cycle_lanes(ego)))[near]
     both = (np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)) | (low > high)
-    middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
-    target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
+    upper, lower = np.where(both, high, 0.0), np.where(both, low, 0.0)
+    ample = np.clip(0.5 * (upper - lower), None, max(_AMPLE_M - config.side_clearance_m, 0.0))
+    between = np.clip(base, lower + ample, upper - ample)
+    target = np.where(both, between, np.maximum(np.minimum(base, high), low))
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
     return smoothed(target, int(_INFLUENCE_M))
 

@@ -218,6 +218,34 @@ class PlannedVehicle:
     """Distance to an EMV with a siren within which the driver forms a rescue lane; infinite for who does unasked."""
     filters: bool = False
     """Whether a motorcyclist follows an EMV through the rescue lane."""
+    lane_change_s: float | None = None
+    """Time of lane changes that no EMV asks for; None for the usual one."""
+
+    @property
+    def sideways(self) -> tuple[float, float]:
+        """Lateral speed and acceleration of lane changes that no EMV asks for."""
+        usual_mps = self.driver.max_lateral_speed_mps
+        return (usual_mps, _ACROSS_MPS2) if self.lane_change_s is None else sideways(self.lane_change_s, usual_mps)
+
+
+_ACROSS_M: Final = 3.25
+"""Way across in a lane change: a lane of a town's main road (RASt 06)."""
+_ACROSS_MPS2: Final = 1.0
+"""Lateral acceleration of lane changes (SUMO's ``lcAccelLat``)."""
+
+
+def sideways(duration_s: float, usual_mps: float) -> tuple[float, float]:
+    """Lateral speed and acceleration of a lane change, from standing still across to standing still again.
+
+    SUMO accelerates up to the speed, and brakes as hard. A driver who takes longer than at the usual speed has a lower
+    one; a driver who is faster does the same as usual in a shorter time.
+    """
+    usual_s = _ACROSS_M / usual_mps + usual_mps / _ACROSS_MPS2
+    if duration_s <= usual_s:
+        faster = usual_s / duration_s
+        return usual_mps * faster, _ACROSS_MPS2 * faster**2
+    reached_mps = _ACROSS_MPS2 * duration_s
+    return 0.5 * (reached_mps - math.sqrt(reached_mps**2 - 4.0 * _ACROSS_MPS2 * _ACROSS_M)), _ACROSS_MPS2
 
 
 @dataclass(frozen=True)
@@ -334,7 +362,8 @@ class TrafficPlan:
 def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> TrafficPlan:
     """The plan with the preset's shares of attentive drivers and of those who react to an EMV that comes towards them.
 
-    And with the distances at which pedestrians heed one, and the share of motorcyclists who filter behind one.
+    And with the distances at which pedestrians heed one, the share of motorcyclists who filter behind one, and the time
+    that each driver takes for a lane change.
 
     Each driver has draws of its own, whatever else is drawn.
     """
@@ -350,6 +379,7 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
                 attentive=among(attentive, f"attention/{purpose}", index),
                 oncoming_share=oncoming.speed_share if among(oncoming.share, f"oncoming/{purpose}", index) else 1.0,
                 rescue_m=_rescue_m(preset, seed, purpose, index) if plan.duty else vehicle.rescue_m,
+                lane_change_s=_lane_change_s(preset, seed, purpose, index),
             )
             for index, vehicle in enumerate(getattr(plan, purpose))
         )
@@ -366,6 +396,11 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
     background, reserve = drawn("background"), drawn("reserve")
     plan = replace(plan, walkers=walkers, riders=riders, attention=(seed, attentive, oncoming))
     return replace(plan, groups=drawn("groups"), background=background, reserve=reserve)
+
+
+def _lane_change_s(preset: DriverPreset, seed: int, purpose: str, index: int) -> float | None:
+    drawn = preset.lane_change_log_s
+    return None if drawn is None else math.exp(drawn.draw(random_stream(seed, f"lane_change/{purpose}", index)))
 
 
 def _rescue_m(preset: DriverPreset, seed: int, purpose: str, index: int) -> float:

@@ -363,7 +363,7 @@ def _strictest_waits(
     lead while there is room, which SUMO handles, and those from outside that come across the way of a driver who does
     not look.
     A rider and another one who are beside each other do not go on together where their ways lead to the same place;
-    nor do two where roads lie over each other.
+    nor do two where roads lie over each other. Of two that almost touch in one direction, the one in front goes on.
 
     ``order`` are the rows by x. The margins are those towards vehicles from outside, and among SUMO's own. ``square``
     is 2: by a constant, speeds would be squared with another last bit than Python's.
@@ -385,7 +385,9 @@ def _strictest_waits(
         unknown, meeting = inside[other] and (merges or leads), (blocked, 0.0) if leads else (own_in, other_in)
         unknown = unknown and are_in(ways, rights, rights.overlying, (row, other), meeting)
         ahead_m = _ahead_m(ways, row, other)
-        if unknown and blocked <= 0.0 and ahead_m > 0.0:
+        nose_m = ahead_m + drivers.half_length_m[row] - drivers.half_length_m[other]
+        beside_it = leads and not ridden and nose_m > 0.0 and follows_course(widened, row)
+        if blocked <= 0.0 and (ahead_m > 0.0 if unknown else beside_it):
             continue
         sumos = merges and inside[other] and not ridden and not unknown
         if met == 0.0 or (not leads and ((drivers.blind[row] and not inside[other]) or sumos)):

@@ -6,7 +6,7 @@
 * Cyclists ride in the middle of a cycle lane, and on the right of wider lanes.
 """
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate, pairwise, takewhile
 from typing import Final
@@ -351,16 +351,25 @@ class SidewaysLimits:
 
     def __init__(self) -> None:
         self._rows = _Rows()
-        self._wished_mps = self._limits_mps = np.empty(0)
+        self._asked_mps = self._own_mps = self._limits_mps = np.empty(0)
 
-    def apply(self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags) -> None:
-        """Set the limits for SUMO's next step; some vehicles are moved from outside."""
+    def apply(
+        self, columns: SumoColumns, vehicles: Mapping[str, PlannedVehicle], outside: Flags, asked: Collection[str] = ()
+    ) -> None:
+        """Set the limits for SUMO's next step; some vehicles are moved from outside.
+
+        Drivers whom an EMV has ``asked`` to make way move sideways as fast as all do then, the others as each one is
+        used to.
+        """
         before = self._rows.follow(columns)
         if before is not None:
-            wished = [vehicles[name].driver.max_lateral_speed_mps for name in columns.names]
-            self._wished_mps, last = np.array(wished), np.append(self._limits_mps, 0.0)
-            self._limits_mps = np.where(before >= 0, last[before], self._wished_mps)
-        for row in _sideways_limits(columns.numbers, outside, self._wished_mps, self._limits_mps).tolist():
+            known = [vehicles[name] for name in columns.names]
+            self._asked_mps = np.array([vehicle.driver.max_lateral_speed_mps for vehicle in known])
+            self._own_mps = np.array([vehicle.sideways[0] for vehicle in known])
+            last = np.append(self._limits_mps, 0.0)
+            self._limits_mps = np.where(before >= 0, last[before], self._asked_mps)
+        wished_mps = np.where(columns.which(asked), self._asked_mps, self._own_mps)
+        for row in _sideways_limits(columns.numbers, outside, wished_mps, self._limits_mps).tolist():
             libsumo.vehicle.setMaxSpeedLat(columns.names[row], float(self._limits_mps[row]))
 
 

@@ -184,6 +184,8 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     }
     if ridden:
         numbers["actionStepLength"] = _RIDER_STEP_S
+    if vehicle.lane_change_s is not None:
+        numbers["lcAccelLat"] = vehicle.sideways[1]
     numbers |= _MODEL_PARAMETERS.get(driver.car_following, {})
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
 

@@ -221,6 +221,11 @@ class RescueLane:
                 libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE if now else DEFAULT_LANE_CHANGE_MODE)
         self._kept = {names[row]: int(sides[row]) for row in np.flatnonzero(sides).tolist()}
 
+    @property
+    def keeping(self) -> Collection[str]:
+        """Names of the drivers who keep to a side."""
+        return self._kept.keys()
+
 
 _ROUTE_EDGES: Final = 3
 """Number of edges of the EMV's route, from its own on, whose opposite side is searched for drivers."""
@@ -256,6 +261,11 @@ class OncomingDrivers:
             libsumo.vehicle.setSpeedFactor(vehicle.name, share * vehicle.driver.speed_factor)
             libsumo.vehicle.setLateralAlignment(vehicle.name, "right" if slows else "center")
         self._slowed = meeting
+
+    def slowed(self, vehicles: Mapping[int, PlannedVehicle]) -> set[str]:
+        """Names of those who keep right."""
+        met = (vehicles[actor_id] for actor_id in self._slowed if actor_id in vehicles)
+        return {vehicle.name for vehicle in met if vehicle.oncoming_share < 1.0}
 
     def meeting(self, traffic: TrafficState, emvs: Collection[int]) -> frozenset[int]:
         """Ids of the actors that SUMO drives and that come towards an EMV on the other side of its road."""
@@ -341,6 +351,8 @@ class Road:
     """The state of the step before, without the people on foot; None before the first."""
     outside: Flags = field(default_factory=lambda: np.empty(0, np.bool_))
     """Which of the columns' vehicles are moved from outside; known in ``Moment.MOTION``."""
+    asked: set[str] = field(default_factory=set)
+    """Names of the drivers who make way in this step; complete from ``Moment.MOTION`` on."""
 
     @property
     def vehicles(self) -> Mapping[str, PlannedVehicle]:
@@ -377,7 +389,12 @@ def _oncoming(setting: Setting) -> Act | None:
     if not setting.policy.siren:
         return None
     drivers = OncomingDrivers(setting.network, setting.plan.response_distance_m)
-    return lambda road: drivers.apply(road.last, road.reported)
+
+    def act(road: Road) -> None:
+        drivers.apply(road.last, road.reported)
+        road.asked.update(drivers.slowed(road.reported))
+
+    return act
 
 
 def _stand_offs(setting: Setting) -> Act:
@@ -412,7 +429,7 @@ def _jam(setting: Setting) -> Act | None:
 
 def _sideways(_: Setting) -> Act:
     limits = SidewaysLimits()
-    return lambda road: limits.apply(road.columns, road.vehicles, road.outside)
+    return lambda road: limits.apply(road.columns, road.vehicles, road.outside, road.asked)
 
 
 def _bends(setting: Setting) -> Act:
@@ -432,7 +449,12 @@ def _rescue_lane(setting: Setting) -> Act | None:
         return None
     filtering = any(vehicle.filters for vehicle in (*setting.plan.groups, *setting.plan.riders))
     lane, emvs = RescueLane(setting.network, filtering=filtering, siren=setting.policy.siren), setting.emvs
-    return lambda road: lane.apply(road.columns, road.vehicles, road.outside, emvs)
+
+    def act(road: Road) -> None:
+        lane.apply(road.columns, road.vehicles, road.outside, emvs)
+        road.asked.update(lane.keeping)
+
+    return act
 
 
 def _yellow(setting: Setting) -> Act | None:
@@ -458,10 +480,10 @@ RULES: Final = (
     Rule("route ends", Moment.ORDERS, _route_ends, "EMVs that SUMO drives stop where their route ends"),
     Rule("gap out", Moment.ORDERS, _gap_out, "a green waits for the platoon and ends behind it"),
     Rule("jam", Moment.ORDERS, _jam, "the head of a jam stands, or stops and goes"),
+    Rule("rescue lane", Moment.MOTION, _rescue_lane, "drivers in slow traffic open a rescue lane; some riders filter"),
     Rule("sideways", Moment.MOTION, _sideways, "vehicles move sideways by driving"),
     Rule("bends", Moment.MOTION, _bends, "vehicles slow down for the bends ahead"),
     Rule("cyclists", Moment.MOTION, _cyclists, "cyclists ride in the middle of a cycle lane, else on the right"),
-    Rule("rescue lane", Moment.MOTION, _rescue_lane, "drivers in slow traffic open a rescue lane; some riders filter"),
     Rule("continuity", Moment.CORRECTION, _continuity, "who changes to a lane of another length stays where it is"),
 )
 """Every rule for SUMO's drivers, in the order in which they act within their moment."""

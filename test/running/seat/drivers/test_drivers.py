@@ -175,6 +175,13 @@ def test_an_emv_that_comes_between_is_let_by_and_one_that_cannot_pass_gets_way(l
     assert (after(driver_of("lawful-california"), 0.05, waiting, **comes)[1].throttle == 0.0) is stands
 
 
+@pytest.mark.parametrize(("off_m", "emv_mps", "stands"), [(0.7, 6.0, True), (0.7, 1.0, False), (0.2, 1.0, True)])
+def test_nearly_at_the_edge_it_stands_unless_an_emv_waits_behind(off_m, emv_mps, stands):
+    waiting = LawfulState(Phase.MAKES_WAY, since=-100, offset_m=-3.9, speed_mps=4.0)
+    near = {"sirens": (siren(6.0, left_m=3.0, speed_mps=emv_mps),), "speed_mps": 0.0, "left_m": -4.2 + off_m}
+    assert (after(driver_of("lawful-california"), 0.05, waiting, **near)[1].throttle == 0.0) is stands
+
+
 def test_what_single_faults_change():
     assert driver_of("creeps-germany") == LawfulDriver(faulty(HABITS["germany"], "creeps"))
     for fault in FAULTS:

@@ -1,17 +1,14 @@
-"""The civilians' algorithm, transition by transition, without SUMO; also with a rescue lane that is open before."""
+"""The civilians' algorithm, transition by transition, without SUMO."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from behaviour.civilians.civilian_steps import UNIT, steps
-from behaviour.lab import L3, Car, RoadBuilder, kinds, traffic_of, view_in, world_of
+from behaviour.lab import kinds
 
 from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
     OFF_PATH_GRACE_S,
-    kept_offset_m,
-    needs_no_siren,
-    rescue_side,
     yield_speed_mps,
 )
 from siren_ros.simulation.behaviour.civilians.yield_manager import (
@@ -22,10 +19,9 @@ from siren_ros.simulation.behaviour.civilians.yield_manager import (
     way_from_emv_m,
 )
 from siren_ros.simulation.behaviour.driving.step_view import ActorTable
-from siren_ros.simulation.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.simulation.roads.routing import rescue_sides
+from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS
-from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
+from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal
 from siren_ros.simulation.world.actors import ActorClass, Lights, Mode, Owner, TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -375,12 +371,6 @@ def test_removed_civilian_is_forgotten(lab, world, state):
     assert len(commands) == 0
 
 
-def test_realistic_preset_draws_per_actor(lab):
-    world = lab.world_of(lab.straight_road(), lab.L2, preset=load_preset("realistic"))
-    state, _, _ = steps(world, [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))])
-    assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1
-
-
 def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world, state):
     """It has changed lanes and then leaves the road; a second later it is released."""
     there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
@@ -554,78 +544,3 @@ def test_the_edge_of_the_emv_and_the_two_before_it_are_still_its_road(lab):
         assert before.left_edges == tuple(range(edge, max(edge - 3, -1), -1))
         behind = [place for place in range(edge) if before.on_road[place]]
         assert behind == [place for place in (edge - 2, edge - 1) if place >= 0]
-
-
-WIDTH_M = 3.75
-SEDAN_WIDTH_M = 1.83
-AT_SIDE_M = 0.5 * (WIDTH_M - SEDAN_WIDTH_M) - 0.2
-
-
-def road(lanes: int = 3, limit_mps: float = 36.1) -> RoadNetwork:
-    network = (
-        RoadBuilder().edge([[0.0, 0.0], [300.0, 400.0]], lanes + 1, ("A", "B"), shoulder=True, width=WIDTH_M).built()
-    )
-    return replace(network, lanes=tuple(replace(lane, speed_limit_mps=limit_mps) for lane in network.lanes))
-
-
-@pytest.mark.parametrize(
-    ("lanes", "limit_mps", "sides"),
-    [
-        (2, 36.1, [0, -1, 1]),
-        (3, 36.1, [0, -1, -1, 1]),
-        (4, 22.2, [0, -1, -1, -1, 1]),
-        (1, 36.1, [0, 0]),
-        (3, 13.9, [0, 0, 0, 0]),
-    ],
-)
-def test_the_leftmost_lane_goes_left_and_all_others_right(lanes, limit_mps, sides):
-    assert rescue_sides(road(lanes, limit_mps)).tolist() == sides
-
-
-def test_a_path_over_a_joint_has_the_side_of_its_lane():
-    builder = RoadBuilder().edge([[0, 0], [100, 0]], 2, ("A", "J"))
-    builder.edge([[100, 0], [104, 0]], 2, ("J", "J"), internal=True).edge([[104, 0], [200, 0]], 2, ("J", "B"))
-    network = builder.connect(0, 4, via=(2,)).connect(1, 5, via=(3,)).built()
-    fast = replace(network, lanes=tuple(replace(lane, speed_limit_mps=36.1) for lane in network.lanes))
-    assert rescue_sides(fast).tolist() == [-1, 1, -1, 1, -1, 1]
-
-
-def ego_of(left_m: float, speed_mps: float, lane: int = 3, *, duty: bool = True):
-    car = Car(2, lane, 100.0, speed_mps, (0,), left=left_m)
-    return view_in(world_of(road(), L3, duty=duty), [car]).ego(0)
-
-
-@pytest.mark.parametrize("speed_mps", [0.0, 2.0, 8.2])
-@pytest.mark.parametrize(("lane", "side"), [(1, -1), (2, -1), (3, 1)])
-def test_who_keeps_to_the_side_has_made_way_already(lane, side, speed_mps):
-    tolerance_m = 0.25
-    for off_m, kept in ((0.0, True), (tolerance_m - 0.02, True), (tolerance_m + 0.02, False), (-0.2, True)):
-        ego = ego_of(side * (AT_SIDE_M - off_m), speed_mps, lane)
-        assert needs_no_siren(ego) is kept
-        assert rescue_side(ego, lane) == side
-        assert kept_offset_m(ego, lane) == pytest.approx(side * AT_SIDE_M)
-    assert not needs_no_siren(ego_of(-side * AT_SIDE_M, speed_mps, lane)), "on the other side"
-
-
-def test_flowing_traffic_does_not_stop_and_keeps_to_the_middle():
-    ego = ego_of(0.0, 8.4)
-    assert needs_no_siren(ego)
-    assert kept_offset_m(ego, 3) == 0.0
-
-
-def test_without_the_duty_everybody_waits_for_the_siren():
-    ego = ego_of(AT_SIDE_M, 1.0, duty=False)
-    assert not needs_no_siren(ego)
-    assert (rescue_side(ego, 3), kept_offset_m(ego, 3)) == (0, 0.0)
-
-
-def test_the_siren_asks_those_alone_who_are_in_the_way():
-    world = world_of(road(), L3, duty=True)
-    emv = Car(1, 3, 60.0, 8.0, (0,), ActorClass.AMBULANCE)
-    cars = [emv, Car(2, 3, 85.0, 1.0, (0,), left=AT_SIDE_M), Car(3, 2, 85.0, 1.0, (0,), left=0.0)]
-    state, commands = step_yield(YieldState(), traffic_of(world.network, cars), world)
-    assert set(state.units) == {3}
-    assert {event.actor_id for event in commands.events} == {3}
-    without = world_of(road(), L3)
-    state, _ = step_yield(YieldState(), traffic_of(without.network, cars), without)
-    assert set(state.units) == {2, 3}

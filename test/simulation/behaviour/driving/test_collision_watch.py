@@ -138,10 +138,40 @@ def test_who_turns_along_its_course_does_not_drift_and_who_leaves_it_does(turn, 
     assert (known.leaders() is not None) is leads
 
 
-def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():
-    assert watched(0.0, 10.0, (30.0, 0.0, 0.0, 9.0), (34.0, 0.5, 0.0, 0.0)).blocker_id == 3
+@pytest.mark.parametrize(
+    ("asked", "others"),
+    [
+        ("leaders", [(14.0, 0.0, 0.0, 0.0), (40.0, 0.0, 0.0, 0.0)]),
+        ("leaders", [(14.0, 0.0, 0.0, 0.0), (13.0, 2.0 * HALF_WIDTH + 0.05, 0.0, 0.0)]),
+        ("leaders", [(20.0, 0.5, 0.0, 8.9), (30.0, 0.0, 0.0, 0.0)]),
+        ("meetings", [(20.0, 14.0, -0.5 * np.pi, 8.0), (13.5, 9.0, -0.5 * np.pi, 8.0), (12.0, 7.5, -0.5 * np.pi, 8.0)]),
+    ],
+    ids=["the nearer", "brakes for the farther", "the slower", "who crosses"],
+)
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_several_the_lowest_speed_with_its_gap_and_the_hardest_braking_count(asked, others, order):
+    alone = [getattr(watch(0.6, 8.0, other, target=15.0), asked)() for other in others]
+    strictest = min(alone, key=lambda limit: limit.speed_mps)
+    found = getattr(watch(0.6, 8.0, *others[::order], target=15.0), asked)()
+    place = 2 + [limit is strictest for limit in alone[::order]].index(True)
+    hardest = max(limit.brake_mps2 for limit in alone)
+    assert found == strictest._replace(blocker_id=place, brake_mps2=hardest)
+    assert len({limit.speed_mps for limit in alone}) == len(others)
+
+
+def test_a_fast_leader_is_no_threat():
     assert watched(0.0, 10.0, (60.0, 0.0, 0.0, 14.0)) is None
     assert watched(0.0, 10.0, (30.0, 0.0, 0.0, 0.0), target=3.0) is None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_for_a_long_vehicle_whose_rear_alone_is_in_the_way_one_brakes_hard(side):
+    """A bus that points a little outwards: its rear is in the way of the body, its front within the margin."""
+    path, seen = scene(0.0, 9.0, (17.5, side * 1.945, side * 0.03, 0.0))
+    seen = replace(seen, half_length_m=np.array([HALF_LENGTH, 6.0]))
+    limit = CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).leaders()
+    assert limit.free_m == pytest.approx(17.5 - 6.0 - HALF_LENGTH, abs=0.05)
+    assert limit.brake_mps2 == pytest.approx(9.0**2 / (2.0 * (17.5 - 6.0 - HALF_LENGTH - 1.0)), rel=0.02)
 
 
 @pytest.mark.parametrize(("ahead", "hard"), [(30.0, False), (14.0, True)])

@@ -1,58 +1,55 @@
 """States of drivers: draws of civilians, lanes that the EMV needs, and guards on roads that point anywhere."""
 
-from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.simulation.behaviour.driving.driver_states import (
     Compliance,
+    Driver,
+    EmvUnit,
+    LateralRequest,
+    Refusal,
     RoutePlan,
+    YieldUnit,
     best_lane,
+    civilian_guards,
     draw_driver,
     emv_fully_passed,
+    emv_guards,
     plan_route,
     present_lane,
     strategic_side,
 )
 from siren_ros.simulation.behaviour.driving.navigator import NavigatorState
-from siren_ros.simulation.behaviour.driving.speed_mechanisms import (
-    ESCAPE_HORIZON_M,
-)
+from siren_ros.simulation.behaviour.driving.speed_mechanisms import ESCAPE_HORIZON_M
 from siren_ros.simulation.behaviour.driving.tracked_path import LaneEnd
-from siren_ros.simulation.behaviour.emv.controller import (
-    reference_line,
-)
-from siren_ros.simulation.scenario.presets import load_preset
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.behaviour.emv.controller import reference_line
+from siren_ros.simulation.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
+from siren_ros.simulation.world.actors import ActorClass, Mode
 
 
-def test_the_papers_driver_is_deterministic():
-    drivers = {draw_driver(load_preset("paper"), seed, actor) for seed in range(3) for actor in range(1, 30)}
-    assert len(drivers) == 1
-    driver = drivers.pop()
-    assert (driver.compliance, driver.delay_s, driver.response_distance_m) == (Compliance.COMPLIES, 0.0, 40.0)
-
-
-def test_realistic_drivers_differ_and_repeat():
-    preset = load_preset("realistic")
-    drivers = [draw_driver(preset, 5, actor) for actor in range(1, 400)]
-    assert drivers == [draw_driver(preset, 5, actor) for actor in range(1, 400)]
-    assert drivers != [draw_driver(preset, 6, actor) for actor in range(1, 400)]
-    shares = Counter(driver.compliance for driver in drivers)
-    assert shares[Compliance.COMPLIES] / 399 == pytest.approx(0.85, abs=0.06)
-    assert shares[Compliance.LATE] > 0
-    assert shares[Compliance.NEVER] > 0
-
-
-def test_late_drivers_take_longer():
-    preset = load_preset("realistic")
-    drivers = [draw_driver(preset, 0, actor) for actor in range(1, 600)]
-    mean = {
-        kind: sum(d.delay_s for d in drivers if d.compliance is kind) / sum(d.compliance is kind for d in drivers)
-        for kind in (Compliance.COMPLIES, Compliance.LATE)
+def test_each_driver_is_a_draw_from_a_stream_of_its_own():
+    """Where nothing else is drawn the stream's first number decides: half comply, a fifth late."""
+    delay, late, far = (TruncatedNormal(value, 0.0, value, value) for value in (1.0, 3.0, 60.0))
+    preset = replace(
+        load_preset("paper"), reaction_delay_s=delay, late_delay_s=late, response_distance_m=far,
+        compliance=ComplianceShares(0.5, 0.2, 0.3),
+    )  # fmt: skip
+    kinds = (
+        Driver(Compliance.COMPLIES, 1.0, 60.0),
+        Driver(Compliance.LATE, 4.0, 60.0),
+        Driver(Compliance.NEVER, 1.0, 60.0),
+    )
+    for actor in range(1, 30):
+        share = random_stream(7, "driver", actor).random()
+        assert draw_driver(preset, 7, actor) == kinds[(share >= 0.5) + (share >= 0.7)]
+    assert {draw_driver(load_preset("paper"), 3, actor) for actor in range(30)} == {
+        Driver(Compliance.COMPLIES, 0.0, 40.0)
     }
-    assert mean[Compliance.LATE] > mean[Compliance.COMPLIES] + 1.5
+    assert len({draw_driver(load_preset("realistic"), 3, actor).delay_s for actor in range(30)}) == 30
 
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -181,3 +178,59 @@ def test_lanes_that_only_an_emv_may_use_count_for_it(lab):
     network = road.built()
     assert [strategic_side(network, lane, route(0, 1)) for lane in (0, 1, 2)] == [0, -1, -1]
     assert [best_lane(network, lane, route(0, 1)) for lane in (0, 1, 2)] == [0, 0, 0]
+
+
+ASKED = LateralRequest(-1, "slow_traffic", 99)
+ONLY_THEN, NO_CORRIDOR = "at this level only from a lane change that stands still", "this level has no rescue corridor"
+NOBODY, BETWEEN = "nobody ahead forms a rescue lane or brakes for the EMV", "not between other vehicles"
+STANDS, TO_RIGHT = "stands for 1.3 s, enters after 3 s", "asked for to the right (slow traffic)"
+IN_CORRIDOR = {"corridor": True, "corridor_seen_step": 90, "blocker_free_s": 0.4}
+OF_EMV = [
+    ("L2", {}, [], [ONLY_THEN, NO_CORRIDOR, "neither route nor traffic ask for one", "route"]),
+    ("L2", {"stopped_s": 1.3, "change_side": -1}, [2], [STANDS, NO_CORRIDOR, "to the right", "route"]),
+    ("L2", {"request": ASKED}, [], [ONLY_THEN, NO_CORRIDOR, TO_RIGHT, "route"]),
+    ("L2", {"request": ASKED, "change_step": 80}, [],
+     [ONLY_THEN, NO_CORRIDOR, TO_RIGHT + ", not before 1.0 s", "route"]),
+    ("L3", {"stopped_s": 1.3, "request": replace(ASKED, side=1, deferred=Refusal.GAP_REAR)}, [],
+     [STANDS, NOBODY, "asked for to the left (slow traffic), deferred: gap rear", "route"]),
+    ("L3", IN_CORRIDOR, [1], ["nobody blocks the way", "none has made way for 0.5 s", BETWEEN, "rescue corridor"]),
+    ("L3", {**IN_CORRIDOR, "gap_escape_active": True, "corridor_seen_step": 100}, [0, 1],
+     ["no free path yet", "vehicles ahead make way", BETWEEN, "gap escape"]),
+    ("L3", {"gap_escape_active": True, "escape_offset_m": 0.0, "blocker_free_s": 0.4}, [0],
+     ["drives past the blocker; 0.4 of 2 s free", NOBODY, BETWEEN, "gap escape"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("level", "unit", "acts", "why"), OF_EMV)
+def test_what_is_said_of_an_emvs_guards(lab, level, unit, acts, why):
+    guards = emv_guards(EmvUnit(1, **unit), 100, lab.world_of(lab.straight_road(), getattr(lab, level)))
+    names = ["gap escape", "rescue corridor", "forced lane change", "waypoints"]
+    texts = [*why[:3], f"the path comes from the {why[3]}"]
+    assert [(guard.name, guard.why) for guard in guards] == list(zip(names, texts, strict=True))
+    assert [guard.name for guard in guards if guard.acts] == [*(names[at] for at in acts), "waypoints"]
+
+
+AGO, NOT_BEGUN, UNTIL = "late, 0.5 s ago", "not begun", "until the EMV has passed"
+REFUSES = Driver(Compliance.NEVER, 1.0, 60.0)
+OF_CIVILIAN = [
+    ("L2", {"react_step": 120}, [], ["late, in 1.0 s", NOT_BEGUN, NOT_BEGUN]),
+    ("L2", {"deferred": "gap_rear"}, [1], [AGO, "deferred: gap rear", NOT_BEGUN]),
+    ("L2", {"react_step": 100, "phase": Mode.YIELD_LANE_CHANGE, "side": 1}, [1, 2],
+     ["late, 0.0 s ago", "to the left", "the lane change is not finished"]),
+    ("L3", {"phase": Mode.YIELD_PULL_OVER, "side": -1}, [1, 2], [AGO, "to the right", "the pull-over is not finished"]),
+    ("L3", {"phase": Mode.YIELD_HOLD}, [1, 3], [AGO, "done", UNTIL]),
+    ("L2", {"phase": Mode.REJOIN}, [1, 4], [AGO, "done", UNTIL]),
+    ("L3", {"emv_id": 0, "driver": REFUSES}, [], ["this driver does not comply", NOT_BEGUN, NOT_BEGUN]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("level", "unit", "acts", "why"), OF_CIVILIAN)
+def test_what_is_said_of_a_civilians_guards(lab, level, unit, acts, why):
+    driver = replace(YieldUnit(2, 1, Driver(Compliance.LATE, 4.0, 60.0), 90), **unit)
+    guards = civilian_guards(driver, 100, lab.world_of(lab.straight_road(), getattr(lab, level)))
+    heard = "heard the EMV within 60 m" + ": EMV 1" * (driver.emv_id == 1)
+    made = ["pulls over", "holds"] if level == "L3" else ["changes lane", "keeps its lane"]
+    names = ["notices", "reacts", *made, "rejoins"]
+    texts = [heard, *why, "once the EMV has passed, or is gone"]
+    assert [(guard.name, guard.why) for guard in guards] == list(zip(names, texts, strict=True))
+    assert [guard.name for guard in guards if guard.acts] == ["notices", *(names[at] for at in acts)]

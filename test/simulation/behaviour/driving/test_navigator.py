@@ -415,27 +415,21 @@ def test_without_a_path_it_brakes_to_a_stop(lab):
     assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
     assert command.brake > 0.35
     assert blocker == NO_ACTOR
-    assert state.done
+    assert (state.done, state.remaining_m) == (True, 0.0)
     assert state.integral_mps2 == 0.0
 
 
 def test_a_limit_counts_besides_target_and_path(lab):
-    state, seen, vehicle = on_straight(lab, [ActorClass.SEDAN], (0.0, 0.0, 0.0, 6.0))
-
-    def command(limit):
+    def command(limit, speed=6.0):
         mechanisms = (*MECHANISMS[:3], Mechanism("other", lambda _: limit, "for the test"))
-        return navigated(state, seen, vehicle, 10.0, mechanisms)[1]
+        return navigated(*on_straight(lab, [ActorClass.SEDAN], (0.0, 0.0, 0.0, speed)), 10.0, mechanisms)[1]
 
     assert command(SpeedLimit()).throttle > 0.0
     assert command(SpeedLimit(6.0)).throttle < command(SpeedLimit(8.0)).throttle
     assert command(SpeedLimit(2.0)).brake > 0.0
     hard = command(SpeedLimit(5.0, brake_mps2=7.0)).brake
-    assert hard * vehicle.max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)
-
-
-def test_without_a_path_nothing_is_left_of_it_and_it_is_done():
-    assert NavigatorState().remaining_m == 0.0
-    assert NavigatorState().done
+    assert hard * lab.vehicles[ActorClass.SEDAN].max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)
+    assert command(SpeedLimit(5.0, brake_mps2=7.0), speed=0.3).brake == 0.0, "who hardly rolls sets off"
 
 
 MANOEUVRING = ManoeuvringConfig()

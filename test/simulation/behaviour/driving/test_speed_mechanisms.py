@@ -9,7 +9,14 @@ from hand_made_record import STRAIGHT, STRAIGHT_LEFT, crossing
 
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.braking import speed_before_mps
-from siren_ros.simulation.behaviour.driving.driver_states import ROUTE, EmvUnit, LateralRequest
+from siren_ros.simulation.behaviour.driving.driver_states import (
+    ROUTE,
+    Compliance,
+    Driver,
+    EmvUnit,
+    LateralRequest,
+    YieldUnit,
+)
 from siren_ros.simulation.behaviour.driving.navigator import SPEED_GAIN_1PS, NavigatorState, SpeedLimit
 from siren_ros.simulation.behaviour.driving.speed_mechanisms import (
     LEAVING_MPS,
@@ -45,7 +52,7 @@ from siren_ros.simulation.scenario.driver_parameters import (
     JunctionEntryConfig,
 )
 from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal
-from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, SignalState
+from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass, Mode, SignalState
 
 
 def scene(lab, *others, speed=5.0, corridor=True):
@@ -82,7 +89,7 @@ def people_limit(unit, view, left_m, *, row=0):
 def test_people_on_a_crossing_beside_the_path_limit_the_speed(lab, beside_m, limited):
     unit, view = scene(lab, corridor=False)
     found = people_limit(unit, view, view.ego(0).half_width_m + beside_m)
-    assert (found.blocker_id == 7) is limited
+    assert (found.blocker_id == 7, found.brake_mps2) == (limited, 0.0), "comfortable braking is enough"
     assert found.speed_mps == (pytest.approx(math.sqrt(1.6**2 + 4.0 * (found.free_m - 0.4))) if limited else math.inf)
 
 
@@ -140,16 +147,27 @@ def test_between_queues_the_emv_moves_sideways_behind_whoever_comes_up_beside_it
     lab, kind, at_m, left_m, speed_mps, emv_mps, stops
 ):
     """The path leads 2 m to the right within 12 m, where the other one goes past on the right of the EMV."""
+    unit, ego = moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps)
+    limit = passage_limit(unit, ego)
+    assert (limit.blocker_id == 2) is stops
+    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the other one to be past"
+
+
+def moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps):
     cars = [lab.Car(1, 0, 100, emv_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, at_m, speed_mps, (0,), kind)]
     poses = np.array([[100.0, 0.0, 0.0, emv_mps], [at_m, left_m, 0.0, speed_mps]])
     view = lab.view(lab.straight_road(), lab.L3, cars, poses=poses)
     s_m = np.linspace(0.0, 80.0, 161)
     aside_m = -2.0 * np.clip(s_m / 12.0, 0.0, 1.0)
     path = TrackedPath.of(Curve.through(np.stack((100.0 + s_m, aside_m), axis=1)), view.ego(0).navigator_config)
-    unit = replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True)
-    limit = passage_limit(unit, view.ego(0))
-    assert (limit.blocker_id == 2) is stops
-    assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the other one to be past"
+    return replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True), view.ego(0)
+
+
+def test_whoever_is_beside_the_emv_and_no_faster_leaves_way_as_one_ahead_does(lab):
+    rolls, stands = (
+        free_way(*moving_right(lab, ActorClass.BICYCLE, 103.0, -1.9, mps, 2.0)).free_m for mps in (1.5, 0.0)
+    )
+    assert rolls - stands == pytest.approx(1.5**2 / 8.0)
 
 
 @pytest.mark.parametrize(("gap_m", "stops"), [(0.05, True), (0.07, False)])
@@ -181,6 +199,10 @@ def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_
     crossing = lab.view(straight, lab.L3, cars, poses=poses)
     assert math.isinf(free_way(standing, crossing.ego(0)).free_m)
     assert free_way(replace(standing, gap_escape_active=True), crossing.ego(0)).free_m < 12.0
+    slowly = np.array([[100.0, 0.0, 0.0, 5.0], [115.0, 0.0, math.pi, 0.9]])
+    bumpers = 15.0 - 0.5 * sum(lab.vehicles[kind].length_m for kind in (ActorClass.AMBULANCE, ActorClass.SEDAN))
+    way = free_way(standing, lab.view(straight, lab.L3, cars, poses=slowly).ego(0))
+    assert way.free_m == pytest.approx(bumpers - 0.8 * 0.9, abs=0.3), "who comes on slowly, in the time that is watched"
 
 
 def approach_mps(ahead_m, config):
@@ -239,10 +261,27 @@ def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_ha
     assert approach(26.0, 3.0, overlap=2.0, leaving=-1.0) == staying
 
 
-def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
-    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 1, 130, 0, (0,)))).speed_mps)
-    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 70, 0, (0,)))).speed_mps)
-    assert anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 130, 0, (0,)))).speed_mps < 13.0
+def test_of_the_vehicles_on_the_path_in_the_same_direction_the_one_that_asks_for_least_counts(lab):
+    """Whoever has which id; the path ends 3 m before the road's end at 400 m."""
+    stands, rolls, aside, behind, beyond = (
+        (30.0, 0, 0.0),
+        (50.0, 0, 4.0),
+        (20.0, 1, 0.0),
+        (-30.0, 0, 0.0),
+        (296.0, 0, 0.0),
+    )
+
+    def limit(*others):
+        cars = [lab.Car(2 + n, lane, 100.0 + m, mps, (0,)) for n, (m, lane, mps) in enumerate(others)]
+        return anticipated_limit(*scene_of_anticipation(lab, *cars, speed=5.0)).speed_mps
+
+    gap = 30.0 - 0.5 * sum(lab.vehicles[kind].length_m for kind in (ActorClass.AMBULANCE, ActorClass.SEDAN))
+    assert limit(stands) == pytest.approx(approach(gap, 0.0), rel=1e-4)
+    assert limit(stands, rolls) == limit(rolls, stands) == limit(aside, stands, behind, rolls) == limit(stands)
+    assert limit(aside, behind) == math.inf
+    cars = [lab.Car(1, 0, 360, 5, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 100.0 + beyond[0], 0, (0,))]
+    ego = lab.view(lab.straight_road(), lab.L2, cars).ego(0)
+    assert anticipated_limit(follow_route(EmvUnit(1), ego)[0], ego).speed_mps == math.inf
 
 
 def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
@@ -255,7 +294,8 @@ def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_hand
 def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
     unit, ego = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
     asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
-    assert math.isinf(anticipated_limit(unit, ego).speed_mps)
+    for request in (LateralRequest(), LateralRequest(1, "intent", 0), LateralRequest(-1, ROUTE, 0)):
+        assert math.isinf(anticipated_limit(replace(unit, request=request), ego).speed_mps)
     expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / SPEED_GAIN_1PS)
     assert anticipated_limit(asked, ego).speed_mps == pytest.approx(expected)
 
@@ -447,14 +487,16 @@ def test_the_emv_stops_before_a_junction_behind_which_there_is_no_room_for_it(la
     assert before_full_exit(lab, NEED_M - 0.1, front_m=99.5, speed=0.0) == 0.0
 
 
-def test_those_who_move_ahead_of_it_need_room_as_well(lab):
-    """A car that drives on the junction takes its length and gap of what is left behind it."""
+@pytest.mark.parametrize("beyond", [False, True])
+def test_those_who_move_ahead_of_it_need_room_as_well(lab, beyond):
+    """A car that drives on the junction, or beyond it, takes its length and gap of what is left behind it."""
     straight, left = (CROSSED.connections[way].via[0] for way in (STRAIGHT, STRAIGHT_LEFT))
-    moves = lab.Car(3, straight, 10.0, 4.0, WAY)
+    moves = lab.Car(3, OUT_LANE, 3.0, 4.0, WAY[1:]) if beyond else lab.Car(3, straight, 10.0, 4.0, WAY)
     taken_m = lab.vehicles[ActorClass.SEDAN].length_m + CivilianDriver().driving.standstill_gap_m
     assert before_full_exit(lab, NEED_M + taken_m + 0.1, moves) == math.inf
     assert before_full_exit(lab, NEED_M + taken_m - 0.1, moves) < math.inf
-    assert before_full_exit(lab, NEED_M + 0.1, replace(moves, lane=left)) == math.inf, "in the other lane"
+    elsewhere = lab.Car(3, left, 10.0, 4.0, WAY)
+    assert before_full_exit(lab, NEED_M + 0.1, elsewhere) == math.inf, "in the other lane"
 
 
 def test_who_cannot_stop_or_drives_between_others_or_blocks_nobody_goes_on(lab):
@@ -473,20 +515,30 @@ def test_a_fast_emv_looks_as_far_ahead_as_it_takes_to_stop(lab, speed_mps, far_m
     assert lab.view(lab.straight_road(), lab.L1, [emv]).ego(0).far_m(80.0) == pytest.approx(far_m)
 
 
+def beside_a_neighbour(lab, unit, other, kind):
+    """The limit of a driver whose path leads to the left, where actor 1 or 2 is alongside."""
+    cars = [lab.Car(3, 0, 100.0, 1.0, (0,), kind), lab.Car(other, 1, 101.0, 1.0, (0,), left=-0.5)]
+    ego = lab.view(lab.straight_road(), lab.L3, cars).ego(1)
+    points = np.array([[100.0 + s, 0.2 * s] for s in np.arange(0.0, 30.0, 0.5)])
+    path = TrackedPath.of(Curve.through(points), ego.navigator_config)
+    unit = replace(unit, navigator=NavigatorState().following(path, *ego.place))
+    seen = replace(ego.seen, is_emv=ego.seen.actor_id != 2)
+    drive = Drive(unit, replace(ego, seen=seen), path, 0.0, 5.0, ego.navigator_config)
+    return next(item.limit(drive) for item in MECHANISMS if item.name == "manoeuvring")
+
+
 @pytest.mark.parametrize(("change_side", "other", "limited"), [(1, 1, True), (0, 1, False), (1, 2, False)])
 def test_in_a_lane_change_an_emv_minds_emvs_at_its_side_alone(lab, change_side, other, limited):
     """Civilians make way; an EMV that came up at its side, while the change stood half done, does not."""
-    view = lab.view(
-        lab.straight_road(),
-        lab.L3,
-        [lab.Car(3, 0, 100.0, 1.0, (0,), ActorClass.AMBULANCE), lab.Car(other, 1, 101.0, 1.0, (0,), left=-0.5)],
-    )
-    ego = view.ego(1)
-    points = np.array([[100.0 + s, 0.2 * s] for s in np.arange(0.0, 30.0, 0.5)])
-    path = TrackedPath.of(Curve.through(points), ego.navigator_config)
-    unit = EmvUnit(3, NavigatorState().following(path, *ego.place), change_side=change_side)
-    seen = replace(ego.seen, is_emv=ego.seen.actor_id != 2)
-    drive = Drive(unit, replace(ego, seen=seen), path, 0.0, 5.0, ego.navigator_config)
-    limit = next(item.limit(drive) for item in MECHANISMS if item.name == "manoeuvring")
+    limit = beside_a_neighbour(lab, EmvUnit(3, change_side=change_side), other, ActorClass.AMBULANCE)
     assert limit.blocker_id == (1 if limited else NO_ACTOR)
     assert math.isfinite(limit.speed_mps) is limited
+
+
+@pytest.mark.parametrize("other", [1, 2])
+def test_a_civilian_minds_everybody_at_its_side_on_the_way_to_the_edge_and_back(lab, other):
+    driver = Driver(Compliance.COMPLIES, 0.0, 40.0)
+    units = [YieldUnit(3, 1, driver, 0, phase=phase) for phase in Mode]
+    limits = [beside_a_neighbour(lab, unit, other, ActorClass.SEDAN).blocker_id for unit in units]
+    sideways = {Mode.YIELD_PULL_OVER, Mode.REJOIN}
+    assert limits == [other if phase in sideways else NO_ACTOR for phase in Mode]

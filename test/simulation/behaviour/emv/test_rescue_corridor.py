@@ -100,6 +100,16 @@ def test_moves_to_the_middle_of_what_the_vehicles_leave(lab):
     assert offsets(view, 0)[40] == pytest.approx(0.5 * (right + left), abs=0.05)
 
 
+@pytest.mark.parametrize(("right_m", "left_m"), [(-2.0, 2.0), (0.7, 2.0), (-2.0, -0.4), (0.3, -0.3)])
+def test_in_ample_space_it_keeps_the_line_and_a_metre_to_those_who_stand_nearer(lab, right_m, left_m):
+    """The line is 1.65 m left of the right lane's middle; cars have half a width of 0.915 m."""
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=right_m), lab.Car(3, 1, 140, 0, (0,), left=left_m)])
+    half_m = view.ego(0).half_width_m
+    least, most = right_m + 0.915 + half_m + 1.0, 3.3 + left_m - 0.915 - half_m - 1.0
+    expected = 0.5 * (least + most) if least > most else min(max(1.65, least), most)
+    assert offsets(view, 0)[40] == pytest.approx(expected, abs=0.05)
+
+
 @pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.MOTORCYCLE, ActorClass.PEDESTRIAN])
 @pytest.mark.parametrize("ahead_m", [34.0, 40.0, 46.0])
 @pytest.mark.parametrize("on_cycle_lane", [True, False])

@@ -1,5 +1,6 @@
 """Populations of drivers, plans of traffic, and the head of a jam."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,8 +26,10 @@ from siren_ros.simulation.traffic.demand.plan import (
     chain_along,
     connection_onward,
     load_drivers,
+    sideways,
     with_responses,
 )
+from siren_ros.simulation.traffic.sumo.driving_corrections import LATERAL_ACCEL_MPS2
 from siren_ros.simulation.world.actors import VEHICLE_CLASSES, ActorClass
 
 CLASSES = "\n".join(
@@ -155,6 +158,51 @@ def test_drivers_in_a_jam_form_the_rescue_lane_at_once_late_or_not() -> None:
     assert 150.0 < late_m.max() <= 200.0
     for unasked in (with_responses(plan(9), preset, 3), with_responses(replace(plan(9), duty=True), responding(), 3)):
         assert all(np.isinf(car.rescue_m) for car in unasked.background)
+
+
+def test_lane_changes_take_each_driver_a_time_of_its_own_and_no_other_draw_changes() -> None:
+    usual = replace(load_preset("realistic"), lane_change_log_s=None)
+    drawn = with_responses(plan(400, 5), load_preset("realistic"), 4)
+    without = with_responses(plan(400, 5), usual, 4)
+    assert {car.lane_change_s for car in (*without.background, *without.groups)} == {None}
+    assert tuple(replace(car, lane_change_s=None) for car in drawn.background) == without.background
+    times_s = [car.lane_change_s for car in drawn.background if car.lane_change_s is not None]
+    assert len(set(times_s)) == 400
+    assert 2.5 <= min(times_s) < 2.6
+    assert 10.0 < max(times_s) <= 13.3
+    again = with_responses(plan(9, 2), load_preset("realistic"), 4)
+    assert [car.lane_change_s for car in again.groups] == [car.lane_change_s for car in drawn.groups[:2]]
+    assert drawn.emvs == without.emvs
+
+
+FINE_S = 0.001
+
+
+def across_s(duration_s: float, usual_mps: float) -> float:
+    """Time for a lane of 3.25 m, with braking as soon as the rest of the way asks for it."""
+    most_mps, accel_mps2 = sideways(duration_s, usual_mps)
+    way_m = speed_mps = time_s = 0.0
+    while way_m < 3.25 - 1e-4 and time_s < 60.0:
+        slower = 3.25 - way_m <= speed_mps**2 / (2.0 * accel_mps2)
+        change_mps = accel_mps2 * FINE_S
+        speed_mps = max(speed_mps - change_mps, 1e-4) if slower else min(speed_mps + change_mps, most_mps)
+        way_m, time_s = way_m + FINE_S * speed_mps, time_s + FINE_S
+    return time_s
+
+
+@pytest.mark.parametrize("usual_mps", [0.8, 1.0, 1.3])
+@pytest.mark.parametrize("duration_s", [2.0, 2.5, 3.6, 4.25, 6.0, 13.3])
+def test_a_lane_change_takes_the_time_that_was_drawn(duration_s: float, usual_mps: float) -> None:
+    assert across_s(duration_s, usual_mps) == pytest.approx(duration_s, rel=0.03)
+
+
+def test_slower_drivers_accelerate_sideways_as_usual_and_faster_ones_no_harder_than_in_bends() -> None:
+    drawn, car = load_preset("realistic").lane_change_log_s, plan(1).background[0]
+    assert drawn is not None
+    assert 2.0 < sideways(math.exp(drawn.minimum), 1.0)[1] <= LATERAL_ACCEL_MPS2
+    assert sideways(9.0, 1.0) == (pytest.approx(0.378, abs=0.002), 1.0)
+    assert car.sideways == (car.driver.max_lateral_speed_mps, 1.0)
+    assert replace(car, lane_change_s=9.0).sideways == sideways(9.0, car.driver.max_lateral_speed_mps)
 
 
 def test_each_driver_has_a_draw_of_its_own() -> None:

@@ -264,6 +264,17 @@ def test_who_stands_aside_is_passed_with_a_margin_where_it_is_driven_from_outsid
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("front_m", "turned", "waits"), [(78.0, 0.0, False), (82.0, 0.0, True), (78.0, 0.2, True)])
+def test_a_driver_does_not_brake_for_a_vehicle_that_points_at_its_tail(
+    turn: float, side: float, front_m: float, turned: float, waits: bool
+) -> None:
+    """It is beside, 5 cm within the margin. A driver who leaves the course towards it brakes."""
+    other = Car(0, front_m, 4.0, Owner.ROS, left=1.95 * side, turned=-0.02 * side)
+    assert bool(cautious([Car(0, 80.0, 7.6, turned=turned * side), other], turn)) is waits
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize(("aside_m", "waits"), [(3.8, True), (4.6, False)])
 def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
     turn: float, side: float, aside_m: float, waits: bool

@@ -399,6 +399,20 @@ def test_the_limit_follows_the_speed_and_mirrored_vehicles_are_held(sumo: SumoSi
     assert [libsumo.vehicle.getMaxSpeedLat(name) for name in vehicles] == [own] * 3
 
 
+def test_drivers_move_sideways_at_their_own_pace_but_who_makes_way_as_fast_as_all(sumo: SumoSimulation) -> None:
+    sumo.step(0, None)
+    vehicles = {car.name: replace(car, lane_change_s=9.0) for car in PLAN.groups[:3]}
+    asked, other, last = vehicles
+    columns = columns_of({name: {libsumo.VAR_SPEED: 10.0} for name in vehicles}, NETWORK_SIDEWAYS, {})
+    limits, usual_mps = SidewaysLimits(), vehicles[asked].driver.max_lateral_speed_mps
+    limits.apply(columns, vehicles, columns.which(()), {asked, "who has left"})
+    slow_mps = [libsumo.vehicle.getMaxSpeedLat(name) for name in (other, last)]
+    assert libsumo.vehicle.getMaxSpeedLat(asked) == usual_mps
+    assert slow_mps == [pytest.approx(vehicles[other].sideways[0])] * 2
+    limits.apply(columns, vehicles, columns.which(()), {other})
+    assert libsumo.vehicle.getMaxSpeedLat(asked) == slow_mps[0] < libsumo.vehicle.getMaxSpeedLat(other) == usual_mps
+
+
 def test_nobody_slides_sideways_while_standing(sumo: SumoSimulation) -> None:
     before = sumo.step(0, None)
     stood = 0

@@ -86,6 +86,13 @@ def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
         assert float(element.get("jmDriveAfterYellowTime")) == 1.0
 
 
+def test_sumo_accelerates_sideways_as_fast_as_the_driver_who_changes_lanes_faster_than_usual() -> None:
+    cars = [replace(PLAN_IN_TOWN.background[0], lane_change_s=time_s) for time_s in (2.5, None)]
+    fast, usual = fromstring(vehicle_types_xml(cars, EmergencyLevel.L2))
+    assert float(fast.get("lcAccelLat")) == pytest.approx(cars[0].sideways[1], rel=1e-4)
+    assert usual.get("lcAccelLat") is None
+
+
 def test_two_wheels_have_sumos_own_classes() -> None:
     """A cyclist keeps right, does not overtake and wishes for an own speed."""
     sedan = next(vehicle for vehicle in PLAN_IN_TOWN.background if vehicle.actor_class is ActorClass.SEDAN)

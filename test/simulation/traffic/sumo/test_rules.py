@@ -219,6 +219,7 @@ def test_who_stands_in_a_jam_is_told_a_side_but_for_emvs_and_those_driven_from_o
     assert tells(1.0, "r") == {"l": "left"}
     assert tells(1.0) == {"r": "right"}
     assert tells(1.0, "r") == {}
+    assert set(lane.keeping) == {"l"}
     assert tells(1.0) == {"r": "right"}, "it has been driven from outside meanwhile"
     assert tells(1.0, names=("r",)) == {}
     assert tells(1.0) == {"l": "left"}, "another one of its name has come"
@@ -382,6 +383,7 @@ def test_who_meets_an_emv_slows_down_and_keeps_right_until_it_has_passed(
     drivers.apply(None, vehicles)
     for ahead_m in (50.0, 30.0, 20.0, -1.0, -5.0):
         drivers.apply(scene(network, ahead_m), vehicles)
+        assert drivers.slowed(vehicles) == ({name} if 0.0 < ahead_m < 40.0 else set())
     assert told == [(name, 0.5 * wished), (name, "right"), (name, wished), (name, "center")]
     told.clear()
     drivers.apply(scene(network, 20.0), {**vehicles, CIVILIAN: replace(vehicles[CIVILIAN], oncoming_share=1.0)})

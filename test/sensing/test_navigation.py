@@ -112,6 +112,8 @@ def circling(step, radius_m, rate_radps):
 def test_gravity_is_felt_at_rest_braking_backwards_and_on_a_circle_its_own_radius():
     still = (PlanarMotion(step, 1.0, 0.0, 0.0, 0.0) for step in (0, 1))
     assert specific_force(*still, np.array([1.0, 2.0, 3.0])).tolist() == [0.0, 0.0, STANDARD_GRAVITY_MPS2]
+    again = PlanarMotion(1, 1.0, 2.0, 3.0, 0.0), PlanarMotion(1, 1.0, 4.0, 5.0, 0.0)
+    assert specific_force(*again, np.zeros(3)).tolist() == [0.0, 0.0, STANDARD_GRAVITY_MPS2], "of no earlier step"
     for yaw in (0.0, 0.7, -2.5):
         before = PlanarMotion(4, yaw, 10.0 * np.cos(yaw), 10.0 * np.sin(yaw), 0.0)
         now = PlanarMotion(5, yaw, 9.8 * np.cos(yaw), 9.8 * np.sin(yaw), 0.0)
@@ -222,6 +224,18 @@ def test_a_missing_step_is_bridged():
     for step in (0, 1, 4, 9):
         odometry = wheels.measure(step, motions[step])
     assert np.allclose(error_of(odometry, motions[0], motions[9]), 0.0, atol=1e-9)
+
+
+def test_what_slides_slides_by_the_scale_too():
+    """Both speeds are a tenth or so off, and so are the variances' ways of being off together."""
+    wheels = WheelOdometry(5, WheelOdometrySpec(0.1, 0.0, 0.0, 0.0))
+    first, second = (wheels.measure(at, replace(START, left_mps=-3.0, x_m=40.0 + at)) for at in (0, 1))
+    scale = first.forward_mps / 12.0
+    assert abs(scale - 1.0) > 0.01
+    assert first.left_mps == pytest.approx(-3.0 * scale)
+    speeds = 0.1 * np.array([first.forward_mps, first.left_mps])
+    assert first.twist_covariance[:2, :2] == pytest.approx(np.outer(speeds, speeds))
+    assert (second.x_m, second.y_m) == pytest.approx((scale * np.cos(2.1), -scale * np.sin(2.1)))
 
 
 def test_the_gyroscopes_bias_turns_for_as_long_as_nobody_asked():

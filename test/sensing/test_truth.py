@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,15 +34,17 @@ def test_ahead_left_and_moving_are_the_same_for_a_carrier_that_points_anywhere(b
         vx_mps=[0.0, velocity[0]],
         vy_mps=[0.0, velocity[1]],
         accel_mps2=[0.5, -1.0],
+        z_m=[0.0, 0.75],
     )
+    states, descriptions[2] = replace(states, step=9), replace(descriptions[2], is_emv=True)
     pose = map_from_base(40.0, -25.0, 0.0, turn) @ Mount(1.5, 0.0, 2.0).base_from_sensor
     truth = label_boxes(states, descriptions, 1, pose)
-    assert (truth.x_m[0], truth.y_m[0], truth.z_m[0]) == pytest.approx((10.5, 5.0, 1.5 - 2.0))
+    assert (truth.x_m[0], truth.y_m[0], truth.z_m[0]) == pytest.approx((10.5, 5.0, 0.75 + 1.5 - 2.0))
     assert (truth.vx_mps[0], truth.vy_mps[0]) == pytest.approx((3.0, -1.0))
     assert truth.yaw_rad[0] == pytest.approx(0.6)
-    assert (truth.actor_id.tolist(), truth.actor_class.tolist(), truth.is_emv.tolist()) == ([2], [int(BUS)], [False])
+    assert (truth.actor_id.tolist(), truth.actor_class.tolist(), truth.is_emv.tolist()) == ([2], [int(BUS)], [True])
     assert (truth.length_m[0], truth.width_m[0], truth.height_m[0]) == (12.0, 2.5, 3.0)
-    assert (truth.accel_mps2.tolist(), truth.lidar_points.tolist()) == ([-1.0], [0])
+    assert (truth.step, truth.accel_mps2.tolist(), truth.lidar_points.tolist()) == (9, [-1.0], [0])
 
 
 @pytest.mark.parametrize("bearing", np.radians([20.0, 110.0, -70.0, 200.0]))
@@ -63,12 +67,13 @@ def _renderer(boxes):
     return boxes.renderer(boxes.scene())
 
 
-def labels(renderer, boxes, *rows, pose=EYE):
+def labels(renderer, boxes, *rows, step=0, scale=1.0):
     placement = boxes.placed(*rows)
-    image = renderer.render(CAMERA, pose, placement, np.zeros(len(placement)), {}, 0, instances=True)
+    placement = replace(placement, scale=placement.scale * scale)
+    image = renderer.render(CAMERA, EYE, placement, np.zeros(len(placement)), {}, 0, instances=True)
     emv = placement.actor_id % 2 == 1
     assert image.depth_m is None
-    return ImageLabeller(boxes.shapes()).label(0, CAMERA, pose, placement, image.instance, emv)
+    return ImageLabeller(boxes.shapes()).label(step, CAMERA, EYE, placement, image.instance, emv)
 
 
 def test_pixels_are_counted_and_bounded():
@@ -107,3 +112,14 @@ def test_half_hidden_behind_a_bus_and_cut_off_at_the_pictures_edge(renderer, box
     others = labels(renderer, boxes, (SEDAN, -20.0, 0.0, 0.0), (SEDAN, 12.0, 1.0, 0.0), (BUS, 25.0, -6.0, 0.0))
     assert (others.actor_id.tolist(), others.is_emv.tolist()) == ([2, 3], [False, True])
     assert around.truncation[0] > 0.5
+
+
+def test_a_label_is_the_same_beside_others_whatever_the_vehicles_size(renderer, boxes):
+    rows = (SEDAN, 200.0, 0.0, 0.0), (SEDAN, 14.0, -3.0, 0.4), (BUS, 25.0, 8.0, -0.7)
+    together = labels(renderer, boxes, *rows, step=7, scale=0.8)
+    assert (together.step, together.actor_id.tolist(), together.is_emv.tolist()) == (7, [2, 3], [False, True])
+    assert together.visible_fraction.min() > 0.97
+    for place, row in enumerate(rows[1:]):
+        alone = labels(renderer, boxes, row, scale=0.8)
+        for name in set(vars(alone)) - {"step", "actor_id", "is_emv"}:
+            assert getattr(alone, name)[0] == getattr(together, name)[place]

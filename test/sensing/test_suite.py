@@ -97,6 +97,25 @@ def test_what_cannot_be_used_is_named(tmp_path, text, said):
     assert "mine.yaml" in str(caught.value)
 
 
+def test_a_file_may_have_several_sensors_of_every_kind(tmp_path):
+    """They stand in the order of the kinds and, within a kind, of the file; 10 Hz and 4 Hz meet at 2 Hz."""
+    rates = {"ear": None, "imu": None, "b": 4, "a": 20, "gnss": None, "roof": 10, "hood": 20}
+    kinds = {
+        "microphones": ["ear"],
+        "imus": ["imu"],
+        "cameras": ["b", "a"],
+        "gnss": ["gnss"],
+        "lidars": ["roof", "hood"],
+    }
+    lines = []
+    for kind, names in kinds.items():
+        rows = (f"  {name}: {{{MOUNT}{f', rate_hz: {rates[name]}' if rates[name] else ''}}}" for name in names)
+        lines += [f"{kind}:", *rows]
+    suite = load_suite(write(tmp_path, "\n".join(lines)))
+    assert [name for name, _ in suite.mounts] == ["roof", "hood", "b", "a", "gnss", "imu", "ear"]
+    assert suite.common_period_steps == 10
+
+
 def test_a_mount_has_each_angle_and_place_under_its_own_key(tmp_path):
     keys = "x_m: 1, y_m: -2, z_m: 3, roll_deg: 10, pitch_deg: 20, yaw_deg: 30"
     single = f"s: {{mount: {{{keys}}}, channels: 1, upper_fov_deg: -30}}"

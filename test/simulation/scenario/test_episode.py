@@ -11,7 +11,9 @@ from siren_ros.base.params.parameters import parameter
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.episode import (
     EpisodeDescription,
+    EpisodeEnd,
     EpisodeIdentity,
+    EpisodeOutcome,
     EpisodeRequest,
     SeenEpisodes,
     Split,
@@ -62,49 +64,66 @@ def test_other_texts_are_refused_and_a_parameter_is_given_once_however_it_is_spa
         values_of(text)
 
 
-def test_a_record_of_a_request_without_values_is_as_it_was_before_there_were_any():
-    assert "values" not in EpisodeRequest("S1").to_json()
-    assert EpisodeRequest(**EpisodeRequest("S1", values="duration_s=30").to_json()).values == "duration_s=30"
+PLAIN = {"template": "S1", "level": "", "seed": 0, "map": "", "duration_s": 0.0, "preset": "paper", "sensors": "front"}
+PLAIN |= {"look": "clear", "av": "", "av_sensors": "none"}
+CHOSEN = {"site": "a..b", "values": "duration_s=30", "demand": "own.sumocfg", "demand_begin_s": 60.0}
+CHOSEN |= {"predictor": "cv", "detector": "pillars"}
 
 
-def test_a_site_is_recorded_where_it_is_pinned():
-    assert "site" not in EpisodeRequest("S1").to_json()
-    assert EpisodeRequest(**EpisodeRequest("S1", site="a..b").to_json()).site == "a..b"
-    assert described({"request": {"site": "a..b", "values": "x=1"}}).pinned == "a..b x=1"
-    assert described({"request": {"site": "a..b"}}).pinned == "a..b"
-    assert described({}).pinned == ""
+@pytest.mark.parametrize("chosen", [{}, *({name: value} for name, value in CHOSEN.items()), CHOSEN])
+def test_a_record_has_what_was_chosen_and_never_the_secret(chosen):
+    """A record of a request without such a choice is as it was before there was any."""
+    request = EpisodeRequest("S1", **chosen)
+    assert EpisodeRequest("S1", salt="secret", **chosen).to_json() == request.to_json() == PLAIN | chosen
+    assert EpisodeRequest(**request.to_json()) == request
 
 
 def described(parameters):
     return EpisodeDescription("S1", EmergencyLevel.L3, 0, "town", "", 10.0, "none", "paper", (1,), parameters)
 
 
-def test_the_request_names_programs_and_the_draw():
-    request = {"predictor": "cv", "detector": "pillars", "values": "emv.speed_mps=12"}
-    episode = described({"request": request})
-    assert episode.asked == request
-    assert (episode.predictor, episode.detector, episode.draw) == ("cv", "pillars", "emv.speed_mps=12")
+NOTHING = {"asked": {}, "predictor": "", "detector": "", "draw": "", "pinned": "", "template_values": {}}
+NOTHING |= {"av_id": 0, "av_sensor_suite": "", "crossed_junctions": {}}
+REQUEST = {"site": "a..b", "values": "x=1", "predictor": "cv", "detector": "pillars"}
+VALUES = {"emv.speed_mps": 13, "response.compliance": 0.9, "emv.class": "ambulance", "flag": True}
 
 
-@pytest.mark.parametrize("parameters", [{}, {"request": {}}, {"request": None}, {"request": "S1"}])
-def test_a_description_without_them_has_none(parameters):
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        *[({}, {}), ({"request": {}}, {}), ({"request": None, "av": None, "template": [1.0], "crossing": None}, {})],
+        ({"request": "S1", "av": "civilian", "template": "S1", "crossing": "J"}, {}),
+        (
+            {"request": REQUEST},
+            {"asked": REQUEST, "predictor": "cv", "detector": "pillars", "draw": "x=1", "pinned": "a..b x=1"},
+        ),
+        *[
+            ({"request": one}, {"asked": one, "pinned": "a..b"})
+            for one in ({"site": "a..b"}, {"site": "a..b", "seed": 1})
+        ],
+        ({"request": {"values": "x=1"}}, {"asked": {"values": "x=1"}, "draw": "x=1", "pinned": "x=1"}),
+        ({"template": VALUES}, {"template_values": {"emv.speed_mps": 13.0, "response.compliance": 0.9}}),
+        ({"av": {"actor_id": 4, "sensors": "full"}}, {"av_id": 4, "av_sensor_suite": "full"}),
+        ({"crossing": {"emv_ids": [3, 7], "junction": "J"}}, {"crossed_junctions": {3: "J", 7: "J"}}),
+    ],
+)
+def test_a_description_says_what_its_parameters_name_and_nothing_of_others(parameters, expected):
     episode = described(parameters)
-    assert not episode.asked
-    assert (episode.predictor, episode.detector, episode.draw) == ("", "", "")
-    assert episode.template_values == {}
+    assert {name: getattr(episode, name) for name in NOTHING} == NOTHING | expected
+    assert all(isinstance(value, float) for value in episode.template_values.values())
 
 
-def test_the_templates_values_are_its_numbers():
-    values = {"emv.speed_mps": 13, "response.compliance": 0.9, "emv.class": "ambulance", "flag": True}
-    known = described({"template": values}).template_values
-    assert known == {"emv.speed_mps": 13.0, "response.compliance": 0.9}
-    assert all(isinstance(value, float) for value in known.values())
-    assert described({"template": [1.0]}).template_values == {}
-
-
-@pytest.mark.parametrize(("av", "number"), [({"actor_id": 4, "kind": "civilian"}, 4), (None, 0), ("civilian", 0)])
-def test_the_av_is_who_the_description_names(av, number):
-    assert (described({"av": av}).av_id, described({}).av_id) == (number, 0)
+@pytest.mark.parametrize(
+    ("holds", "measures", "said"),
+    [
+        *[(True, {}, ()), (True, {"demand.near_emv": 3, "collisions": 0}, ())],
+        (True, {"demand.near_emv": 0}, ("no vehicle of the own demand came near an EMV",)),
+        (False, {"collisions": 1}, ("the interaction did not happen", "1 collision")),
+        (None, {"collisions": 2}, ("whether the interaction happened could not be judged", "2 collisions")),
+    ],
+)
+def test_what_an_episode_lacks_is_said(holds, measures, said):
+    assert EpisodeOutcome(EpisodeEnd.COMPLETE, "", 9, holds, measures).shortcomings == said
 
 
 RULE = SplitRule(frozenset({"far"}), frozenset({"S8"}), val_percent=15, test_seed_percent=15)
@@ -124,17 +143,19 @@ def test_shares_are_70_15_15() -> None:
 
 
 @pytest.mark.parametrize(
-    ("val", "test_seed", "split"), [(0, 0, Split.TRAIN), (100, 0, Split.VAL), (0, 100, Split.TEST_SEED)]
+    ("val", "test_seed", "splits"),
+    [(0, 0, {Split.TRAIN}), (100, 0, {Split.VAL}), (0, 100, {Split.TEST_SEED}), (60, 40, {Split.VAL, Split.TEST_SEED})],
 )
-def test_no_episode_is_of_a_split_without_a_share(val: int, test_seed: int, split: Split) -> None:
+def test_no_episode_is_of_a_split_without_a_share(val: int, test_seed: int, splits: set[Split]) -> None:
     rule = replace(RULE, val_percent=val, test_seed_percent=test_seed)
-    assert {rule.split_of(EpisodeIdentity("town", "S2", seed)) for seed in range(800)} == {split}
+    assert {rule.split_of(EpisodeIdentity("town", "S2", seed)) for seed in range(800)} == splits
 
 
-def test_an_episodes_identity_has_its_parameters() -> None:
-    first, second = (described({"request": {"values": f"emv.speed_mps={mps}"}}) for mps in (12, 13))
-    assert EpisodeIdentity.of(first).values == "emv.speed_mps=12"
-    assert EpisodeIdentity.of(first) != EpisodeIdentity.of(second)
+def test_an_episodes_identity_has_its_parameters_and_the_hash_of_its_map() -> None:
+    episode = replace(described({"request": {"values": "emv.speed_mps=12"}}), seed=4, map_sha256="ab")
+    identity = EpisodeIdentity.of(episode)
+    assert (identity.text, identity.content) == ("town S1 4 emv.speed_mps=12.0", "ab S1 4 emv.speed_mps=12.0")
+    assert EpisodeIdentity.of(described({})).content == ""
 
 
 @given(st.lists(IDENTITIES), st.lists(IDENTITIES))
@@ -210,6 +231,7 @@ def test_a_request_has_the_identity_of_its_episode() -> None:
     request = EpisodeRequest("S2", "L2", 7, "maps/Far.xodr", values="b=2,a=1")
     assert EpisodeIdentity.of_request(request).text == "Far S2 7 a=1.0,b=2.0"
     assert EpisodeIdentity.of_request(EpisodeRequest("own/S1.yaml", seed=3), "S1").text == "town S1 3"
+    assert EpisodeIdentity.of_request(EpisodeRequest("S1", map="own.net.xml.gz")).text == "own S1 0"
 
 
 def test_a_card_lists_its_episodes_or_does_not() -> None:

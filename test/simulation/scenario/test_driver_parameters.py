@@ -1,14 +1,22 @@
 """Parameters of drivers: names, ranges, and who goes first."""
 
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
 import pytest
 
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.driver_parameters import DRIVER_PARAMETERS, DriverParameters, driver_parameters
+from siren_ros.simulation.scenario.paper import PAPER_SPEEDS
 
+OWN_SPEEDS: tuple[str, ...] = ("emv_route_follow_mps", "emv_lane_change_mps", "emv_copy_sumo_mps", "emv_gap_escape_mps")
+OWN_SPEEDS += ("civilian_yield_lane_change_mps", "civilian_pull_over_mps")
 HEADWAY, GAIN = "civilian_driver.driving.headway_s", "emv_driver.pass_gain_m"
 
 
-def value_of(parameters: object, name: str) -> object:
+def value_of(parameters: Any, name: str) -> Any:
     for part in name.split("."):
         parameters = getattr(parameters, part)
     return parameters
@@ -42,11 +50,31 @@ def test_values_go_before_the_template_and_this_before_the_preset() -> None:
     assert (value_of(parameters, HEADWAY), value_of(parameters, GAIN)) == (1.4, 30.0)
 
 
-def test_margins_fall() -> None:
-    wide, narrow = "emv_driver.corridor.narrow_gap_m", "emv_driver.corridor.tight_gap_m"
-    corridor = DriverParameters().with_values({wide: 1.0, narrow: 0.5}).emv_driver.corridor
-    assert [margin for margin, _ in corridor.squeezes] == [1.0, 0.5, 0.1]
-    with pytest.raises(InputError, match="tight_gap_m"):
-        DriverParameters().with_values({narrow: 0.3})
-    with pytest.raises(InputError, match="clearance_m"):
-        DriverParameters().with_values({"civilian_driver.manoeuvring.narrow_gap_m": 0.1})
+MARGINS = {
+    "emv_driver.corridor": ("narrow_gap_m", "tight_gap_m", "clearance_m"),
+    "emv_driver.gap_escape": ("wide_gap_m", "narrow_gap_m", "tight_gap_m"),
+    "civilian_driver.manoeuvring": ("narrow_gap_m", "clearance_m"),
+}
+
+
+@pytest.mark.parametrize(("owner", "names"), MARGINS.items())
+def test_margins_fall_each_with_its_speed(owner: str, names: tuple[str, ...]) -> None:
+    """Values of one owner may change together where each alone would not fit the others."""
+    gaps = dict(zip(names, (0.5, 0.4, 0.1)[-len(names) :], strict=True))
+    paces = {"narrow_mps": 3.0, "tight_mps": 1.0} if len(names) > 2 else {"narrow_mps": 3.0}
+    values = {f"{owner}.{name}": value for name, value in (gaps | paces).items()}
+    changed = value_of(DriverParameters().with_values(values), owner)
+    assert changed.squeezes == tuple(zip(gaps.values(), (math.inf, *paces.values()), strict=True))
+    for wide, narrow in pairwise(names):
+        with pytest.raises(InputError, match=f"^{narrow}"):
+            DriverParameters().with_values(values | {f"{owner}.{narrow}": gaps[wide]})
+
+
+def test_speeds_are_those_of_the_drivers_and_else_the_papers() -> None:
+    own = {"emv_driver.corridor": 9.0, "emv_driver.gap_escape": 6.0}
+    own |= {"civilian_driver.yielding": 7.0, "civilian_driver.pull_over": 4.0}
+    speeds = DriverParameters().with_values({f"{owner}.speed_mps": mps for owner, mps in own.items()}).speeds(12.0)
+    assert speeds == replace(PAPER_SPEEDS, **dict(zip(OWN_SPEEDS, (12.0, 12.0, 9.0, 6.0, 7.0, 4.0), strict=True)))
+    known = DRIVER_PARAMETERS["emv_driver.corridor.speed_mps"]
+    assert [known.at(share) for share in (0.0, 0.25, 1.0)] == [2.0, 6.5, 20.0]
+    assert known.share_of(6.5) == 0.25

@@ -222,6 +222,7 @@ def test_every_template_but_that_of_the_motorway_takes_one_emv_to_three_and_one_
         {"emv.count": 3, "emv.crossing": 1, "emv.crossing_after_s": -4.0, "emv.headway_s": 15.0}
     )
     assert (more.emv.count, more.emv.crossing, more.emv.crossing_after_s) == (3, 1, -4.0)
+    assert (template.lasting_s, more.lasting_s) == (template.duration_s, template.duration_s + 2 * 15.0)
     for path, value in (("emv.count", 4), ("emv.count", 0), ("emv.count", 1.5), ("emv.crossing", 2)):
         with pytest.raises(InputError, match=path):
             template.with_values({path: value})
@@ -253,7 +254,9 @@ def test_people_are_read_from_the_file(tmp_path):
     file.write_text(S2_TEXT.replace("  groups:", people), encoding="utf-8")
     template = read_template(file)
     assert template.demand.people == PeopleDemand(cyclists=7, motorcycles=0)
-    assert template.drawn["demand.people.cyclists"] == ValueRange(4, 8, integer=True)
+    path = "demand.people.cyclists"
+    assert template.drawn[path] == ValueRange(4, 8, integer=True)
+    assert {realised(template, np.random.default_rng(seed)).value(path) for seed in range(60)} == {4, 5, 6, 7, 8}
     assert template.ranges["demand.people.motorcycles"].minimum == 0
     assert "another name for a group" in refused(tmp_path, "    platoon:", "    people:")[0].allowed
 
@@ -287,6 +290,7 @@ def test_parameters_of_drivers_are_recorded_only_where_they_were_set(name):
     changed = template.with_values({NARROW: 4.0})
     assert (changed.value(NARROW), changed.drivers) == (4.0, {NARROW: 4.0})
     assert changed.recorded_values() == {**template.recorded_values(), NARROW: 4.0}
+    assert changed.with_values({HEADWAY: 1.0}).drivers == {NARROW: 4.0, HEADWAY: 1.0}
     with pytest.raises(InputError, match="narrow_mps"):
         template.with_values({NARROW: 99.0})
     with pytest.raises(InputError) as refused:

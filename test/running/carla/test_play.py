@@ -92,9 +92,7 @@ def test_a_check_finds_what_a_server_has_and_what_it_does_not(server, bag):
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
-        ("never tick", "time-out"),
-        ("drop a frame", "no frame"),
-        ("die spawning", "time-out"),
+        *[("never tick", "time-out"), ("drop a frame", "no frame"), ("die spawning", "time-out")],
         ("refuse spawn", "Spawn failed"),
     ],
 )

@@ -201,9 +201,7 @@ def test_names_and_lengths_come_from_the_request_and_names_from_the_description_
 @pytest.mark.parametrize(
     ("change", "error"),
     [
-        ({"template": "S77"}, InputError),
-        ({"preset": "wild"}, InputError),
-        ({"sensors": "sonar"}, InputError),
+        *[({"template": "S77"}, InputError), ({"preset": "wild"}, InputError), ({"sensors": "sonar"}, InputError)],
         ({"map": "nowhere.xodr"}, MapError),
     ],
 )
@@ -234,15 +232,10 @@ def with_parameters(record: EpisodeRecord, **changes: Any) -> EpisodeRecord:
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"template": "S3"}, "template"),
-        ({"level": EmergencyLevel.L3}, "level"),
-        ({"seed": 1}, "seed"),
-        ({"map_name": "elsewhere"}, "map_name"),
-        ({"duration_s": 7.5}, "duration_s"),
-        ({"sensor_suite": "full"}, "sensor_suite"),
-        ({"preset": "realistic"}, "preset"),
-        ({"emv_ids": (1, 2)}, "emv_ids.1"),
-        ({"site": {"kind": "other"}}, "site.junction"),
+        *[({"template": "S3"}, "template"), ({"level": EmergencyLevel.L3}, "level"), ({"seed": 1}, "seed")],
+        *[({"map_name": "elsewhere"}, "map_name"), ({"duration_s": 7.5}, "duration_s")],
+        *[({"sensor_suite": "full"}, "sensor_suite"), ({"preset": "realistic"}, "preset")],
+        *[({"emv_ids": (1, 2)}, "emv_ids.1"), ({"site": {"kind": "other"}}, "site.junction")],
     ],
 )
 def test_a_changed_field_of_the_description_is_named(complete: EpisodeRecord, changes: Any, field: str) -> None:

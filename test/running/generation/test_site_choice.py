@@ -216,9 +216,7 @@ BEFORE_IT = ("b c 0 0", "b c 0 1", "b c 1 3", "c s 0 0", "c e 1 0", "c e 2 1", "
 @pytest.mark.parametrize(
     ("ways", "good"),
     [
-        ((*BEFORE_IT, "b c 1 2"), True),
-        ((*BEFORE_IT, "b c 0 2"), False),
-        (("a s 0 0", "a e 1 0", "a e 2 1"), True),
+        *[((*BEFORE_IT, "b c 1 2"), True), ((*BEFORE_IT, "b c 0 2"), False), (("a s 0 0", "a e 1 0", "a e 2 1"), True)],
         (("a e 0 0", "a e 1 1", "a n 2 0"), False),
     ],
     ids=["two lanes widen", "two queues grow out of one lane", "the right lane turns", "the left lane turns"],

@@ -210,8 +210,7 @@ def test_the_first_stripe_that_covers_a_face_gives_its_finish(tmp_path: Path) ->
         ("[upper_side, lower_side]", "[upper_side, bonnet]", "14: shell.sides[0].bands", "well_roof"),
         ("[glass, paint, head_lamp]", "[glass, paint]", "17: shell.front.window", "from the middle outward"),
         ("front:", "nose:", "17: shell.nose", "front"),
-        ("swing: arm", "swing: wing", "21: limbs[0].swing", "walking_leg"),
-        ("limbs:", "limb:", "21: limb", "limbs"),
+        *[("swing: arm", "swing: wing", "21: limbs[0].swing", "walking_leg"), ("limbs:", "limb:", "21: limb", "limbs")],
     ],
 )
 def test_a_fault_is_named_with_its_line_and_what_is_allowed(

@@ -250,10 +250,8 @@ def test_whose_front_is_on_the_junction_already_is_let_off_it(front, rank):
 @pytest.mark.parametrize(
     ("front", "owner", "emvs", "rank"),
     [
-        (99.9, Owner.ROS, (2,), Rank.GIVES_WAY),
-        (100.1, Owner.ROS, (2,), Rank.PRIORITY),
-        (100.1, Owner.SUMO, (2,), Rank.GIVES_WAY),
-        (100.1, Owner.ROS, (1,), Rank.GIVES_WAY),
+        *[(99.9, Owner.ROS, (2,), Rank.GIVES_WAY), (100.1, Owner.ROS, (2,), Rank.PRIORITY)],
+        *[(100.1, Owner.SUMO, (2,), Rank.GIVES_WAY), (100.1, Owner.ROS, (1,), Rank.GIVES_WAY)],
         (100.1, Owner.ROS, (), Rank.GIVES_WAY),
     ],
 )

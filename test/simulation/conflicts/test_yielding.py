@@ -178,10 +178,8 @@ def test_a_long_vehicle_does_not_merge_ahead_where_the_other_one_would_have_to_b
 @pytest.mark.parametrize(
     ("own_in", "own_mps", "brake"),
     [
-        (40.0, 11.0, 3.0**2 / (2.0 * 19.0)),
-        (24.5, 11.0, 2.0 * (3.0 * 2.5 - 3.5) / 2.5**2),
-        (20.5, 11.0, 2.0 * (3.0 * 2.5 + 0.5) / 2.5**2),
-        (20.5, 7.0, 0.0),
+        *[(40.0, 11.0, 3.0**2 / (2.0 * 19.0)), (24.5, 11.0, 2.0 * (3.0 * 2.5 - 3.5) / 2.5**2)],
+        *[(20.5, 11.0, 2.0 * (3.0 * 2.5 + 0.5) / 2.5**2), (20.5, 7.0, 0.0)],
     ],
     ids=["far", "near", "beside", "slower"],
 )
@@ -247,13 +245,8 @@ def test_of_two_that_merge_within_a_second_at_least_one_waits(ways, speeds, rank
 @pytest.mark.parametrize(
     ("closing", "gap", "time", "brake"),
     [
-        (4.0, 8.0, 8.0, 1.0),
-        (4.0, 8.0, INF, 1.0),
-        (-1.0, -2.0, INF, 0.0),
-        (4.0, 20.0, 8.0, 0.375),
-        (0.0, -2.0, 2.0, 1.0),
-        (-3.0, -4.0, 2.0, 0.0),
-        (5.0, 30.0, 2.0, 0.0),
+        *[(4.0, 8.0, 8.0, 1.0), (4.0, 8.0, INF, 1.0), (-1.0, -2.0, INF, 0.0), (4.0, 20.0, 8.0, 0.375)],
+        *[(0.0, -2.0, 2.0, 1.0), (-3.0, -4.0, 2.0, 0.0), (5.0, 30.0, 2.0, 0.0)],
     ],
 )
 def test_braking_to_fall_in_behind(closing, gap, time, brake):
@@ -320,12 +313,9 @@ def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
 @pytest.mark.parametrize(
     ("own", "other", "own_in", "waits"),
     [
-        (Rank.GIVES_WAY, Rank.PRIORITY, 30.0, True),
-        (Rank.PRIORITY, Rank.GIVES_WAY, 30.0, False),
-        (Rank.PRIORITY, Rank.PRIORITY, 29.0, False),
-        (Rank.PRIORITY, Rank.PRIORITY, 31.0, True),
-        (Rank.RED, Rank.RED, 31.0, False),
-        (Rank.STOP_SIGN, Rank.CLEARING, 29.0, True),
+        *[(Rank.GIVES_WAY, Rank.PRIORITY, 30.0, True), (Rank.PRIORITY, Rank.GIVES_WAY, 30.0, False)],
+        *[(Rank.PRIORITY, Rank.PRIORITY, 29.0, False), (Rank.PRIORITY, Rank.PRIORITY, 31.0, True)],
+        *[(Rank.RED, Rank.RED, 31.0, False), (Rank.STOP_SIGN, Rank.CLEARING, 29.0, True)],
         (Rank.CLEARING, Rank.STOP_SIGN, 31.0, False),
     ],
 )

@@ -248,13 +248,8 @@ def test_head_on_the_impact_speed_is_the_difference_of_velocities(place, turn, a
 @pytest.mark.parametrize(
     ("x", "y", "touches"),
     [
-        (3.99, 0.0, True),
-        (4.3, 0.0, False),
-        (0.0, 1.99, True),
-        (0.0, 2.3, False),
-        (3.9, 1.9, True),
-        (3.9, -1.9, True),
-        (4.3, 2.3, False),
+        *[(3.99, 0.0, True), (4.3, 0.0, False), (0.0, 1.99, True), (0.0, 2.3, False), (3.9, 1.9, True)],
+        *[(3.9, -1.9, True), (4.3, 2.3, False)],
     ],
 )
 def test_bodies_touch_or_not(turn, x, y, touches):

@@ -53,8 +53,7 @@ def test_a_range_may_be_a_single_value(tmp_path):
     ("old", "new", "key", "allowed"),
     [
         ("warm_up_s: 30.0", "warm_up: 20.0", "warm_up_s", "missing"),
-        ("level: L2", "level: L7", "level", "L0, L1, L2, L3"),
-        ("level: L2", "level: L2\nspeed: 3", "speed", "keys"),
+        *[("level: L2", "level: L7", "level", "L0, L1, L2, L3"), ("level: L2", "level: L2\nspeed: 3", "speed", "keys")],
         ("site: multi_lane_road", "site: motorway", "site", "multi_lane_road"),
         ("default: 45.0, range: [25.0, 45.0]", "default: 50.0, range: [25.0, 45.0]", "duration_s.default", "25 to 45"),
         ("default: 45.0, range: [25.0, 45.0]", "default: 30.0, range: [45.0, 25.0]", "duration_s.range", "order"),
@@ -89,12 +88,10 @@ def test_mistakes_are_refused_with_line_key_and_what_is_allowed(tmp_path, old, n
 @pytest.mark.parametrize(
     ("name", "level", "background", "site", "predicate"),
     [
-        ("S1", "L3", 30, "queued_approach", "queues_split"),
-        ("S2", "L2", 20, "multi_lane_road", "lane_cleared"),
+        *[("S1", "L3", 30, "queued_approach", "queues_split"), ("S2", "L2", 20, "multi_lane_road", "lane_cleared")],
         ("S3", "L1", 20, "signal_junction", "red_same_direction"),
         ("S4", "L1", 20, "signal_junction", "red_crossing"),
-        ("S5", "L1", 20, "stop_junction", "stop_same_direction"),
-        ("S6", "L1", 30, "stop_junction", "stop_crossing"),
+        *[("S5", "L1", 20, "stop_junction", "stop_same_direction"), ("S6", "L1", 30, "stop_junction", "stop_crossing")],
         ("S7", "L3", 20, "shoulder_right_turn", "shoulder_turn"),
     ],
 )

@@ -414,15 +414,9 @@ def lengths_m(kind):
 @pytest.mark.parametrize(
     ("beyond_m", "gap_m", "speed_mps", "turned_deg", "waits"),
     [
-        (0.1, 1.4, 3.5, 0.0, True),
-        (0.1, 1.6, 3.5, 0.0, False),
-        (0.1, -1.0, 1.0, 0.0, True),
-        (0.1, 0.1, 2.9, 0.0, False),
-        (0.1, -30.0, 3.5, 0.0, False),
-        (0.69, 0.5, 3.5, 0.0, True),
-        (0.71, 0.5, 3.5, 0.0, False),
-        (-1.0, 0.5, 3.5, 0.0, False),
-        (0.1, 0.5, 3.5, 180.0, False),
+        *[(0.1, 1.4, 3.5, 0.0, True), (0.1, 1.6, 3.5, 0.0, False), (0.1, -1.0, 1.0, 0.0, True)],
+        *[(0.1, 0.1, 2.9, 0.0, False), (0.1, -30.0, 3.5, 0.0, False), (0.69, 0.5, 3.5, 0.0, True)],
+        *[(0.71, 0.5, 3.5, 0.0, False), (-1.0, 0.5, 3.5, 0.0, False), (0.1, 0.5, 3.5, 180.0, False)],
     ],
 )
 def test_riders_count_who_are_beside_or_come_up_on_the_side_of_the_move(

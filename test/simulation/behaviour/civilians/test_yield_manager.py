@@ -168,12 +168,9 @@ def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
 @pytest.mark.parametrize(
     ("beside_s", "ahead_s", "kind", "lets_in"),
     [
-        (79.0, 160.0, ActorClass.SEDAN, True),
-        (82.0, 160.0, ActorClass.SEDAN, True),
-        (74.5, 160.0, ActorClass.SEDAN, True),
-        (86.0, 160.0, ActorClass.SEDAN, False),
-        (79.0, 96.0, ActorClass.SEDAN, False),
-        (79.0, 160.0, ActorClass.BICYCLE, False),
+        *[(79.0, 160.0, ActorClass.SEDAN, True), (82.0, 160.0, ActorClass.SEDAN, True)],
+        *[(74.5, 160.0, ActorClass.SEDAN, True), (86.0, 160.0, ActorClass.SEDAN, False)],
+        *[(79.0, 96.0, ActorClass.SEDAN, False), (79.0, 160.0, ActorClass.BICYCLE, False)],
     ],
     ids=["beside", "beside and ahead", "close behind", "ahead", "no space to draw ahead", "a cyclist"],
 )

@@ -133,14 +133,10 @@ def test_the_farther_the_emv_is_off_its_path_the_more_it_keeps_from_riders(lab, 
 @pytest.mark.parametrize(
     ("kind", "at_m", "left_m", "speed_mps", "emv_mps", "stops"),
     [
-        (ActorClass.BICYCLE, 90.0, -1.9, 5.5, 2.0, True),
-        (ActorClass.BICYCLE, 101.0, -1.9, 5.5, 2.0, True),
-        (ActorClass.BICYCLE, 90.0, -1.9, 1.5, 2.0, False),
-        (ActorClass.BICYCLE, 80.0, -1.9, 5.5, 2.0, False),
-        (ActorClass.BICYCLE, 90.0, -1.9, 5.5, 5.0, False),
-        (ActorClass.BICYCLE, 90.0, -0.1, 5.5, 2.0, False),
-        (ActorClass.SEDAN, 90.0, -1.9, 5.5, 2.0, False),
-        (ActorClass.SEDAN, 90.0, -2.3, 5.5, 2.0, True),
+        *[(ActorClass.BICYCLE, 90.0, -1.9, 5.5, 2.0, True), (ActorClass.BICYCLE, 101.0, -1.9, 5.5, 2.0, True)],
+        *[(ActorClass.BICYCLE, 90.0, -1.9, 1.5, 2.0, False), (ActorClass.BICYCLE, 80.0, -1.9, 5.5, 2.0, False)],
+        *[(ActorClass.BICYCLE, 90.0, -1.9, 5.5, 5.0, False), (ActorClass.BICYCLE, 90.0, -0.1, 5.5, 2.0, False)],
+        *[(ActorClass.SEDAN, 90.0, -1.9, 5.5, 2.0, False), (ActorClass.SEDAN, 90.0, -2.3, 5.5, 2.0, True)],
     ],
 )
 def test_between_queues_the_emv_moves_sideways_behind_whoever_comes_up_beside_it(

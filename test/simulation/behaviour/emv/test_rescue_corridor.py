@@ -444,11 +444,8 @@ def test_a_corridor_that_begins_again_is_planned_at_once(lab):
 @pytest.mark.parametrize(
     ("limit_mps", "own_mps", "other_mps", "place_m", "entered"),
     [
-        (36.1, 15.0, 2.0, 140.0, True),
-        (36.1, 15.0, 8.4, 140.0, False),
-        (36.1, 15.0, 2.0, 60.0, False),
-        (36.1, 17.1, 2.0, 140.0, False),
-        (13.9, 17.1, 8.4, 140.0, True),
+        *[(36.1, 15.0, 2.0, 140.0, True), (36.1, 15.0, 8.4, 140.0, False), (36.1, 15.0, 2.0, 60.0, False)],
+        *[(36.1, 17.1, 2.0, 140.0, False), (13.9, 17.1, 8.4, 140.0, True)],
     ],
     ids=["jam", "flowing traffic", "jam behind", "too fast", "in town"],
 )

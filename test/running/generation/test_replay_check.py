@@ -378,23 +378,6 @@ def test_each_driven_actor_has_a_decision_at_each_step(record: EpisodeRecord, de
             assert all(guard.why for guard in decision.guards)
 
 
-def test_the_pedals_follow_the_strictest_limit(record: EpisodeRecord, decided: Any) -> None:
-    """No throttle well above the lowest limit, no brake well below it where nobody must brake."""
-    emv_id, below, above = record.emv_ids[0], 0, 0
-    commands = record.commands["emv_controller"]
-    for decisions, command, traffic in zip(decided.values(), commands, record.traffic, strict=True):
-        limits = decisions[emv_id].limits.values()
-        strictest = min(limits)
-        free_mps = strictest.speed_mps - float(traffic.speed_mps[traffic.actor_id == emv_id][0])
-        if free_mps < -1.0:
-            assert command.throttle[0] == 0.0
-            above += 1
-        elif free_mps > 1.0 and not any(limit.brake_mps2 for limit in limits):
-            assert command.brake[0] == 0.0
-            below += 1
-    assert min(above, below) > 5
-
-
 def test_another_decision_than_the_recorded_one_is_told(record: EpisodeRecord) -> None:
     source = "emv_controller"
     rows = list(record.commands[source])

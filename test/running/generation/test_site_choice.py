@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from made_crossing import ARMS, CROSSING, made_net
 from map_networks import network_of_map, plain_net
-from repository import shared_file
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
@@ -29,9 +28,8 @@ from siren_ros.running.generation.site_choice import (
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.maps.amended_map import amended_map
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
-from siren_ros.simulation.roads.maps.netconvert import sumo_home
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import Connection, Edge, RoadNetwork, right_hand_image
+from siren_ros.simulation.roads.road_network import Connection, Edge, RoadNetwork
 from siren_ros.simulation.roads.routing import driving_lanes, has_right_of_way
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import Control, Lack, Site
@@ -380,13 +378,6 @@ def test_no_road_crosses_a_good_motorway_on_a_bridge() -> None:
     assert all("bridge" in lacking[name][0].text for name in crossed)
 
 
-def test_the_bridge_of_carlas_motorway_is_found() -> None:
-    carla = network_of_map(shared_file("maps", "Town04.xodr"))
-    lacking = {site.name: texts for site, texts in shortcomings(carla, load_template("S8")).items()}
-    assert {name for name, texts in lacking.items() if texts} == {"46..41"}
-    assert "bridge" in lacking["46..41"][0].text
-
-
 def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
     template = load_template("S5")
     places, alone = count_lacks(town, template, shortcomings(town, template))
@@ -399,31 +390,6 @@ def test_lacks_are_counted_once_for_each_place(town: RoadNetwork) -> None:
         place.lacking == "no stop sign" for place in places_without_site(town, template.site_kind)
     )
     assert alone["no stop sign"] == 0
-
-
-@pytest.mark.parametrize(
-    ("least", "shape"),
-    [
-        (4, "--rand --rand.iterations 25 -L 2 -j traffic_light"),
-        (1, "--spider --spider.space-radius 100 -L 2 -j priority"),
-        (0, "--grid --grid.number 3 --grid.length 60 -L 1 -j allway_stop --lefthand"),
-    ],
-)
-def test_good_sites_of_generated_nets_have_room(tmp_path: Path, least: int, shape: str) -> None:
-    net = tmp_path / "generated.net.xml"
-    command = [str(sumo_home() / "bin" / "netgenerate"), *shape.split(), "--seed", "5", "--output-file", str(net)]
-    subprocess.run(command, check=True, capture_output=True)
-    network, planned = right_hand_image(network_of_map(net)), 0
-    for name in TEMPLATES:
-        template = load_template(name)
-        if good := good_sites(network, template):
-            site, plan = plan_at_site(
-                network, sites_to_try(network, template, 0, "", "it"), template, 0, load_drivers(), DIMENSIONS
-            )
-            planned += 1
-            assert site in good
-            assert plan.groups
-    assert planned >= least
 
 
 @pytest.mark.parametrize(("narrow", "good"), [("nesw", 4), ("ns", 2)])

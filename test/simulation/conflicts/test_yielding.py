@@ -228,20 +228,6 @@ def test_of_two_that_would_meet_at_least_one_waits(ways, speeds, ranks):
         assert any(wait is not None for wait in waits)
 
 
-@given(
-    ways=st.tuples(st.floats(1.0, 60.0), st.floats(1.0, 60.0)),
-    speeds=st.tuples(st.floats(0.5, 15.0), st.floats(0.5, 15.0)),
-    ranks=st.tuples(*[st.sampled_from([Rank.STOP_SIGN, Rank.GIVES_WAY, Rank.PRIORITY])] * 2),
-)
-def test_of_two_that_merge_within_a_second_at_least_one_waits(ways, speeds, ranks):
-    zone = Zone(ways[0], ways[0] + 20.0, ways[1], ways[1] + 20.0, 1.0, INF)
-    first, second = car(speeds[0], ranks[0]), car(speeds[1], ranks[1])
-    times = [way / speed for way, speed in zip(ways, speeds, strict=True)]
-    if 0.0 < abs(times[0] - times[1]) < 1.0 and max(times) < CONFIG.horizon_s:
-        waits = [wait_for(zone, first, second, CONFIG), wait_for(mirrored(zone), second, first, CONFIG)]
-        assert any(wait is not None for wait in waits)
-
-
 @pytest.mark.parametrize(
     ("closing", "gap", "time", "brake"),
     [
@@ -251,14 +237,6 @@ def test_of_two_that_merge_within_a_second_at_least_one_waits(ways, speeds, rank
 )
 def test_braking_to_fall_in_behind(closing, gap, time, brake):
     assert fall_in_brake_mps2(closing, gap, time) == pytest.approx(brake)
-
-
-@given(st.floats(-10.0, 10.0), st.one_of(st.floats(-20.0, 0.0), st.floats(0.3, 40.0)), st.floats(0.2, 8.0))
-def test_who_brakes_to_fall_in_is_behind_when_the_other_one_merges(closing, gap, time):
-    brake = fall_in_brake_mps2(closing, gap, time)
-    slowed = brake > 0.0 and gap > 0.0 and closing / brake < time  # as slow as the other one before: it then follows
-    braking = closing / brake if slowed else time
-    assert closing * braking - 0.5 * brake * braking**2 <= gap + 1e-6
 
 
 @pytest.mark.parametrize(("own_in", "waits"), [(4.8, False), (7.1, True)])

@@ -92,22 +92,6 @@ def test_of_several_bodies_the_asked_pairs_are_looked_at():
     assert together[0] is not None
 
 
-@given(
-    angle=st.floats(np.radians(20.0), np.radians(160.0)),
-    ahead=st.floats(15.0, 40.0),
-    aside=st.floats(10.0, 40.0),
-    turn=st.floats(-np.pi, np.pi),
-)
-def test_inside_the_zone_the_bodies_can_touch_and_before_it_they_cannot(angle, ahead, aside, turn):
-    own = way((0.0, 0.0), 0.0, turn=turn)
-    start = np.array([ahead, 0.0]) - aside * np.array([np.cos(angle), np.sin(angle)])
-    zone = only(own, way(start, angle, turn=turn))
-    reach = (LENGTH + WIDTH) / np.sin(angle) + LENGTH + STEP_M
-    assert zone is not None
-    assert ahead - reach <= zone.own_in_m <= ahead <= zone.own_out_m
-    assert zone.other_in_m <= aside <= zone.other_out_m
-
-
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_body_that_stands_at_an_angle_reaches_into_the_next_way(turn):
     own = way((0.0, 0.0), 0.0, turn=turn)

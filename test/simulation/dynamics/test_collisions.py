@@ -233,17 +233,6 @@ def test_a_spinning_vehicle_meets_another_one_with_the_speed_of_the_point_of_con
     assert contact.impact_speed_mps == pytest.approx(speed)
 
 
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("turn", PLACE_TURNS)
-@pytest.mark.parametrize(("ahead", "closing"), [(3.95, 6.0), (-3.95, -6.0)])
-def test_head_on_the_impact_speed_is_the_difference_of_velocities(place, turn, ahead, closing):
-    rows = [(0.0, 0.0, 0.0, closing, 0.0, 0.0), (ahead, 0.0, 0.0, closing - np.sign(ahead) * 6.0, 0.0, 0.0)]
-    (contact,), _ = find_contacts(placed_boxes(place, turn, *rows), frozenset())
-    assert contact.impact_speed_mps == pytest.approx(6.0)
-    at = rotate(np.array([contact.x_m, contact.y_m]) - place, -turn)
-    assert at == pytest.approx([ahead / 2.0, 0.0], abs=0.05)
-
-
 @pytest.mark.parametrize("turn", PLACE_TURNS)
 @pytest.mark.parametrize(
     ("x", "y", "touches"),

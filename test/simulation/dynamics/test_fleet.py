@@ -157,9 +157,6 @@ def test_contradictions_are_refused() -> None:
         ("cannot follow", traffic_of(5, rows), ()),
         ("emv_controller are of step 7", traffic_of(1, rows), [command_of(7, 1)]),
         (r"\[9\]", traffic_of(1, rows | {9: (0.0, 0.0, 0.0, 0.0)}), ()),
-        ("both command actor 1", traffic_of(1, rows), [command_of(1, 1), command_of(1, 1, source="yield_manager")]),
-        (r"commands actors \[4\], unknown", traffic_of(1, rows), [command_of(1, 4)]),
-        ("not finite", traffic_of(1, rows), [command_of(1, 1, steer=float("nan"))]),
         ("twice", traffic_of(1, rows), [stacked(command_of(1, 1), command_of(1, 1))]),
     ):
         with pytest.raises(EpisodeError, match=match):

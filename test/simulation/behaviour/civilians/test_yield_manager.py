@@ -90,6 +90,7 @@ def test_who_stands_ahead_of_drivers_who_stand_and_have_noticed_an_emv_notices_i
 def test_who_noticed_an_emv_in_a_queue_stays_attentive_as_it_moves_on(lab, world):
     emv, head = lab.Car(1, 0, 50.0, 0.0, (0,), AMBULANCE), lab.Car(2, 0, 130.0, 0.0, (0,))
     state, _, _ = steps(world, [emv, head])
+    assert state.units[2].driver.response_distance_m == pytest.approx(80.0 - 0.5 * (6.5 + 4.75))
     _, _, events = steps(world, [replace(emv, speed=3.0), head], state=state, start=1)
     assert "yield_cancelled" not in kinds(events)
 
@@ -436,7 +437,7 @@ def test_who_answers_another_emv_hears_at_least_as_far_as_before_and_counts_anew
     state, _, _ = steps(lab.world_of(straight, lab.L3), [passed, there, second], 1, state, 1)
     unit = state.units[2]
     assert (unit.emv_id, unit.off_path_steps) == (9, 0)
-    assert unit.driver.response_distance_m >= UNIT.driver.response_distance_m
+    assert unit.driver.response_distance_m == pytest.approx(max(40.0, 80.0 - second_s - 0.5 * (6.5 + 4.75)))
 
 
 def test_who_has_pulled_over_holds_until_the_last_emv_within_hearing_has_passed(lab, straight):

@@ -8,6 +8,7 @@ import pytest
 from behaviour.civilians.civilian_steps import NEAR
 from behaviour.civilians.civilian_steps import UNIT as HOLDING
 from behaviour.lab import kinds
+from synthetic_episode import rotate
 
 from siren_ros.base.numerics.units import NEVER
 from siren_ros.simulation.behaviour.civilians.yield_lane_change import (
@@ -436,16 +437,24 @@ def test_who_stands_straight_for_two_seconds_on_end_is_handed_back_where_it_stan
     assert steps(*rejoining(lab, turned=np.radians(12.0)), 60).unit is not None, "it stands at an angle"
 
 
+TURN = 2.2
+
+
+def with_other(view, ahead_m, aside_m):
+    """The pose of the vehicle on the turned road, and of one that stands ahead of it and to its left."""
+    place = np.array(view.ego(0).place)
+    other = place + rotate(np.array([ahead_m, aside_m]), TURN)
+    return np.array([[*place, TURN, view.ego(0).speed_mps], [*other, TURN, 0.0]])
+
+
 @pytest.mark.parametrize(
     ("ahead_m", "aside_m", "back"), [(5.5, 2.4, False), (5.5, 2.8, True), (-1.0, 2.4, True), (13.5, 2.4, True)]
 )
 def test_nobody_is_handed_back_into_the_way_of_who_is_in_front(lab, ahead_m, aside_m, back):
     """The vehicle stands 0.8 m right of the middle; on the way there it sweeps 1.7 m on its left."""
-    unit, view = rejoining(lab)
-    network, x_m, y_m = view.world.network, *view.ego(0).place
+    unit, view = rejoining(lab, turn=TURN)
     cars = [lab.Car(2, 0, 100.0, 0.0, (0,)), lab.Car(3, 1, 100.0 + ahead_m, 0.0, (0,))]
-    poses = np.array([[x_m, y_m, 0.0, 0.0], [x_m + ahead_m, y_m + aside_m, 0.0, 0.0]])
-    beside = lab.view(network, lab.L3, cars, poses=poses)
+    beside = lab.view(view.world.network, lab.L3, cars, poses=with_other(view, ahead_m, aside_m))
     assert (steps(unit, beside, 60).unit is None) is back
 
 
@@ -463,11 +472,9 @@ def test_nobody_is_handed_back_into_the_way_of_who_is_in_front(lab, ahead_m, asi
 def test_who_moves_is_not_handed_back_next_to_a_body_that_sumo_would_brake_for(
     lab, lane, ahead_m, aside_m, speed, back
 ):
-    view = view_beside(lab, 0.0, speed=speed)[0]
-    x_m, y_m = view.ego(0).place
+    view = view_beside(lab, 0.0, speed=speed, turn=TURN)[0]
     cars = [lab.Car(2, 0, 100.0, speed, (0,)), lab.Car(3, lane, 100.0 + ahead_m, 0.0, (0,))]
-    poses = np.array([[x_m, y_m, 0.0, speed], [x_m + ahead_m, y_m + aside_m, 0.0, 0.0]])
-    beside = lab.view(view.world.network, lab.L3, cars, poses=poses)
+    beside = lab.view(view.world.network, lab.L3, cars, poses=with_other(view, ahead_m, aside_m))
     assert (start_rejoin(HELD_UNIT, beside.ego(0)).unit is None) is back
 
 

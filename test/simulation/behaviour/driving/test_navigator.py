@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_episode import rotate
 
 from siren_ros.base.numerics.geometry import footprint_corners, separation_m
 from siren_ros.simulation.behaviour.driving.driver_states import EmvUnit
@@ -396,18 +397,16 @@ MANOEUVRING = ManoeuvringConfig()
 SEDAN, SUV = ActorClass.SEDAN, ActorClass.SUV
 
 
-def state_on(*points):
-    path = TrackedPath.of(Curve.through(np.array(points, dtype=float)), Navigation())
-    return NavigatorState(path, 0.0, 0.0)
-
-
 def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
-    view = lab.view(lab.straight_road(), lab.L3, [lab.Car(2, 0, 80.0, speed, (0,), kind), *cars])
+    view = lab.view(lab.turned_road(2.2)[0], lab.L3, [lab.Car(2, 0, 80.0, speed, (0,), kind), *cars])
     return manoeuvring_limit(state, view.ego(0))
 
 
 def sideways(slope):
-    return state_on(*((80.0 + s, slope * s) for s in np.arange(0.0, 20.0, 0.5)))
+    """On a path to one side of the first lane of a road that points elsewhere."""
+    s = np.arange(0.0, 20.0, 0.5)
+    points = rotate(np.stack((80.0 + s, slope * s), axis=-1), 2.2)
+    return NavigatorState(TrackedPath.of(Curve.through(points), Navigation()), 0.0, 0.0)
 
 
 def test_nobody_near_or_no_path_leaves_the_speed_free(lab):

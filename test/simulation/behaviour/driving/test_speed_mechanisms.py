@@ -130,6 +130,7 @@ def test_the_farther_the_emv_is_off_its_path_the_more_it_keeps_from_riders(lab, 
     assert (riders_limit(unit, view.ego(0)).blocker_id == 2) is stops
 
 
+@pytest.mark.parametrize("turn", [2.2, -1.0])
 @pytest.mark.parametrize(
     ("kind", "at_m", "left_m", "speed_mps", "emv_mps", "stops"),
     [
@@ -140,23 +141,24 @@ def test_the_farther_the_emv_is_off_its_path_the_more_it_keeps_from_riders(lab, 
     ],
 )
 def test_between_queues_the_emv_moves_sideways_behind_whoever_comes_up_beside_it(
-    lab, kind, at_m, left_m, speed_mps, emv_mps, stops
+    lab, turn, kind, at_m, left_m, speed_mps, emv_mps, stops
 ):
     """The path leads 2 m to the right within 12 m, where the other one goes past on the right of the EMV."""
-    unit, ego = moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps)
+    unit, ego = moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps, turn)
     limit = passage_limit(unit, ego)
     assert (limit.blocker_id == 2) is stops
     assert limit.speed_mps == (0.0 if stops else math.inf), "it waits for the other one to be past"
 
 
-def moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps):
+def moving_right(lab, kind, at_m, left_m, speed_mps, emv_mps, turn=0.0):
     cars = [lab.Car(1, 0, 100, emv_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, at_m, speed_mps, (0,), kind)]
-    poses = np.array([[100.0, 0.0, 0.0, emv_mps], [at_m, left_m, 0.0, speed_mps]])
-    view = lab.view(lab.straight_road(), lab.L3, cars, poses=poses)
-    s_m = np.linspace(0.0, 80.0, 161)
-    aside_m = -2.0 * np.clip(s_m / 12.0, 0.0, 1.0)
-    path = TrackedPath.of(Curve.through(np.stack((100.0 + s_m, aside_m), axis=1)), view.ego(0).navigator_config)
-    return replace(EmvUnit(1, NavigatorState().following(path, 100.0, 0.0)), corridor=True), view.ego(0)
+    network, along, across = lab.turned_road(turn)
+    poses = [[*(100.0 * along), turn, emv_mps], [*(at_m * along + left_m * across), turn, speed_mps]]
+    view = lab.view(network, lab.L3, cars, poses=np.array(poses))
+    s_m = np.linspace(0.0, 80.0, 161)[:, None]
+    points = (100.0 + s_m) * along - 2.0 * np.clip(s_m / 12.0, 0.0, 1.0) * across
+    path = TrackedPath.of(Curve.through(points), view.ego(0).navigator_config)
+    return replace(EmvUnit(1, NavigatorState().following(path, *(100.0 * along))), corridor=True), view.ego(0)
 
 
 def test_whoever_is_beside_the_emv_and_no_faster_leaves_way_as_one_ahead_does(lab):

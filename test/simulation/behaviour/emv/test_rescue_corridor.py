@@ -50,7 +50,8 @@ YIELDING = {2: int(Owner.ROS)}
     ids=["brakes", "holds", "drives on", "queues at a red light", "behind", "beyond the corridor"],
 )
 def test_yielding_vehicles_that_brake_ahead_open_a_corridor(lab, place, speed, lights, owners, brakes):
-    view = view_at(lab, [lab.Car(2, 1, place, speed, (0,))], lights=lights, owners=owners)
+    network, *_ = lab.turned_road(2.2)
+    view = view_at(lab, [lab.Car(2, 1, place, speed, (0,))], network, lights=lights, owners=owners)
     assert braking_ahead(on_route(view), view.ego(0)) is brakes
 
 
@@ -158,7 +159,7 @@ def test_a_vehicle_that_crosses_does_not_shape_the_corridor(lab, turned_deg, sha
     ("speed", "owner", "opens"), [(1.0, Owner.ROS, True), (0.0, Owner.ROS, False), (1.0, Owner.SUMO, False)]
 )
 def test_the_way_opens_while_somebody_ahead_moves_aside(lab, speed, owner, opens):
-    view = view_at(lab, [lab.Car(2, 1, 150, speed, (0,))], owners={2: int(owner)})
+    view = view_at(lab, [lab.Car(2, 1, 150, speed, (0,))], lab.turned_road(-2.2)[0], owners={2: int(owner)})
     unit = on_route(view)
     assert way_opens(replace(unit, corridor=True), view.ego(0)) is opens
     assert not way_opens(unit, view.ego(0)), "outside the corridor"

@@ -6,16 +6,16 @@ distance from others at the poses that it may take.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.base.numerics.arrays import Columns, Floats, Ids, Points
 from siren_ros.base.numerics.braking import braking_distance_m, needed_brake_mps2, speed_before_mps
-from siren_ros.base.numerics.compiled import COS, SIN, X, Y, box_gap_m, compiled, wrapped_rad
+from siren_ros.base.numerics.compiled import COS, SIN, X, Y, box_gap_m, compiled
 from siren_ros.base.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.simulation.behaviour.driving.step_view import STEER_RATE_SHARE, Body, Ego, Surroundings
 from siren_ros.simulation.behaviour.driving.tracked_path import Navigation, TrackedPath, curve_place
@@ -23,12 +23,11 @@ from siren_ros.simulation.dynamics.vehicle_model import AIR_DENSITY_KGPM3, Vehic
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.world.actors import NO_ACTOR
 
+Moving: TypeAlias = tuple[float, float, float, float, float]
+"""Arc length and offset (left positive) of a body on a path, its yaw and speed, and the curvature to which its wheels
+are turned, NaN where that is not known."""
 # These are no parameters: compiled loops contain these resolutions and tolerances as constants.
 _PATH_STEP_M: Final = 0.25
-_OFFSET_KEPT_M: Final = 2.0
-"""Distance for which an offset from the path stays; in bends as tight as the steering allows it may even grow."""
-_OFFSET_LENGTH_M: Final = 4.0
-"""Distance over which path tracking then corrects most of it."""
 _LEAST_WAY_M: Final = 0.2
 _RESERVE_M: Final = 1.0
 """Distance kept to an impassable place by braking in any case."""
@@ -135,8 +134,8 @@ class FreeWay:
     def along(
         cls,
         path: TrackedPath,
-        pose: tuple[float, float, float],
-        centre_ahead_m: float,
+        pose: Moving,
+        wheels: "Wheels",
         reach_m: float,
         body: Body,
         obstacles: Obstacles,
@@ -146,19 +145,19 @@ class FreeWay:
 
         Args:
             path: Path of the body's centre.
-            pose: Arc length and offset (left positive) of the body on the path, and its yaw. Both errors fade.
-            centre_ahead_m: Distance from the rear axle to the body's centre. In bends the body is not along its path.
+            pose: Where the body is on the path, and how it moves.
+            wheels: How the body follows them. In bends it is not along its path.
             reach_m: How far to look.
             body: Size of the body.
             obstacles: Vehicles that may be in the way.
             credit_m: Way that each obstacle will have gone before it can stand, shape ``(M,)``.
         """
-        progress, left, yaw = pose
+        progress = pose[0]
         end = min(progress + reach_m, path.length_m)
         way = _PATH_STEP_M * np.arange(max(math.ceil((end - progress) / _PATH_STEP_M), 0) + 1)
         poses, curve = np.empty((4, len(way))), path.curve
         line = curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m
-        poses_ahead(*line, progress, left, yaw, centre_ahead_m, way, poses)
+        poses_ahead(*line, pose, wheels, way, poses)
         return cls(way, _gaps_m(poses, body, obstacles), credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
@@ -218,30 +217,6 @@ class FreeWay:
 
 
 @compiled
-def poses_ahead(
-    points: Points, heading_rad: Floats, curvature_1pm: Floats, spacing_m: float, progress_m: float, left_m: float,
-    yaw_rad: float, centre_ahead_m: float, way_m: Floats, poses: Floats,
-) -> None:  # fmt: skip
-    """Compute x, y, cosine and sine of a body after each distance ``(K,)``; offset and yaw error decrease to zero.
-
-    The rear axle follows the body's centre as a trailer does: behind a bend the body turns into the course of its
-    centre over the way between both.
-    """
-    yaw, turned, before = 0.0, 0.0, 0.0
-    for k in range(way_m.shape[0]):
-        x, y, heading, curvature = curve_place(points, heading_rad, curvature_1pm, spacing_m, progress_m + way_m[k])
-        if k == 0:
-            yaw = heading - np.arctan(centre_ahead_m * curvature)
-            turned = wrapped_rad(yaw_rad - yaw)
-        yaw += wrapped_rad(heading - yaw) * (1.0 - np.exp(-(way_m[k] - before) / max(centre_ahead_m, _PATH_STEP_M)))
-        before = way_m[k]
-        fading = np.exp(-max(way_m[k] - _OFFSET_KEPT_M, 0.0) / _OFFSET_LENGTH_M)
-        poses[X, k] = x - left_m * fading * np.sin(heading)
-        poses[Y, k] = y + left_m * fading * np.cos(heading)
-        poses[COS, k], poses[SIN, k] = np.cos(yaw + turned * fading), np.sin(yaw + turned * fading)
-
-
-@compiled
 def _first_nearer(way_m: Floats, gap_m: Floats, clearance_m: Floats, first_m: Floats) -> None:
     """Find for each clearance ``(M,)`` the first distance ``(K,)`` at which the gap ``(K, M)`` is smaller."""
     for m in range(gap_m.shape[1]):
@@ -260,6 +235,76 @@ DAMPING: Final = 1.0
 """Damping ratio of the lateral feedback."""
 _LATERAL_ERROR_MAX_M: Final = 1.0
 """Lateral errors beyond this are corrected with the same angle."""
+
+
+_CREEPS_MPS: Final = 0.1
+"""A slower vehicle is taken to drive at this speed."""
+
+
+class Wheels(NamedTuple):
+    """What decides how a body follows its wheels, as compiled code takes it."""
+
+    centre_ahead_m: float
+    """Distance from the rear axle to the body's centre."""
+    slip_s2pm: float
+    """Sideslip of the rear axle per lateral acceleration."""
+    sharpest_1pm: float
+    """Curvature to which the wheels can be turned."""
+    rate_1pms: float
+    """How fast a driver changes it."""
+
+    @classmethod
+    def of(cls, vehicle: VehicleParameters) -> "Wheels":
+        """The wheels of a vehicle."""
+        slip = vehicle.mass_kg * vehicle.cg_to_front_axle_m
+        slip /= vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr
+        sharpest_1pm = math.tan(vehicle.max_steer_rad) / vehicle.wheelbase_m
+        rate_1pms = vehicle.curvature_rate_1pms(STEER_RATE_SHARE)
+        return cls(vehicle.centre_ahead_of_rear_axle_m, slip, sharpest_1pm, rate_1pms)
+
+
+@compiled
+def _sideslip_rad(wheels: Wheels, bend_1pm: float, speed_mps: float) -> float:
+    """Angle between a body and the course of its centre in steady cornering."""
+    return np.arctan(wheels.centre_ahead_m * bend_1pm) - wheels.slip_s2pm * bend_1pm * speed_mps * speed_mps
+
+
+@compiled
+def _wanted_bend_1pm(bend_1pm: float, left_m: float, course_error: float, speed_mps: float, rate_1pms: float) -> float:
+    """The curvature that ``steer_along`` commands; ``bend_1pm`` is that of the path."""
+    offset = max(-_LATERAL_ERROR_MAX_M, min(_LATERAL_ERROR_MAX_M, left_m))
+    turn = 2.0 * DAMPING * np.sin(course_error)
+    length = max(PREVIEW_MIN_M, PREVIEW_TIME_S * speed_mps)
+    length = max(length, (speed_mps * abs(offset + turn * length) / rate_1pms) ** (1.0 / 3.0))
+    return bend_1pm - offset / (length * length) - turn / length
+
+
+@compiled
+def poses_ahead(
+    points: Points, heading_rad: Floats, curvature_1pm: Floats, spacing_m: float,
+    pose: Moving, wheels: Wheels, way_m: Floats, poses: Floats,
+) -> None:  # fmt: skip
+    """Compute x, y, cosine and sine of a body after each distance ``(K,)``, as it will steer along a path.
+
+    The rear axle rolls where it points. A long body whose yaw is not yet that of its path swings over before it comes
+    into line. The wheels turn no faster than they can.
+    """
+    progress_m, left_m, yaw, speed_mps, steered_1pm = pose
+    turns_1pm2 = wheels.rate_1pms / STEER_RATE_SHARE / max(speed_mps, _CREEPS_MPS)
+    for k in range(way_m.shape[0]):
+        x, y, heading, bend_1pm = curve_place(points, heading_rad, curvature_1pm, spacing_m, progress_m)
+        poses[X, k], poses[Y, k] = x - left_m * np.sin(heading), y + left_m * np.cos(heading)
+        poses[COS, k], poses[SIN, k] = np.cos(yaw), np.sin(yaw)
+        step_m = way_m[min(k + 1, way_m.shape[0] - 1)] - way_m[k]
+        course_error = yaw + _sideslip_rad(wheels, bend_1pm, speed_mps) - heading
+        bend_1pm = _wanted_bend_1pm(bend_1pm, left_m, course_error, speed_mps, wheels.rate_1pms)
+        bend_1pm = max(-wheels.sharpest_1pm, min(wheels.sharpest_1pm, bend_1pm))
+        if not np.isnan(steered_1pm):
+            bend_1pm = max(steered_1pm - step_m * turns_1pm2, min(steered_1pm + step_m * turns_1pm2, bend_1pm))
+        steered_1pm = bend_1pm
+        course = yaw + _sideslip_rad(wheels, bend_1pm, speed_mps) - heading
+        progress_m, left_m = progress_m + step_m * np.cos(course), left_m + step_m * np.sin(course)
+        yaw += step_m * bend_1pm * np.cos(np.arctan(wheels.centre_ahead_m * bend_1pm))
 
 
 def steer_along(
@@ -282,19 +327,11 @@ def steer_along(
     Returns:
         Angle in radians, left positive, within the vehicle's limit.
     """
+    wheels = Wheels.of(vehicle)
     *_, heading, curvature = path.curve.place(progress_m)
     *_, ahead = path.curve.place(progress_m + speed_mps * vehicle.steer_lag_s)
-    slip_per_accel = (
-        vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr)
-    )
-    sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * curvature) - slip_per_accel * curvature * speed_mps**2
-    course_error = math.remainder(yaw_rad + sideslip - heading, 2.0 * math.pi)
-    offset = max(-_LATERAL_ERROR_MAX_M, min(_LATERAL_ERROR_MAX_M, left_m))
-    turn = 2.0 * DAMPING * math.sin(course_error)
-    length = max(PREVIEW_MIN_M, PREVIEW_TIME_S * speed_mps)
-    rate_1pms = vehicle.curvature_rate_1pms(STEER_RATE_SHARE)
-    length = max(length, (speed_mps * abs(offset + turn * length) / rate_1pms) ** (1.0 / 3.0))
-    bend = ahead - offset / length**2 - turn / length
+    course_error = yaw_rad + _sideslip_rad(wheels, curvature, speed_mps) - heading
+    bend = _wanted_bend_1pm(ahead, left_m, course_error, speed_mps, wheels.rate_1pms)
     steer = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed_mps**2
     return max(-vehicle.max_steer_rad, min(vehicle.max_steer_rad, steer))
 
@@ -405,11 +442,13 @@ class NavigatorState:
     """Target speed of the mode at the last step."""
     limits: tuple[SpeedLimit, ...] = ()
     """Limits of all mechanisms at the last step, in their order."""
+    steered_1pm: float = math.nan
+    """Curvature to which the wheels were turned at the last step; NaN if somebody else did it."""
 
     def following(self, path: TrackedPath, x_m: float, y_m: float) -> "NavigatorState":
         """State after ``SetWaypoints``: a new path, entered at the position nearest to a point."""
         progress, left = path.curve.project_one(x_m, y_m)
-        return NavigatorState(path, progress, left, self.integral_mps2)
+        return NavigatorState(path, progress, left, self.integral_mps2, steered_1pm=self.steered_1pm)
 
     @property
     def lane(self) -> int:
@@ -432,8 +471,8 @@ def free_way_of(state: NavigatorState, ego: Ego, reach_m: float, obstacles: Obst
     if state.path is None:
         raise ValueError("no path is followed")
     progress, left = state.path.curve.nearest_to(state.progress_m, *ego.place)
-    pose, rear = (progress, left, ego.pose[2]), ego.vehicle.centre_ahead_of_rear_axle_m
-    return FreeWay.along(state.path, pose, rear, reach_m, ego.body, obstacles, credit_m)
+    pose = progress, left, ego.pose[2], ego.speed_mps, state.steered_1pm
+    return FreeWay.along(state.path, pose, Wheels.of(ego.vehicle), reach_m, ego.body, obstacles, credit_m)
 
 
 NARROW_STOP_SHORT_M: Final = 0.3
@@ -456,7 +495,8 @@ def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = Fals
     """Speed limit for a driver that moves sideways between others (or only EMVs), so that the body touches none.
 
     The collision handling watches the strip ahead of the vehicle. Ends that swing out towards a vehicle at the side,
-    and vehicles at the side that come on, are seen here.
+    and vehicles at the side that come on, are seen here. A civilian stops before a place at which the margin to an EMV
+    that comes on would be one for creeping.
     """
     seen, config = ego.seen, ego.civilian_driver.manoeuvring
     rows = ego.near(NARROW_REACH_M + 2.0 * ego.half_length_m + _SIDE_WATCH_M)
@@ -468,7 +508,12 @@ def manoeuvring_limit(state: NavigatorState, ego: Ego, *, emvs_only: bool = Fals
     along = cos * seen.cos[rows] + sin * seen.sin[rows] > ALONG_COSINE
     ahead = cos * (seen.x_m[rows] - x) + sin * (seen.y_m[rows] - y) - seen.half_length_m[rows] > ego.half_length_m
     leads = along & ahead
-    obstacles = Obstacles.swept(seen, rows, np.where(leads | (speed < STILL_MPS), 0.0, _SIDE_WATCH_S))
+    comes = ~leads & (speed >= STILL_MPS)
+    clears = comes & seen.is_emv[rows] & (not emvs_only)
+    watch_s = _SIDE_WATCH_S + np.where(clears, ego.speed_mps / config.brake_mps2, 0.0)
+    obstacles = Obstacles.swept(seen, rows, np.where(comes, watch_s, 0.0))
+    margin_m = np.where(clears, config.narrow_gap_m - config.clearance_m, 0.0)
+    obstacles = replace(obstacles, half_width_m=obstacles.half_width_m + margin_m)
     credit = np.where(leads, braking_distance_m(speed**2, LEADER_BRAKE_MPS2), 0.0)
     way = free_way_of(state, ego, NARROW_REACH_M, obstacles, credit)
     return way.limit(ego.speed_mps, config.squeezes, NARROW_STOP_SHORT_M, config.brake_mps2, config.clearance_m)

@@ -59,7 +59,7 @@ from siren_ros.simulation.scenario.driver_parameters import AnticipationConfig
 from siren_ros.simulation.world.actors import NO_ACTOR, Mode
 
 UNLIMITED: Final = SpeedLimit()
-_SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.REJOIN})
+_SIDEWAYS_MODES: Final = frozenset({Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD, Mode.REJOIN})
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,7 +419,7 @@ MECHANISMS: Final = (
     Mechanism(
         "manoeuvring",
         _manoeuvring,
-        "civilians who pull over or come back, EMVs that change lanes beside EMVs: space around the whole body",
+        "civilians who pull over, hold or come back, EMVs that change lanes beside EMVs: space around the whole body",
     ),
 )
 """Every mechanism that limits the speed of a vehicle that SUMO does not drive, in the order in which they act."""
@@ -447,9 +447,10 @@ def navigate(
     must_brake = max(limit.brake_mps2 for limit in limits) if speed > ROLLING_MPS else 0.0
     lowest = min(limit.speed_mps for limit in limits)
     steer = steer_along(state.path, progress, left, ego.pose[2], speed, ego.vehicle)
+    bend_1pm = math.tan(steer) / ego.vehicle.wheelbase_m
     pedals = press_pedals(speed, lowest, must_brake, state.integral_mps2, ego.vehicle, config, steer)
     return (
-        NavigatorState(state.path, progress, left, pedals.integral_mps2, target_mps, limits),
+        NavigatorState(state.path, progress, left, pedals.integral_mps2, target_mps, limits, bend_1pm),
         DriveCommand(pedals.throttle, pedals.brake, steer, False),
         next((limit.blocker_id for limit in limits if limit.blocker_id != NO_ACTOR), NO_ACTOR),
     )

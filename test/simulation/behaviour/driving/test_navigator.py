@@ -21,6 +21,7 @@ from siren_ros.simulation.behaviour.driving.navigator import (
     NavigatorState,
     Obstacles,
     SpeedLimit,
+    Wheels,
     clearances_m,
     manoeuvring_limit,
     poses_ahead,
@@ -37,6 +38,7 @@ from siren_ros.simulation.world.actors import NO_ACTOR, ActorClass
 
 BODY = Body(3.0, 1.0)
 SQUEEZES = ((0.3, 8.0), (0.15, 4.0), (0.06, 1.0))
+WHEELS = Wheels(centre_ahead_m=0.0, slip_s2pm=0.0, sharpest_1pm=0.2, rate_1pms=0.3)
 
 
 def boxes(*rows):
@@ -47,7 +49,7 @@ def boxes(*rows):
 
 def straight(obstacles, reach=30.0, start=(0.0, 0.0, 0.0), credit=0.0):
     path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [50.0, 0.0]])), Navigation())
-    return FreeWay.along(path, start, 0.0, reach, BODY, obstacles, np.full(len(obstacles), credit))
+    return FreeWay.along(path, (*start, 1.0, math.nan), WHEELS, reach, BODY, obstacles, np.full(len(obstacles), credit))
 
 
 coordinate = st.floats(-8.0, 8.0)
@@ -113,21 +115,31 @@ def test_close_to_contact_the_braking_does_not_fade_with_the_speed():
     assert straight(boxes((8, 0, 0, 2, 1))).limit(0.6, SQUEEZES, 1.0, 2.5).brake_mps2 == 0.0
 
 
-def test_behind_a_bend_the_body_turns_as_a_trailer_of_its_centre():
-    turn = np.linspace(0.0, 0.5 * math.pi, 60)
-    bend = np.stack((10.0 + 8.0 * np.sin(turn), 8.0 - 8.0 * np.cos(turn)), axis=-1)
-    curve = Curve.through(np.concatenate(([[0.0, 0.0]], bend, [[18.0, 30.0]])))
-    way, centre_m = np.arange(0.0, 30.0, 0.25), 1.6
+@pytest.mark.parametrize("turned", [0.08, 0.0, -0.08])
+@pytest.mark.parametrize("kind", [ActorClass.BUS, ActorClass.SEDAN])
+def test_the_poses_ahead_are_those_to_which_the_vehicle_steers(lab, kind, turned):
+    """A move by 1 m that begins at an angle: the ends of a bus swing over, and so do the poses that it expects."""
+    vehicle, x = lab.vehicles[kind], np.arange(-2.0, 40.0, 0.5)
+    u, speed = np.clip(x / 8.0, 0.0, 1.0), 2.5
+    path = TrackedPath.of(Curve.through(np.stack((x, u**3 * (10 - 15 * u + 6 * u * u)), axis=-1)), CONFIG)
+    way, line = np.arange(0.0, 12.0, 0.25), (path.curve.points, path.curve.heading_rad, path.curve.curvature_1pm)
     poses = np.empty((4, len(way)))
-    line = curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m
-    poses_ahead(*line, 0.0, 0.0, 0.0, centre_m, way, poses)
-    fine = np.arange(0.0, 30.0, 0.01)
-    yaw, yaws = 0.0, []
-    for place_m, heading in zip(fine, curve.heading_at(fine), strict=True):
-        if abs(place_m / 0.25 - round(place_m / 0.25)) < 1e-6:
-            yaws.append(yaw)
-        yaw += 0.01 / centre_m * math.sin(heading - yaw)
-    np.testing.assert_allclose(np.arctan2(poses[3], poses[2]), yaws, atol=0.03)
+    poses_ahead(*line, path.curve.spacing_m, (2.0, 0.0, turned, speed, 0.0), Wheels.of(vehicle), way, poses)
+    table, nobody, one = ParameterTable.of([kind], lab.vehicles), np.zeros(1, np.bool_), np.ones(1)
+    body = BodyState.moving(*(np.array([value]) for value in (0.0, 0.0, turned, speed)))
+    progress_m, driven_m, far = 2.0, 0.0, 0.5 * vehicle.length_m
+    while driven_m < 6.0:
+        before = body.x_m[0], body.y_m[0]
+        progress_m, left_m = path.curve.nearest_to(progress_m, *before)
+        steer = steer_along(path, progress_m, left_m, body.yaw_rad[0], body.forward_mps[0], vehicle)
+        pedals = press_pedals(body.forward_mps[0], speed, 0.0, 0.0, vehicle, CONFIG, steer)
+        asked = (np.array([value]) for value in (pedals.throttle, pedals.brake, steer))
+        body = step_bodies(body, Controls(*asked, nobody, one, one), table, 0.05)
+        driven_m += math.hypot(body.x_m[0] - before[0], body.y_m[0] - before[1])
+        expected_y = np.interp(driven_m, way, poses[1]), np.interp(driven_m, way, np.arctan2(poses[3], poses[2]))
+        for end in (far, -far):
+            y_m = body.y_m[0] + end * math.sin(body.yaw_rad[0])
+            assert y_m == pytest.approx(expected_y[0] + end * math.sin(expected_y[1]), abs=0.15)
 
 
 def test_a_vehicle_that_drives_ahead_leaves_way_behind_itself():
@@ -137,7 +149,7 @@ def test_a_vehicle_that_drives_ahead_leaves_way_behind_itself():
 def test_the_present_offset_and_direction_count():
     beside = boxes((6, 2.4, 0, 2, 1))
     assert math.isinf(straight(beside).free_m)
-    assert straight(beside, start=(0.0, 0.5, 0.0)).free_m < 6.0
+    assert straight(beside, start=(0.0, 0.8, 0.0)).free_m < 6.0
     assert straight(beside, start=(0.0, 0.0, 0.2)).free_m < 6.0
 
 
@@ -148,12 +160,13 @@ def test_a_body_points_into_the_bend_of_its_path():
     place = path.curve.at(np.array([10.0]))[0]
     front = place + 3.0 * np.array([math.cos(heading), math.sin(heading)])
     obstacles = boxes((*(front + 0.4), heading, 0.1, 0.1))
-    ways = [FreeWay.along(path, (10.0, 0.0, heading), rear, 0.5, BODY, obstacles, np.zeros(1)) for rear in (2.0, 0.0)]
+    pose = 10.0, 0.0, heading, 1.0, math.nan
+    way = FreeWay.along(path, pose, WHEELS._replace(centre_ahead_m=2.0), 0.5, BODY, obstacles, np.zeros(1))
     corners = footprint_corners(
         np.array([place[0], front[0] + 0.4]), np.array([place[1], front[1] + 0.4]),
         np.array([heading, heading]), np.array([6.0, 0.2]), np.array([2.0, 0.2]),
     )  # fmt: skip
-    assert ways[0].gap_m[0, 0] == pytest.approx(separation_m(corners[:1], corners[1:])[0], abs=0.02)
+    assert way.gap_m[0, 0] == pytest.approx(separation_m(corners[:1], corners[1:])[0], abs=0.02)
 
 
 def test_moving_vehicles_are_swept_along_their_motion(lab, straight):
@@ -432,6 +445,21 @@ def test_who_comes_on_at_the_side_counts_where_it_will_be_in_a_moment(lab):
     coming, standing = (lab.Car(3, 1, 68.0, speed, (0,), ActorClass.AMBULANCE, left=-1.0) for speed in (10.0, 0.0))
     assert limit(lab, sideways(0.25), coming).blocker_id == 3
     assert math.isinf(limit(lab, sideways(0.25), standing).free_m)
+
+
+def test_who_swings_towards_a_coming_emv_stops_where_past_others_it_creeps(lab):
+    """It comes as near as 0.2 m to somebody who will be alongside when it has had the time to stop."""
+    width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[ActorClass.AMBULANCE].width_m)
+    state = state_on(*((80.0 + s, min(0.1 * s, 0.3)) for s in np.arange(0.0, 20.0, 0.5)))
+    emv = lab.Car(3, 1, 66.0, 6.0, (0,), ActorClass.AMBULANCE, left=width + 0.5 - 3.3)
+    clears = limit(lab, state, emv, speed=4.0)
+    assert clears.blocker_id == 3
+    assert clears.free_m < 4.0
+    assert limit(lab, state, emv, speed=0.5).blocker_id == NO_ACTOR
+    suv_m = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[SUV].width_m)
+    past = limit(lab, state, lab.Car(3, 1, 76.0, 6.0, (0,), SUV, left=suv_m + 0.5 - 3.3), speed=4.0)
+    assert past.blocker_id == NO_ACTOR
+    assert past.speed_mps < 4.0
 
 
 def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):

@@ -113,7 +113,7 @@ def test_off_its_path_the_emv_stops_before_riders_who_stand(lab, kind, speed_mps
     """The path lies 1.5 m to the right of the EMV; what stands 1.2 m to its left is no leader on the path."""
     _, view = scene(lab, replace(lab.Car(2, 0, 106, speed_mps, (0,), kind), left=1.2), corridor=False)
     path = TrackedPath.of(Curve.through(np.array([[95.0, -1.5], [180.0, -1.5]])), view.ego(0).navigator_config)
-    unit = EmvUnit(1, NavigatorState().following(path, 100.0, 0.0))
+    unit = EmvUnit(1, replace(NavigatorState().following(path, 100.0, 0.0), steered_1pm=0.0))
     limit = riders_limit(unit, view.ego(0))
     assert (limit.blocker_id == 2) is limited
     assert (limit.brake_mps2 > 2.0) is limited
@@ -534,9 +534,9 @@ def test_in_a_lane_change_an_emv_minds_emvs_at_its_side_alone(lab, change_side, 
 
 
 @pytest.mark.parametrize("other", [1, 2])
-def test_a_civilian_minds_everybody_at_its_side_on_the_way_to_the_edge_and_back(lab, other):
+def test_a_civilian_minds_everybody_at_its_side_on_the_way_to_the_edge_to_a_hold_and_back(lab, other):
     driver = Driver(Compliance.COMPLIES, 0.0, 40.0)
     units = [YieldUnit(3, 1, driver, 0, phase=phase) for phase in Mode]
     limits = [beside_a_neighbour(lab, unit, other, ActorClass.SEDAN).blocker_id for unit in units]
-    sideways = {Mode.YIELD_PULL_OVER, Mode.REJOIN}
+    sideways = {Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD, Mode.REJOIN}
     assert limits == [other if phase in sideways else NO_ACTOR for phase in Mode]

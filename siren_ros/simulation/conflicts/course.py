@@ -25,7 +25,6 @@ from siren_ros.simulation.conflicts.zones import (
     PLACE,
     SPACING,
     STEP_M,
-    TRACK_M,
     Ways,
 )
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
@@ -445,7 +444,8 @@ def _bodies_of(
         bodies[n, X], bodies[n, Y], bodies[n, YAW], bodies[n, SPACING] = x_m[n], y_m[n], yaw_rad[n], spacing_m[n]
         bodies[n, PLACE] = front_m[n] - half_length_m[n] if lane[n] >= 0 else 0.0
         bodies[n, LEFT] = left_m[n]
-        bodies[n, HALF_LENGTH], bodies[n, HALF_WIDTH], bodies[n, CUT] = half_length_m[n], half_width_m[n], TRACK_M
+        bodies[n, HALF_LENGTH], bodies[n, HALF_WIDTH] = half_length_m[n], half_width_m[n]
+        bodies[n, CUT] = half_length_m[n]
     return bodies
 
 

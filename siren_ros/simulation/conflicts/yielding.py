@@ -411,4 +411,5 @@ def _bus_on(network: RoadNetwork, way: Connection) -> Way:
     line, start_m = Polyline.joined(lanes).resampled(STEP_M), max(lanes[0].length_m - 0.5 * length_m, 0.0)
     pose = (*line.at(start_m).tolist(), float(line.heading_rad(start_m)))
     spacing_m, reach_m = line.length_m / (len(line.points) - 1), network.length_m(way.via) + length_m
-    return Way(line.points, spacing_m, start_m, 0.0, pose, reach_m, 0.5 * length_m, 0.5 * width_m)
+    half_m = 0.5 * length_m
+    return Way(line.points, spacing_m, start_m, 0.0, pose, reach_m, half_m, 0.5 * width_m, half_m)

@@ -20,8 +20,8 @@ _BISECTIONS: Final = 3
 """Number of bisections: the entry into a zone is exact to an eighth of a step."""
 STRAIGHT_AFTER_M: Final = 6.0
 """Distance after which a vehicle that points elsewhere follows its course."""
-TRACK_M: Final = 2.5
-"""Half the distance between the two points of a course that give a body's heading."""
+_TRACK_M: Final = 2.5
+"""Half the distance between the points of its course that give the heading of a body whose centre stays on it."""
 _CLOSE_M: Final = 1e-6
 """Tolerance for rounding when bounds of bodies are compared."""
 _STRAIGHT_STEP_M: Final = 0.25
@@ -58,9 +58,9 @@ class Way(NamedTuple):
     """Distance to look ahead."""
     half_length_m: float
     half_width_m: float
-    cut_m: float = TRACK_M
+    cut_m: float = _TRACK_M
     """The centre is in the middle between two points of the course, this far before and behind it: in bends it cuts the
-    corner, as SUMO's vehicles do. 0 for a vehicle that keeps the centre on the course."""
+    corner, as SUMO's vehicles do, whose ends are on the course. 0 for a vehicle that keeps the centre on it."""
 
 
 class Zone(NamedTuple):
@@ -126,8 +126,9 @@ def pose_at(points: Points, first: int, last: int, spacing: float, s_m: float, l
     The body points along a chord of its course, is ``left_m`` beside it, and cuts bends as if it were on the middle of
     a chord of ``2 * cut_m``. The points are ``spacing`` metres apart.
     """
-    xs, ys = way_point(points, first, last, (s_m - _REAR_M - TRACK_M) / spacing)
-    xe, ye = way_point(points, first, last, (s_m - _REAR_M + TRACK_M) / spacing)
+    track_m = cut_m if cut_m > 0.0 else _TRACK_M
+    xs, ys = way_point(points, first, last, (s_m - _REAR_M - track_m) / spacing)
+    xe, ye = way_point(points, first, last, (s_m - _REAR_M + track_m) / spacing)
     dx, dy = xe - xs, ye - ys
     norm = np.sqrt(dx * dx + dy * dy) + 1e-9
     cos, sin = dx / norm, dy / norm

@@ -11,7 +11,6 @@ from synthetic_episode import rotate
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, CourseBook, Entry, Outlook
 from siren_ros.simulation.conflicts.yielding import Rank
-from siren_ros.simulation.conflicts.zones import TRACK_M
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.world.actors import (
     NO_ACTOR,
@@ -215,7 +214,7 @@ def test_a_way_begins_at_the_bodys_centre_on_its_course(turn):
     assert outlook.centre_m(1) == pytest.approx(56.0)
     points, body = way_of(outlook)
     assert body[:3] == pytest.approx((*rotate(np.array([56.0, 0.4]), turn), turn))
-    assert body[4:] == pytest.approx((56.0, 0.4, 0.0, 4.0, 1.2, TRACK_M))
+    assert body[4:] == pytest.approx((56.0, 0.4, 0.0, 4.0, 1.2, 4.0))
     np.testing.assert_allclose(points[round(150.0 / body[3])], rotate(np.array([150.0, 0.0]), turn), atol=0.6)
 
 

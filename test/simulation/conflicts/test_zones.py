@@ -232,6 +232,15 @@ def test_a_body_turns_into_a_corner_late_and_cuts_it_or_not(turn, left, spacing,
         )
 
 
+@pytest.mark.parametrize("half_m", [2.2, 6.0])
+def test_a_body_whose_ends_are_on_a_circle_is_within_it_by_the_height_of_the_arc(half_m):
+    """SUMO's buses: the middle of one of 12 m is 1.2 m within a circle of 15 m."""
+    arc = np.arange(0.0, 40.0, 0.25) / 15.0
+    points = 15.0 * np.stack((np.sin(arc), 1.0 - np.cos(arc)), axis=-1)
+    x, y, *_ = pose_at(points, 0, len(points), 0.25, 20.0, 0.0, half_m)
+    assert 15.0 - np.hypot(x, y - 15.0) == pytest.approx(15.0 * (1.0 - np.cos(half_m / 15.0)), abs=0.01)
+
+
 @pytest.mark.parametrize("turn", [*TURNS, 3.0, -2.0])
 @pytest.mark.parametrize(("aside", "look"), [(0.9, 0.4), (-0.9, -0.4), (0.5, -0.3)])
 def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look):

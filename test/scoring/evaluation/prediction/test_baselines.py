@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_records import Track, moving, record_with, samples_in
 from scenes import batch_of, showing, with_lines, with_signal
+from scipy import stats
 
 from siren_ros.data.tracks import locate
 from siren_ros.scoring.evaluation.prediction.baselines import (
@@ -27,7 +28,7 @@ from siren_ros.scoring.evaluation.prediction.baselines import (
     straight_successors,
     turn_rate_of,
 )
-from siren_ros.scoring.evaluation.prediction.imm import Imm, ImmPredictor, filtered
+from siren_ros.scoring.evaluation.prediction.imm import Imm, ImmPredictor
 from siren_ros.scoring.evaluation.prediction.samples import (
     HistoryWindow,
     Population,
@@ -39,7 +40,6 @@ from siren_ros.simulation.roads.road_network import NO_LANE, Connection, LaneKin
 from siren_ros.simulation.world.actors import ActorClass
 
 IDM = Idm()
-LONG_S = np.arange(1, 1201) * 0.1
 
 
 def idm_acceleration(*values: float) -> float:
@@ -66,15 +66,6 @@ def travelled_by(*values: float, times_s: np.ndarray) -> np.ndarray:
 )
 def test_acceleration_by_hand(given, expected) -> None:
     assert idm_acceleration(*given) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("leader_mps", [3.0, 8.0])
-def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps) -> None:
-    travelled = travelled_by(12.0, 13.89, 60.0, leader_mps, times_s=LONG_S)
-    gap = 60.0 + leader_mps * LONG_S - travelled
-    equilibrium = (2.0 + 1.5 * leader_mps) / np.sqrt(1 - (leader_mps / 13.89) ** 4)
-    assert gap[-1] == pytest.approx(equilibrium, abs=0.01)
-    assert (gap > 0.0).all()
 
 
 @given(
@@ -404,49 +395,54 @@ def test_braking_ends_in_a_stop_unless_it_decays_before(straight_road) -> None:
     assert ends_m == pytest.approx([1.0, 10.0 - 2.0 * (4.0 + np.exp(-5.0))], abs=1e-2)
 
 
-def test_constant_velocity_is_found_and_continued() -> None:
-    batch = one(NOWHERE, 0.0, 0.0, 7.0, 0.0, 0.4)
-    answer = ImmPredictor().predict(batch)
-    expected = batch.xy_m[0] + 7.0 * TIMES_S[:, None] * np.array([np.cos(0.4), np.sin(0.4)])
-    assert answer.xy_m[0] == pytest.approx(np.stack((expected, expected)), abs=1e-6)
+def blom_and_bar_shalom(imm: Imm, measured: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """States of both models of one vehicle and their probabilities, model by model, with a period of 0.2 s."""
+    t, half = 0.2, np.eye(4, 6)
+    moves = [np.kron(np.array(rows), np.eye(2)) for rows in (
+        [[1, t, 0], [0, 1, 0], [0, 0, 0]], [[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]]
+    )]  # fmt: skip
+    pushes = imm.accelerations_mps2 * np.array([t**2 / 2, t, 0]), imm.jerk_mps3 * np.array([t**3 / 6, t**2 / 2, t])
+    noise = np.diag([imm.position_m**2] * 2 + [imm.velocity_mps**2] * 2)
+    stays = np.array([[imm.stays, 1 - imm.stays], [1 - imm.stays, imm.stays]])
+    states = [np.append(measured[0], [0.0, 0.0])] * 2
+    spreads, shares = [np.diag([*np.diag(noise), 4.0, 4.0])] * 2, np.array([0.5, 0.5])
+    for seen in measured[1:]:
+        found = []
+        for model in (0, 1):
+            weight = shares * stays[:, model] / (shares @ stays[:, model])
+            mean = weight[0] * states[0] + weight[1] * states[1]
+            apart = [np.outer(state - mean, state - mean) for state in states]
+            spread = sum(weight[k] * (spreads[k] + apart[k]) for k in (0, 1))
+            state, push = moves[model] @ mean, np.kron(np.outer(pushes[model], pushes[model]), np.eye(2))
+            spread = moves[model] @ spread @ moves[model].T + push
+            innovation = half @ spread @ half.T + noise
+            gain = spread @ half.T @ np.linalg.inv(innovation)
+            likely = stats.multivariate_normal.pdf(seen, half @ state, innovation) * (shares @ stays[:, model])
+            found.append((state + gain @ (seen - half @ state), (np.eye(6) - gain @ half) @ spread, likely))
+        (*states,), (*spreads,), likelihoods = zip(*found, strict=True)
+        shares = np.array(likelihoods) / sum(likelihoods)
+    return states, shares
 
 
-def test_a_strong_acceleration_is_found_and_is_the_more_probable_model() -> None:
-    batch = one(NOWHERE, 0.0, 0.0, 2.0, 4.0)
-    answer = ImmPredictor().predict(batch)
-    assert answer.probability[0, 0] > 0.7
-    speed = batch.speed_mps[0]
-    assert answer.xy_m[0, 0, -1, 0] - batch.xy_m[0, 0] == pytest.approx(5.0 * speed + 0.5 * 4.0 * 25.0, rel=0.1)
-
-
-def test_braking_ends_in_a_stop() -> None:
-    batch = one(NOWHERE, 0.0, 0.0, 13.0, -4.0)
-    speed = batch.speed_mps[0]
-    away_m = ImmPredictor().predict(batch).xy_m[0, 0, :, 0] - batch.xy_m[0, 0]
-    assert away_m[-1] == pytest.approx(speed**2 / 8.0, abs=0.3)
-    assert (np.diff(away_m) >= -1e-9).all()
-
-
-def test_noise_is_smoothed() -> None:
-    """The filter's velocity is nearer to the true one than the last measurement, in the mean over many tracks."""
-    random, imm = np.random.default_rng(1), Imm()
-    times = HistoryWindow().times_s
-    truth = np.concatenate((times[:, None] * [6.0, 0.0], np.tile([6.0, 0.0], (16, 1))), axis=1)
-    noise = random.normal(size=(400, 16, 4)) * ([imm.position_m] * 2 + [imm.velocity_mps] * 2)
-    state, share = filtered(imm, truth + noise, 0.2)
-    velocity = (state[..., 2:4] * share[..., None]).sum(axis=1)
-    errors = [np.hypot(*(values - [6.0, 0.0]).T).mean() for values in (velocity, (truth + noise)[:, -1, 2:])]
-    assert errors[0] < 0.8 * errors[1]
-    assert share.sum(axis=1) == pytest.approx(1.0)
-
-
-def test_one_model_alone_is_the_plain_filter_of_a_still_vehicle() -> None:
-    """Measured n times with variance r and no process noise, the position has the variance r / n: the mean."""
-    imm = Imm(accelerations_mps2=1e-9, jerk_mps3=1e-9, velocity_mps=1e-6)
-    measured = np.zeros((1, 16, 4))
-    measured[0, :, 0] = np.arange(16)
-    state, _ = filtered(imm, measured, 0.2)
-    assert state[0, 0, 0] == pytest.approx(7.5, abs=1e-3)
+def test_imm_is_blom_and_bar_shaloms_filter_of_each_vehicle_and_who_brakes_stops(straight_road) -> None:
+    """One speeds up, one brakes from 4 m/s by 3 m/s², one keeps its speed."""
+    imm = Imm(position_m=0.3, velocity_mps=0.7, stays=0.9)
+    tracks = {1: moving(3.0, -5.0, 2.0, 4.0, 0.2), 2: moving(280.0, 1.5, 13.0, -3.0, np.pi), 4: moving(50.0, 40.0, 6.0)}
+    batch, _ = first_frame(tracks, straight_road)
+    batch.actors.xy_m[:] += np.random.default_rng(0).normal(0.0, 0.2, batch.actors.xy_m.shape)
+    answer = ImmPredictor(imm).predict(batch)
+    for row in range(3):
+        place = batch.target[row]
+        measured = np.hstack((batch.actors.xy_m[place], batch.actors.velocity_mps[place]))
+        states, shares = blom_and_bar_shalom(imm, measured)
+        for rank, model in enumerate(np.argsort(-shares)):
+            (xy, velocity, gain), times = np.split(states[model], 3), TIMES_S[:, None]
+            gain = gain * model
+            stops = gain @ velocity < 0.0
+            times = np.minimum(times, -(gain @ velocity) / (gain @ gain)) if stops else times
+            assert (times[-1, 0] < 2.0) == (row == model == 1)
+            assert answer.xy_m[row, rank] == pytest.approx(xy + velocity * times + 0.5 * gain * times**2)
+            assert answer.probability[row, rank] == pytest.approx(shares[model])
 
 
 def test_who_halts_brakes_as_late_as_it_can_and_ends_at_the_line() -> None:

@@ -112,16 +112,6 @@ def test_happenings_are_the_emvs_the_civilians_and_collisions(straight_road: Roa
     assert found == (f"emv {EventKind.STOP_LINE_CROSSED}", started, str(EventKind.COLLISION), started)
 
 
-def test_mean_and_nearest_distance_of_three_episodes() -> None:
-    """At 0, 3 and 10 m: the pairs are 3, 7 and 10 m apart."""
-    (found,) = diversity([profile(seed, way=((x, 0.0),)) for seed, x in enumerate((0.0, 3.0, 10.0))], {})
-    assert found.ways.mean == pytest.approx(20.0 / 3.0)
-    assert found.ways.nearest.tolist() == [3.0, 3.0, 7.0]
-    # Of the two others, one drawn is 20/3 m away on average; of both the nearest is 13/3 m away.
-    assert found.ways.curve == pytest.approx([20.0 / 3.0, 13.0 / 3.0])
-    assert found.parameter_share is None
-
-
 @pytest.mark.parametrize(
     ("one", "other", "edits"),
     [("abc", "abc", 0), ("abc", "", 3), ("kitten", "sitting", 3), ("ab", "ba", 2), ("abcd", "acd", 1), ("", "", 0)],

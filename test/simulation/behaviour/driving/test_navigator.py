@@ -415,10 +415,10 @@ def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
     return manoeuvring_limit(state, view.ego(0))
 
 
-def sideways(slope):
-    """On a path to one side of the first lane of a road that points elsewhere."""
+def sideways(slope, most_m=20.0):
+    """On a path to one side of the first lane of a road that points elsewhere; it leads aside by no more than a way."""
     s = np.arange(0.0, 20.0, 0.5)
-    points = rotate(np.stack((80.0 + s, slope * s), axis=-1), 2.2)
+    points = rotate(np.stack((80.0 + s, np.clip(slope * s, -most_m, most_m)), axis=-1), 2.2)
     return NavigatorState(TrackedPath.of(Curve.through(points), Navigation()), 0.0, 0.0)
 
 
@@ -450,7 +450,7 @@ def test_who_comes_on_at_the_side_counts_where_it_will_be_in_a_moment(lab):
 def test_who_swings_towards_a_coming_emv_stops_where_past_others_it_creeps(lab):
     """It comes as near as 0.2 m to somebody who will be alongside when it has had the time to stop."""
     width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[ActorClass.AMBULANCE].width_m)
-    state = state_on(*((80.0 + s, min(0.1 * s, 0.3)) for s in np.arange(0.0, 20.0, 0.5)))
+    state = sideways(0.1, 0.3)
     emv = lab.Car(3, 1, 66.0, 6.0, (0,), ActorClass.AMBULANCE, left=width + 0.5 - 3.3)
     clears = limit(lab, state, emv, speed=4.0)
     assert clears.blocker_id == 3

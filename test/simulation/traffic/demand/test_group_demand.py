@@ -22,7 +22,6 @@ from made_streets import (
     LIMIT_MPS,
     NEAR,
     SOUTH,
-    STOP_LINE_M,
     STRAIGHT,
     TURN,
     A,
@@ -257,59 +256,51 @@ def test_nobody_stands_in_a_junction_or_with_its_rear_in_it() -> None:
     )
 
 
-def test_the_emv_has_its_clearance() -> None:
-    """A queue of its own lane ends 10 m before it: the rear of the last vehicle is at 100 m or more."""
-    plan = planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=25))
-    rears = np.array(fronts_m(plan.vehicles)) - CAR_M
-    assert 100.0 <= rears.min() < 100.0 + CAR_M + 5.0
-    with pytest.raises(MapError, match="0 would fit"):
-        planned(group(Placement.EMV_LANE, GroupAnchor.EMV))
+EMVS, BESIDE, ACROSS, WITH = (
+    "in the EMV's lane",
+    "in the lane next to it",
+    "on crossing roads",
+    "in the EMV's direction",
+)
+LINE, QUEUE = GroupAnchor.STOP_LINE, group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, 12, standing=True)
+AHEAD, CROWD = group(Placement.EMV_LANE, GroupAnchor.EMV), group(Placement.ADJACENT_LANE, LINE, 200)
+STREAM = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, 2), spacing_m=200.0)
 
 
-def test_a_row_that_is_too_short_for_most_vehicles_is_refused() -> None:
-    # From 303 m down to 100 m, every 9.6 m and with the junction's gap, 21 find a place.
-    places = len(planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=30)).vehicles)
-    assert places >= 18
-    most = int(places / 0.6)
-    assert len(planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most)).vehicles) == places
-    with pytest.raises(MapError, match=f"{most + 2} vehicles in the EMV's lane; {places} would fit"):
-        planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most + 2))
+@pytest.mark.parametrize(
+    ("asked", "start_m", "fit", "refused"),
+    [
+        (replace(QUEUE, vehicles=33, standing=False), 90.0, 20, ""),
+        (replace(QUEUE, vehicles=34, standing=False), 90.0, 20, f"34 vehicles {EMVS}"),
+        (AHEAD, 90.0, 0, f"3 vehicles {EMVS}"),
+        *[(QUEUE, 255.0, 4, ""), (QUEUE, 264.0, 3, ""), (QUEUE, 275.0, 2, f"12 vehicles {EMVS}")],
+        (replace(QUEUE, standing=False), 255.0, 4, f"12 vehicles {EMVS}"),
+        *[(CROWD, 90.0, 31, f"200 vehicles {BESIDE}"), (replace(CROWD, optional=True), 90.0, 31, "")],
+        (crossing(200, spacing_m=5.0), 90.0, 30, ""),
+        (replace(crossing(200), first_gap_m=1000.0), 90.0, 0, f"200 vehicles {ACROSS}"),
+        *[(crossing(2, spacing_m=400.0), 90.0, 1, ""), (STREAM, 90.0, 1, "")],
+    ],
+)
+def test_a_row_that_is_too_short_for_most_vehicles_is_refused(
+    asked: DemandGroup, start_m: float, fit: int, refused: str
+) -> None:
+    """0.6 of them, or three that stand, or one that crosses or comes with the EMV; any number of an optional group.
+
+    The cars have fronts each 9.6 m from 303 m down to the junction at 210 m, and from 200 m down: in the EMV's lane to
+    14.6 m ahead of it, next to it to 4.6 m. On the side road they begin at 293 m; its joint is from 190 m to 200 m.
+    """
+    if refused:
+        with pytest.raises(MapError, match=f"{refused}; {fit} would fit"):
+            planned(asked, start=start_at(start_m))
+    else:
+        assert len(planned(asked, start=start_at(start_m)).vehicles) == fit
 
 
-@pytest.mark.parametrize(("start_m", "fits"), [(255.0, 4), (264.0, 3)])
-def test_three_standing_vehicles_are_a_queue(start_m: float, fits: int) -> None:
-    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=12, standing=True)
-    assert len(planned(queue, start=start_at(start_m)).vehicles) == fits
-    with pytest.raises(MapError, match="12 vehicles in the EMV's lane; 2 would fit"):
-        planned(queue, start=start_at(275.0))
-    with pytest.raises(MapError):
-        planned(replace(queue, standing=False), start=start_at(start_m))
-
-
-def test_an_optional_group_is_left_out_where_it_has_no_road() -> None:
-    crowd = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=200)
-    with pytest.raises(MapError):
-        planned(crowd)
-    # 10 from 303 m down to the junction, every 9.6 m, and 21 from 200 m down to the beginning of the road.
-    assert len(planned(replace(crowd, optional=True)).vehicles) == 10 + 21
-
-
-def test_of_crossing_traffic_and_streams_one_is_enough() -> None:
-    crowd = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=200, standing=True)
-    assert 1 < len(planned(crowd).vehicles) < 120
-    stream = group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=60)
-    fronts = fronts_m(planned(stream).vehicles)
-    assert 1 < len(fronts) < 36
-    assert max(fronts) < STOP_LINE_M
-    nobody = replace(crowd, first_gap_m=1000.0)
-    with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
-        planned(nobody)
-    with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
-        planned(crowd, crossing=())
-    # One row has a place each 72.6 m from 293 m down, the other from 303 m down: 4 and 5.
+def test_of_crossing_rows_the_longer_one_gets_what_does_not_fit_in_the_other() -> None:
+    """One has a place each 72.6 m from 293 m down, the other from 303 m down: 4 and 5. Without a row nobody crosses."""
     assert len(planned(crossing(12, spacing_m=68.0), crossing=(CROSSING, TURN)).vehicles) == 9
-    for sparse in (crowd, stream):
-        assert len(planned(replace(sparse, vehicles=2, first_gap_m=7.0, spacing_m=400.0)).vehicles) == 1
+    with pytest.raises(MapError, match=f"12 vehicles {ACROSS}; 0 would fit"):
+        planned(crossing(12), crossing=())
 
 
 def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_late() -> None:

@@ -388,16 +388,6 @@ def on_the_road(batch: SampleBatch, right_ahead_ft: Any) -> Any:
     return batch.xy_m[:, None, None] + np.stack((metres[..., 1], -metres[..., 0]), axis=-1)
 
 
-def saved(network: Any, path: Path) -> Path:
-    torch.save(network.state_dict(), path / "weights.pt")
-    return path / "weights.pt"
-
-
-def tensors(features: Any, view: NgsimView) -> tuple[Any, Any, Neighbours]:
-    around = Neighbours(torch.from_numpy(view.sample), torch.from_numpy(view.cell), len(view))
-    return *(torch.from_numpy(values) for values in features), around
-
-
 def assert_ranked(hypotheses: Any, batch: SampleBatch, modes_ft: Any, lateral: Any, longitudinal: Any) -> None:
     """Mode l + 3 k is that of the lateral manoeuvre l and the longitudinal manoeuvre k; the likeliest comes first."""
     places = on_the_road(batch, modes_ft)
@@ -409,38 +399,30 @@ def assert_ranked(hypotheses: Any, batch: SampleBatch, modes_ft: Any, lateral: A
         assert hypotheses.xy_m[sample] == pytest.approx(places[sample, order], abs=1e-4)
 
 
-def test_csp_on_the_map(batch, tmp_path) -> None:
-    network, view = drawn(Csp()), ngsim_view(batch)
+@pytest.mark.parametrize(
+    ("network", "make", "features_of"),
+    [(Csp, make_csp, csp_features), (Stdan, make_stdan, stdan_features), (Bat, make_bat, bat_features)],
+)
+def test_answers_of_a_network_on_the_map(batch, tmp_path, network, make, features_of) -> None:
+    """STDAN has one mode, which is sure; BAT's means are a distance and an angle from the right towards ahead."""
+    saved, view = drawn(network()), ngsim_view(batch)
+    torch.save(saved.state_dict(), tmp_path / "weights.pt")
+    past, others = map(torch.from_numpy, features_of(view))
+    given: Any = past, others, Neighbours(torch.from_numpy(view.sample), torch.from_numpy(view.cell), len(view))
+    if network is Bat:
+        targets, around = (polar(places) for places in positions_ft(view))
+        behaviour = torch.from_numpy(behaviour_tensor(targets, around, view.sample, view.cell))
+        given = BatInput(*given, behaviour, torch.from_numpy(view.scene))
+    else:
+        given = NetworkInput(*given)
     with torch.inference_mode():
-        modes, lateral, longitudinal = network(NetworkInput(*tensors(csp_features(view), view)))
-    hypotheses = make_csp(saved(network, tmp_path)).predict(batch)
-    modes_ft = np.array([[modes[mode, :, sample, :2].numpy() for mode in range(6)] for sample in range(len(batch))])
-    assert_ranked(hypotheses, batch, modes_ft, lateral, longitudinal)
-
-
-def test_stdan_on_the_map(batch, tmp_path) -> None:
-    network, view = drawn(Stdan()), ngsim_view(batch)
-    with torch.inference_mode():
-        path, _, _ = network(NetworkInput(*tensors(stdan_features(view), view)))
-    hypotheses = make_stdan(saved(network, tmp_path)).predict(batch)
-    assert (hypotheses.probability == 1.0).all()
-    assert hypotheses.probability.shape == (len(batch), 1)
-    places = on_the_road(batch, path[..., :2].permute(1, 0, 2)[:, None].numpy())
-    assert hypotheses.xy_m == pytest.approx(places, abs=1e-4)
-
-
-def test_bat_on_the_map(batch, tmp_path) -> None:
-    network, view = drawn(Bat()), ngsim_view(batch)
-    targets, others = (polar(places) for places in positions_ft(view))
-    behaviour = torch.from_numpy(behaviour_tensor(targets, others, view.sample, view.cell))
-    past, around, neighbours = tensors(bat_features(view), view)
-    with torch.inference_mode():
-        scene = torch.from_numpy(view.scene)
-        modes, lateral, longitudinal = network(BatInput(past, around, neighbours, behaviour, scene))
-    hypotheses = make_bat(saved(network, tmp_path)).predict(batch)
-    # Its means are a distance and an angle from the right towards ahead.
-    r, phi = (modes[..., column].double().numpy().transpose(2, 0, 1) for column in (0, 1))
-    assert_ranked(hypotheses, batch, np.stack((r * np.cos(phi), r * np.sin(phi)), axis=-1), lateral, longitudinal)
+        modes, lateral, longitudinal = saved(given)
+    if network is Stdan:
+        modes, lateral, longitudinal = modes[None], np.ones((len(batch), 3)), np.ones((len(batch), 3))
+    means = modes[..., :2].double().numpy().transpose(2, 0, 1, 3)
+    if network is Bat:
+        means = means[..., :1] * np.stack((np.cos(means[..., 1]), np.sin(means[..., 1])), axis=-1)
+    assert_ranked(make(tmp_path / "weights.pt").predict(batch), batch, means, lateral, longitudinal)
 
 
 def test_without_a_checkpoint_or_with_another_ones_the_command_ends_with_one_line(tmp_path, capsys) -> None:

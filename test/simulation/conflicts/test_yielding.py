@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_record import EAST, RIGHT, STRAIGHT, STRAIGHT_LEFT, crossing
+from hand_made_record import BESIDE, EAST, RIGHT, SHOULDER_RIGHT, SOUTH, STRAIGHT, STRAIGHT_LEFT, crossing
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -353,6 +353,9 @@ def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
         # have to brake harder than 3 m/s² to fall in: in 1 s a gap of 1.5 m can be opened.
         (Zone(9.0, 30.0, 10.0, 30.0, 1.0, INF), car(10.0, Rank.GIVES_WAY), car(10.0), False),
         (Zone(10.5, 30.0, 10.0, 30.0, 1.0, INF), car(10.0, Rank.GIVES_WAY), car(10.0), True),
+        # Who brakes and stands after 9 m comes to a merge in 8.5 m before the other vehicle, and not to one in 9.5 m.
+        (Zone(8.5, 30.0, 70.0, 90.0, 1.0, INF), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(10.0), False),
+        (Zone(9.5, 30.0, 70.0, 90.0, 1.0, INF), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(10.0), True),
     ],
 )
 def test_waiting_in_time_and_space(zone, own, other, waits):
@@ -406,3 +409,22 @@ def test_the_same_approach_and_ways_that_do_not_meet_leave_room():
     assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], lights("r"), own) == math.inf
     beside = {"J": "rrrrrGG"}
     assert ROOM.beyond_line_m(NETWORK.connections[STRAIGHT], beside, frozenset()) == math.inf
+
+
+def test_of_those_who_may_come_the_first_one_on_the_way_counts():
+    """On the way east: SOUTH at 6 m, STRAIGHT_LEFT at 9.5 m, STRAIGHT at 13 m. Nobody comes from a quiet lane."""
+    east, lane_of = NETWORK.connections[EAST], [one.from_lane for one in NETWORK.connections]
+    south, left = lane_of[SOUTH], lane_of[STRAIGHT_LEFT]
+    on_junction = frozenset(NETWORK.connections[SOUTH].via)
+    for quiet, occupied, room_m in (
+        *[((), (), 6.0), ((south,), (), 9.5), ((south, left), (), 13.0)],
+        *[((south,), on_junction, 6.0), ((south, left, lane_of[STRAIGHT]), (), 21.5)],
+    ):
+        assert ROOM.beyond_line_m(east, {"J": "G" * 7}, frozenset(occupied), frozenset(quiet)) == pytest.approx(room_m)
+
+
+def test_lanes_for_emvs_alone_ask_for_no_room():
+    on_shoulder = frozenset(NETWORK.connections[SHOULDER_RIGHT].via)
+    for state, room_m in (("r", math.inf), ("G", 10.5)):
+        room = ROOM.beyond_line_m(NETWORK.connections[BESIDE], {"J": state * 7}, on_shoulder)
+        assert room == pytest.approx(room_m)

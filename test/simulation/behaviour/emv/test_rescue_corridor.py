@@ -451,7 +451,7 @@ def test_a_corridor_that_begins_again_is_planned_at_once(lab):
     ids=["jam", "flowing traffic", "jam behind", "too fast", "in town"],
 )
 def test_out_of_town_only_slow_traffic_ahead_forms_a_corridor(lab, limit_mps, own_mps, other_mps, place_m, entered):
-    network = lab.straight_road()
+    network, *_ = lab.turned_road(2.2)
     network = replace(network, lanes=tuple(replace(lane, speed_limit_mps=limit_mps) for lane in network.lanes))
     cars = [lab.Car(1, 0, 100.0, own_mps, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, place_m, other_mps, (0,))]
     unit, _ = corridor_mode(EmvUnit(1), lab.view(network, lab.L3, cars, advice={"rescue_count": 1}).ego(0))

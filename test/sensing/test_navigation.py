@@ -236,6 +236,8 @@ def test_what_slides_slides_by_the_scale_too():
     speeds = 0.1 * np.array([first.forward_mps, first.left_mps])
     assert first.twist_covariance[:2, :2] == pytest.approx(np.outer(speeds, speeds))
     assert (second.x_m, second.y_m) == pytest.approx((scale * np.cos(2.1), -scale * np.sin(2.1)))
+    noisy = WheelOdometry(5, WheelOdometrySpec(0.0, 0.1, 0.0, 0.0)).measure(0, replace(START, left_mps=-3.0))
+    assert abs(noisy.forward_mps - 12.0 - (noisy.left_mps + 3.0)) > 0.01, "each noise is one of its own"
 
 
 def test_the_gyroscopes_bias_turns_for_as_long_as_nobody_asked():

@@ -138,9 +138,18 @@ def turned(points, turn):
     return np.asarray(points, float) @ np.array([[cos, sin], [-sin, cos]]) + [30.0, -12.0]
 
 
-def wait(along_m, left_m, turn=0.3, speed_mps=8.0, walks_mps=(0.0, 0.0), beside_mps=np.inf, begins_m=BEGINS_M):
+def wait(
+    along_m,
+    left_m,
+    turn=0.3,
+    speed_mps=8.0,
+    walks_mps=(0.0, 0.0),
+    beside_mps=np.inf,
+    begins_m=BEGINS_M,
+    ends=(-8.0, 8.0),
+):
     """The wait for people at places along the way and to its left, walking along it and to its left."""
-    corners = turned([(begins_m, -8.0), (ENDS_M, -8.0), (ENDS_M, 8.0), (begins_m, 8.0)], turn)
+    corners = turned([(begins_m, ends[0]), (ENDS_M, ends[0]), (ENDS_M, ends[1]), (begins_m, ends[1])], turn)
     outlines = Outlines(corners, np.array([0, 4]))
     points = turned(np.stack((np.arange(0.0, 60.0), np.zeros(60)), axis=-1), turn)
     x, y = turned(np.stack((np.atleast_1d(along_m), np.atleast_1d(left_m)), axis=-1), turn).T
@@ -209,6 +218,14 @@ def test_nobody_waits_for_people_off_the_crossing_or_behind_it():
     assert wait(40.0, 2.0)[0] == -1
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_crossing_that_ends_beside_the_way_is_no_matter_of_the_driver(side):
+    """Its end is 10 cm inside the body's flank, or 10 cm beside it."""
+    for more_m, waits in ((-0.1, True), (0.1, False)):
+        ends = sorted((side * (HALF_WIDTH_M + more_m), side * 8.0))
+        assert (wait(22.0, side * 1.5, ends=ends)[0] == 0) is waits
+
+
 def test_an_emv_slows_down_for_people_beside_the_crossing():
     _, speed, brake, free = wait(19.0, 2.0, beside_mps=8.0)
     assert (speed, brake) == (pytest.approx(np.sqrt(64.0 + 2.0 * GENTLE_MPS2 * (free - EARLY_M))), 0.0)
@@ -217,9 +234,9 @@ def test_an_emv_slows_down_for_people_beside_the_crossing():
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_each_person_is_at_the_nearest_crossing_and_on_it_or_beside_it(order):
-    """Two crossings 3 m apart; on the first, beside it, between both, beside the second, and away from them."""
-    squares = [np.array([(x, 0.0), (x + 4.0, 0.0), (x + 4.0, 4.0), (x, 4.0)]) for x in (0.0, 7.0)[::order]]
-    x_m = np.array([3.0, 5.0, 6.0, 12.9, 13.1])
+    """Two crossings 2 m apart; on the first, near it, near the second, beside that, and away from both."""
+    squares = [np.array([(x, 0.0), (x + 4.0, 0.0), (x + 4.0, 4.0), (x, 4.0)]) for x in (0.0, 6.0)[::order]]
+    x_m = np.array([3.0, 4.5, 5.5, 11.9, 12.1])
     poses = x_m, np.full(5, 2.0), np.array([0.0, 1.0, 2.0, 3.0, -1.0]), np.array([0.0, 1.0, 1.5, 0.5, 1.0])
     people = people_at([4, 9, 2, 7, 5], poses, Outlines(np.concatenate(squares), np.array([0, 4, 8])))
     crossing = np.array([0.0, 0.0, 1.0, 1.0]) if order > 0 else np.array([1.0, 1.0, 0.0, 0.0])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from behaviour.lab import kinds, stepper
+from synthetic_episode import rotate
 
 from siren_ros.simulation.behaviour.driving.driver_states import EmvUnit, RoutePlan
 from siren_ros.simulation.behaviour.driving.lane_path import path_on_lanes
@@ -304,18 +305,21 @@ def test_stations_end_where_the_front_is_at_the_lines_end(lab, monkeypatch, beyo
     assert [len(road.s_m) for _, road, *_ in asked] == ([stations] if stations else [])
 
 
-def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_on(lab, straight, monkeypatch):
+def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_on(lab, monkeypatch):
     asked = []
     monkeypatch.setattr(controller, "search_lattice", lambda *what: asked.append(what))
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 120, 4, (0,)), lab.Car(3, 1, 130, 4, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 0.0], [120.0, 0.0, 0.1, 4.0], [130.0, 3.3, np.pi, 4.0]])
-    view = lab.view(straight, lab.L3, cars, poses=poses)
+    turn = 2.2  # of the whole scene
+    poses = np.column_stack((rotate(poses[:, :2], turn), poses[:, 2] + turn, poses[:, 3]))
+    view = lab.view(lab.turned_road(turn)[0], lab.L3, cars, poses=poses)
     controller.search_gap(controller.reference_line(view.ego(0), 0), view.ego(0))
     obstacles, half = asked[0][3], 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     assert obstacles.actor_id.tolist() == [2, 3]
     ways = np.array([4.0 * 1.5, 4.0 * 6.5])
     assert obstacles.half_length_m == pytest.approx(half + 0.5 * ways)
-    assert obstacles.x_m == pytest.approx([120.0 + 0.5 * ways[0] * np.cos(0.1), 130.0 - 0.5 * ways[1]])
+    ahead_m = rotate(np.stack((obstacles.x_m, obstacles.y_m), axis=-1), -turn)[:, 0]
+    assert ahead_m == pytest.approx([120.0 + 0.5 * ways[0] * np.cos(0.1), 130.0 - 0.5 * ways[1]])
 
 
 def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0):

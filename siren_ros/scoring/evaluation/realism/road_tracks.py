@@ -306,5 +306,5 @@ def moving_speeds_mps(tracks: RoadTracks) -> Floats:
     """Speeds of vehicles that move: one value a second."""
     moving = tracks.speed_mps > STANDING_MPS
     second = np.floor(tracks.time_s).astype(np.int64)
-    fresh = np.diff(second, prepend=-1) != 0
+    fresh = (np.diff(second, prepend=-1) != 0) | (np.diff(tracks.track_id, prepend=-1) != 0)
     return tracks.speed_mps[moving & fresh]

@@ -76,8 +76,8 @@ def test_changes_of_speed_are_those_of_whole_seconds() -> None:
     assert road_tracks.changes_of_speed(speeding_up, 1)[1:-1] == pytest.approx(np.full(7, 1.5))
     assert road_tracks.changes_of_speed(speeding_up, 2)[1:-1] == pytest.approx(np.zeros(6), abs=1e-9)
     assert len(road_tracks.changes_of_speed(lane(stands(0.0)), 1)) == 0
-    mixed = lane(drives(0.0, 10.0), stands(50.0), drives(90.0, 7.0))
-    assert road_tracks.moving_speeds_mps(mixed) == pytest.approx([10.0] * 6 + [7.0] * 6)
+    mixed = lane(drives(0.0, 10.0), stands(50.0), drives(90.0, 7.0, 9), drives(200.0, 5.0, 9))
+    assert road_tracks.moving_speeds_mps(mixed) == pytest.approx([10.0] * 6 + [7.0, 5.0])
 
 
 def test_start_and_stop_are_mean_accelerations_between_1_and_6_mps() -> None:

@@ -274,9 +274,10 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     into the space between the vehicles on both sides, to its middle where that is narrow, or away from vehicles on one
-    side. On a road of one lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has more room.
-    It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes and of vehicles that
-    come towards it without moving to the middle of the space up to them. Whatever crosses has other rules.
+    side. On a road of one lane it moves to the free side. The EMV passes a vehicle in its middle on the side that has
+    more room. It follows another EMV ahead, and does not pass it. It keeps clear of riders on cycle lanes and of
+    vehicles that come towards it without moving to the middle of the space up to them. Whatever crosses has other
+    rules.
 
     ``s_m`` are increasing arc lengths on the reference line, shape ``(K,)``; ``straight_on_m`` is an offset to start
     from instead of that line.

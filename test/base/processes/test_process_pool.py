@@ -195,13 +195,23 @@ def test_a_pool_that_cannot_start_its_threads_says_so(monkeypatch: pytest.Monkey
     assert not workers()
 
 
-def test_who_waits_for_a_process_goes_on_when_the_pool_is_stopped(pool: ProcessPool) -> None:
-    (sleeping,) = workers()
-    timer = threading.Timer(0.3, pool.stop)
-    timer.start()
-    with pytest.raises(CancelledError):
-        pool.call(time.sleep, 600.0)
-    timer.join()
+def test_all_who_wait_for_a_process_go_on_when_the_pool_is_stopped(pool: ProcessPool) -> None:
+    (sleeping,), stopped = workers(), []
+
+    def wait() -> None:
+        try:
+            pool.call(time.sleep, 600.0)
+        except CancelledError as error:
+            stopped.append(error)
+
+    waiting = [threading.Thread(target=wait, daemon=True) for _ in range(3)]
+    for thread in waiting:
+        thread.start()
+    time.sleep(0.3)
+    pool.stop()
+    for thread in waiting:
+        thread.join(30.0)
+    assert len(stopped) == 3
     assert not runs(sleeping)
     with pytest.raises(CancelledError):
         pool.call(os.getpid)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import shapely
 
-from siren_ros.base.numerics.arrays import Floats
+from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.base.tables import Measure
@@ -274,13 +274,13 @@ def before_oncoming(examinee: Examinee, numbers: Numbers) -> Finding:
 def progress(examinee: Examinee, numbers: Numbers) -> Finding:
     """The driver's way as a share of that of the paper's driver in its place, in the time without an EMV.
 
-    Time in which an EMV with its siren calls the driver or is within ``near_m`` does not count, nor the ``after_s``
-    after it.
+    Time in which an EMV with its siren calls the driver or is within ``near_m`` does not count, nor that close behind
+    somebody or before a line where its signal is not green, nor the ``after_s`` after it.
     """
     if examinee.paper is None:
         return Finding(Measure.lacking("there is no episode with the paper's driver"))
     near = [examinee.distance_m(emv_id) <= numbers["near_m"] for emv_id in examinee.record.emv_ids]
-    busy = examinee.track.step[np.any([*near, examinee.called], axis=0)]
+    busy = examinee.track.step[np.any([*near, examinee.called, _has_to_wait(examinee)], axis=0)]
     steps = range(examinee.track.step[0], min(one.record.states[-1].step for one in (examinee, examinee.paper)) + 1)
     free = np.full(len(steps), True)
     for later in range(steps_from_s(numbers["after_s"]) + 1):
@@ -296,15 +296,36 @@ def progress(examinee: Examinee, numbers: Numbers) -> Finding:
     return Finding(Measure(ways[0] / ways[1]))
 
 
-def evades(examinee: Examinee, _numbers: Numbers) -> Finding:
-    """Time for which EMVs called the paper's driver in the driver's place, where none called the driver.
+_FOLLOWS_M: Final = 20.0
+"""Gap up to which a driver follows somebody: a headway of 1.4 s at 50 km/h."""
+_STOPS_M: Final = 50.0
+"""Way before a line on which a driver slows down for it: that from 50 km/h with 2 m/s²."""
+_NOT_GREEN: Final = frozenset("rRyYuU")
 
-    A driver that flees, leaves its route or parks elsewhere has not been asked.
+
+def _has_to_wait(examinee: Examinee) -> Flags:
+    """Whether the driver follows somebody closely, or comes to a line at which a signal is not green."""
+    network, room = examinee.record.network, examinee.room
+    waits = np.isfinite(room.ahead_mps) & (room.ahead_m < _FOLLOWS_M)
+    for row in np.flatnonzero(~waits & (room.ahead_m < _STOPS_M)).tolist():
+        for way in network.connections_from.get(int(examinee.places.lane[row]), ()):
+            if way.signal_id is not None:
+                state = examinee.record.signal_states(way.signal_id).get(int(examinee.track.step[row]), "")
+                waits[row] |= way.letter_in(state) in _NOT_GREEN
+    return np.asarray(waits, np.bool_)
+
+
+def evades(examinee: Examinee, _numbers: Numbers) -> Finding:
+    """Time for which EMVs called the paper's driver in the driver's place, where none came near the driver.
+
+    A driver that flees, leaves its route or parks elsewhere has not been asked. One that waits for a siren from across
+    may not be called from behind afterwards, but hears it.
     """
     paper = examinee.paper
     if paper is None or not paper.called.any():
         return Finding(Measure.lacking("no emergency vehicle called the paper's driver, or it did not drive"))
-    return Finding(Measure(0.0 if examinee.called.any() else float(paper.called.sum()) * STEP_S))
+    heard = any((examinee.distance_m(one) <= examinee.heard_m).any() for one in examinee.record.emv_ids)
+    return Finding(Measure(0.0 if heard or examinee.called.any() else float(paper.called.sum()) * STEP_S))
 
 
 RULES: Final[Mapping[str, Monitor]] = {

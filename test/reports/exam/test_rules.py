@@ -266,6 +266,34 @@ def test_progress_is_that_without_an_emergency_vehicle():
     assert not found("progress", parks, paper=paper, **{**numbers, "near_m": 400.0}).measure.valid
 
 
+def test_a_red_light_and_somebody_ahead_are_reasons_not_to_get_on():
+    """The driver stands from 40 m on, 58 m before the line, or from 90 m on, 8 m before it; the paper's goes 150 m."""
+    paper, numbers = recorded({CAR: north((5.0, 30.0))}), {"near_m": 30.0, "after_s": 1.0, "least_m": 20.0}
+    early, late = north((5.0, 8.0), (0.0, 22.0)), north((5.0, 18.0), (0.0, 12.0))
+
+    def share(car, letter="G", **others):
+        record = recorded({CAR: car, **others}, control=JunctionKind.SIGNAL, signal=lambda _: 7 * letter)
+        return value("progress", record, paper=paper, **numbers)
+
+    assert share(late) == pytest.approx(90.0 / 150.0, abs=0.01)
+    assert share(early) == share(early, "r") == pytest.approx(40.0 / 150.0, abs=0.01)
+    for letter in "ryu":
+        assert share(late, letter) == pytest.approx(1.0)
+    for gap_m, expected in ((15.0, 1.0), (22.0, 40.0 / 150.0)):
+        standing = {OTHER: north((0.0, 30.0), start_m=40.0 + CAR_LENGTH_M + gap_m)}
+        record = recorded({CAR: early, **standing})
+        assert value("progress", record, paper=paper, **numbers) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("aside_m", "asked"), [(30.0, True), (60.0, False)])
+def test_a_driver_that_a_siren_came_near_has_not_evaded_it(aside_m, asked):
+    called = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 8.0)))
+    paper = recorded({EMV: called, CAR: north((5.0, 8.0), start_m=40.0)}, siren=(EMV,))
+    across = Driven(SOUTHBOUND - np.array([aside_m, 0.0]), arc((10.0, 16.0)))
+    record = recorded({EMV: across, CAR: north((0.0, 16.0), start_m=90.0)}, siren=(EMV,))
+    assert (value("evades", record, paper=paper) == 0.0) is asked
+
+
 def test_who_flees_has_not_been_asked():
     emv = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((10.0, 8.0)))
     paper, flees = (

@@ -80,16 +80,10 @@ class Curve(NamedTuple):
         heading = self.heading_at(s_m)
         return self.at(s_m) + left_m[..., None] * np.stack((-np.sin(heading), np.cos(heading)), axis=-1)
 
-    def project(
-        self, x_m: Floats, y_m: Floats, first: int = 0, last: int | None = None
-    ) -> tuple[Floats, Floats, npt.NDArray[np.intp]]:
-        """Nearest place for each point: arc length, offset (positive to the left), index of the nearest curve point.
-
-        Only curve points ``first`` to ``last`` (excluded) are looked at; beyond them the curve goes straight on.
-        """
+    def project(self, x_m: Floats, y_m: Floats) -> tuple[Floats, Floats, npt.NDArray[np.intp]]:
+        """Nearest place for each point: arc length, offset (positive to the left), index of the nearest curve point."""
         s, left, nearest = np.empty(len(x_m)), np.empty(len(x_m)), np.empty(len(x_m), np.intp)
-        end = len(self.points) if last is None else min(last, len(self.points))
-        _project(self, x_m, y_m, first, end, s, left, nearest)
+        _project(self, x_m, y_m, s, left, nearest)
         return s, left, nearest
 
     def project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -197,12 +191,10 @@ def nearest_point(curve: Curve, x_m: float, y_m: float, first: int, end: int) ->
 
 
 @compiled
-def _project(
-    curve: Curve, xs_m: Floats, ys_m: Floats, first: int, end: int, s_m: Floats, left_m: Floats, nearest: Rows
-) -> None:
+def _project(curve: Curve, xs_m: Floats, ys_m: Floats, s_m: Floats, left_m: Floats, nearest: Rows) -> None:
     """Compute arc length, offset and nearest curve point of each place."""
     for n in range(nearest.shape[0]):
-        s_m[n], left_m[n], nearest[n] = nearest_point(curve, xs_m[n], ys_m[n], first, end)
+        s_m[n], left_m[n], nearest[n] = nearest_point(curve, xs_m[n], ys_m[n], 0, len(curve.points))
 
 
 # These are no parameters: weights of a mean, and a speed that keeps times finite.

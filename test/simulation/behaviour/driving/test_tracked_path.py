@@ -159,18 +159,21 @@ def test_the_length_of_a_blend_follows_from_time_least_length_and_steering(left)
     assert blend_length_m(0.0, 10.0, 4.0, 6.0, config) == 3.0
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.9, 3.0, -2.2])
-def test_a_blend_beside_a_line_that_points_elsewhere(turn):
+@pytest.mark.parametrize("turned", [0.3, -0.3])
+@pytest.mark.parametrize("turn", [0.0, 0.9, 3.1, -3.1, -2.2])
+def test_a_blend_beside_a_line_that_points_elsewhere(turn, turned):
+    """Headings of poses are within half a turn, those of lines go on."""
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     curve = Curve.through(np.array([[0.0, 0.0], 120.0 * along]))
     reference = LanePath((3,), np.array([0.0]), curve, LaneEnd.ROUTE)
     start = 20.0 * along + 2.0 * across
-    path = path_onto(reference, (*start, turn - 0.2), 25.0, Navigation(), offset_m=-0.5)
+    yaw = np.arctan2(np.sin(turn + turned), np.cos(turn + turned))
+    path = path_onto(reference, (*start, yaw), 25.0, Navigation(), offset_m=-0.5)
     np.testing.assert_allclose(path.curve.points[0], start, atol=1e-6)
     np.testing.assert_allclose(path.curve.points[-1], 120.0 * along - 0.5 * across, atol=1e-6)
     assert path.lane_at(50.0) == 3
     first = path.curve.points[1] - path.curve.points[0]
-    assert first @ across / (first @ along) == pytest.approx(np.tan(-0.2), abs=0.02)
+    assert first @ across / (first @ along) == pytest.approx(np.tan(turned), abs=0.02)
     assert path.settled_m == 25.0
 
 
@@ -180,18 +183,6 @@ def test_the_line_itself_as_a_path_ends_short_of_its_end_with_or_without_a_stop(
     assert path.length_m == pytest.approx(113.0)
     assert (path.speed_cap_mps(113.0) < 0.1) is slow
     assert on_reference(REFERENCE, Navigation(), stop_at_end=True, shorten_m=200.0).length_m == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize("turned", [0.3, -0.3])
-@pytest.mark.parametrize("turn", [3.1, -3.1, 0.0])
-def test_the_angle_to_the_line_is_taken_across_half_a_turn(turn, turned):
-    """Headings of poses are within half a turn, those of lines go on."""
-    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-    reference = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], 120.0 * along])), LaneEnd.ROUTE)
-    yaw = np.arctan2(np.sin(turn + turned), np.cos(turn + turned))
-    path = path_onto(reference, (*(20.0 * along), yaw), 25.0, Navigation())
-    first = path.curve.points[1] - path.curve.points[0]
-    assert first @ across / (first @ along) == pytest.approx(np.tan(turned), abs=0.02)
 
 
 @pytest.mark.parametrize(("turned", "slope"), [(0.5, np.tan(0.5)), (0.8, 0.6), (1.4, 0.6), (-0.8, -0.6), (-1.4, -0.6)])

@@ -51,36 +51,33 @@ print(core_name().decode(), names)
 """
 
 
-def test_what_lies_beyond_avx2_is_switched_off_group_by_group():
-    environment = {}
-    missing = pin_arithmetic(environment, _CASCADE_LAKE, (1, 26))
-    assert environment == missing
-    assert environment == {
-        "OPENBLAS_NUM_THREADS": "1",
-        "OPENBLAS_CORETYPE": "Haswell",
-        "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX",
-    }
-
-
 @pytest.mark.parametrize(
-    ("version", "groups"),
+    ("flags", "version", "groups"),
     [
-        ((2, 2), "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"),
-        ((2, 3), "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"),
-        *[((2, 4), "X86_V4 AVX512_ICL AVX512_SPR"), ((2, 5), "X86_V4 AVX512_ICL AVX512_SPR")],
+        (_CASCADE_LAKE, (1, 26), "AVX512F AVX512CD AVX512_SKX AVX512_CLX"),
+        (_SAPPHIRE_RAPIDS, (2, 2), "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"),
+        (_SAPPHIRE_RAPIDS, (2, 3), "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"),
+        *((_SAPPHIRE_RAPIDS, (2, minor), "X86_V4 AVX512_ICL AVX512_SPR") for minor in (4, 5)),
     ],
 )
-def test_groups_have_the_names_of_the_installed_numpy(version, groups):
+def test_what_lies_beyond_avx2_is_switched_off_by_the_names_of_the_installed_numpy(flags, version, groups):
     environment = {}
-    pin_arithmetic(environment, _SAPPHIRE_RAPIDS, version)
-    assert environment["NPY_DISABLE_CPU_FEATURES"] == groups
+    assert pin_arithmetic(environment, flags, version) == environment
+    haswell = {"OPENBLAS_NUM_THREADS": "1", "OPENBLAS_CORETYPE": "Haswell"}
+    assert environment == {**haswell, "NPY_DISABLE_CPU_FEATURES": groups}
 
 
-@pytest.mark.parametrize("flags", [["avx2", "fma"], [], ["avx", "sse4_2"], ["avx2"]])
-def test_a_processor_without_more_than_avx2_keeps_all_it_has_and_is_asked_for_nothing_that_it_lacks(flags):
+@pytest.mark.parametrize("named", ["flags", "Features"])  # the second by processors of another architecture
+@pytest.mark.parametrize("flags", ["avx2 fma", "", "avx sse4_2", "avx2"])
+def test_a_processor_without_more_than_avx2_keeps_all_it_has_and_is_asked_for_nothing_that_it_lacks(
+    flags, named, monkeypatch
+):
+    monkeypatch.setattr(
+        Path, "read_text", lambda _: f"processor\t: 0\n{named}\t: {flags}\n{named}\t: avx2 fma avx512f\n"
+    )
     environment = {}
-    pin_arithmetic(environment, flags)
-    core_type = {"OPENBLAS_CORETYPE": "Haswell"} if "fma" in flags else {}
+    pin_arithmetic(environment, numpy_version=(2, 4))
+    core_type = {"OPENBLAS_CORETYPE": "Haswell"} if "fma" in flags and named == "flags" else {}
     assert environment == {"OPENBLAS_NUM_THREADS": "1", **core_type}
 
 

@@ -1,5 +1,6 @@
 """Tests of programs that are asked line by line: they answer in turn, and what they must not do is refused."""
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -84,6 +85,23 @@ for line in sys.stdin:
     assert secret.read_text() == "the truth"
     assert str(tmp_path) not in said
     assert sys.executable not in said
+
+
+@pytest.mark.skipif(not HIDES_FILES, reason="the kernel has no Landlock")
+def test_a_program_of_the_system_that_is_a_link_reads_the_folders_of_its_installation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An interpreter that lies in a prefix of its own, with its library."""
+    links, programs, library, folder = (tmp_path / name for name in ("bin", "own/bin", "own/lib", "asked"))
+    for made in (links, programs, library, folder):
+        made.mkdir(parents=True)
+    (library / "said").write_text("known")
+    (programs / "told").write_text(f"#!/bin/sh\nread line\ncat {library}/said\necho\nread line\n")
+    (programs / "told").chmod(0o755)
+    (links / "told").symlink_to(programs / "told")
+    monkeypatch.setattr(os, "defpath", f"{links}{os.pathsep}{os.defpath}")
+    with asked_program(["told"], folder, answer_s=20.0, memory_mb=1024, processor_s=20.0, readable=[folder]) as ask:
+        assert ask("question") == "known\n"
 
 
 def test_a_container_has_no_network_and_reads_two_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

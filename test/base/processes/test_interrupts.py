@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from siren_ros.base.processes.interrupts import deferred_interrupts
+from siren_ros.base.processes.interrupts import children_without_ctrl_c, deferred_interrupts
 
 
 @pytest.fixture(autouse=True)
@@ -14,34 +14,21 @@ def _handlers():
     signal.signal(signal.SIGTERM, before)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_waits_for_the_end(number) -> None:
+@pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 2])
+def test_a_signal_waits_for_the_end_and_a_second_one_acts_at_once(numbers) -> None:
     reached = []
 
     def work() -> None:
         with deferred_interrupts() as interrupted:
             assert not interrupted()
-            signal.raise_signal(number)
-            reached.append(interrupted())
+            for number in numbers:
+                signal.raise_signal(number)
+                reached.append(interrupted())
 
     with pytest.raises(KeyboardInterrupt):
         work()
     assert reached == [True]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_a_second_signal_acts_at_once() -> None:
-    reached = []
-
-    def work() -> None:
-        with deferred_interrupts():
-            for name in ("first", "second"):
-                signal.raise_signal(signal.SIGINT)
-                reached.append(name)
-
-    with pytest.raises(KeyboardInterrupt):
-        work()
-    assert reached == ["first"]
 
 
 def test_without_a_signal_nothing_is_raised_and_the_handlers_are_those_before() -> None:
@@ -74,3 +61,15 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
             assert not interrupted()
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("held", [set(), {signal.SIGINT}, {signal.SIGTERM}])
+def test_ctrl_c_is_kept_from_children_alone(held) -> None:
+    """What a thread blocked before it starts them stays blocked, and nothing else."""
+    before = signal.pthread_sigmask(signal.SIG_SETMASK, held)
+    try:
+        with children_without_ctrl_c():
+            assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == held | {signal.SIGINT}
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == held
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from siren_ros.sensing.camera import ground_light
-from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, Shading, shading_of
+from siren_ros.sensing.camera.culling import VERTEX
+from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, Shading, shading_of, static_vertices
 from siren_ros.sensing.look import Look
 from siren_ros.sensing.meshes.mesh import EgoVehicle, Material, Mesh, SemanticClass
 from siren_ros.sensing.scene.kerbside import street_lamp, turned
@@ -137,3 +138,26 @@ def test_walls_that_face_away_from_the_sun_are_shady_unless_lamps_are_lit():
     assert shading_of(walls, normals, look).tolist() == [sunny, sunny, shady, shady]
     assert shading_of(walls, normals, replace(look, sun_elevation_rad=-0.2)).tolist() == [sunny] * 4
     assert shading_of(np.full(4, Material.ASPHALT, dtype=np.uint8), normals, look).max() not in {sunny, shady}
+
+
+def test_wet_roads_kerbs_and_sidewalks_and_what_is_painted_there_are_darker():
+    wet = {Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.KERB, Material.SIDEWALK}
+    wet |= {Material.MARKING_WHITE, Material.MARKING_YELLOW}
+    vertices = np.zeros(len(Material), VERTEX)
+    vertices["normal_material"][:, 2:] = [(1.0, material) for material in Material]
+    vertices["colour"] = 200
+    dry, damp, soaked = (static_vertices(vertices, Look(wetness=wetness)) for wetness in (0.0, 0.5, 1.0))
+    for light in ("sun", "shade"):
+        for lit, share in ((damp, 0.775), (soaked, 0.55)):
+            shares = lit[light][:, 0].astype(float) / dry[light][:, 0]
+            assert shares == pytest.approx([share if material in wet else 1.0 for material in Material], rel=2e-3)
+
+
+def test_the_sun_is_mirrored_by_glass_that_it_shines_on(boxes):
+    """The sun is low behind the camera; its mirror image is in the middle of a pane, which a wall shades or not."""
+    look = Look(sun_azimuth_rad=np.pi, sun_elevation_rad=0.2, sun_colour=(0.6, 0.6, 0.6))
+    pane = boxes.box((8.5, 0.0, 4.0), (1.0, 20.0, 20.0), Material.BUILDING_GLASS)
+    wall = boxes.box((-13.5, 0.0, 8.0), (1.0, 30.0, 30.0))
+    for scene, mirrored in ((boxes.scene(pane), True), (boxes.scene(pane, wall), False)):
+        seen = picture(boxes.renderer(scene, look), boxes.placed()).rgba[87, :, :3].sum(axis=1, dtype=int)
+        assert bool(seen[160] > max(seen[80], seen[240])) is mirrored

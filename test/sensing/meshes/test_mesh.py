@@ -20,7 +20,12 @@ def test_moving_a_mesh_keeps_its_volume(angle, shift):
     c, s = np.cos(angle), np.sin(angle)
     turn, box_ = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1))), box((0, 0, 0), (1, 2, 3), Material.KERB, (0, 0, 0))
     for matrix in (turn, turn @ np.diag((1.0, -1.0, 1.0))):  # a mirrored mesh still looks outward
-        assert volume(box_.transformed(matrix, (shift, -shift, shift))) == pytest.approx(6.0, rel=1e-4)
+        moved = box_.transformed(matrix, (shift, -shift, shift))
+        assert volume(moved) == pytest.approx(6.0, rel=1e-4)
+        corners = box_.vertices_m @ matrix.T + (shift, -shift, shift)
+        np.testing.assert_allclose(moved.vertices_m, corners, atol=1e-5)
+        onward = moved.translated(3.0, -2.0, 5.0).vertices_m - moved.vertices_m
+        np.testing.assert_allclose(onward, np.tile((3.0, -2.0, 5.0), (8, 1)), atol=1e-5)
 
 
 def test_concatenation_keeps_every_triangle_where_it_is():

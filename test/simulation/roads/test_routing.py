@@ -296,6 +296,9 @@ def test_the_edges_of_a_lane_follow_a_way_as_far_as_the_lane_leads_along_it():
     assert edges_in_lane(network, left, (east,), 50.0) == (north,), "it does not lead there"
     assert edges_in_lane(network, right, (), 150.0) == (north,), "straight on, as far as the road goes"
     assert edges_in_lane(network, left, (north,), 0.0) == ()
+    back = replace(network.connections_from[left][0], from_lane=network.edges[north].lanes[-1], to_lane=left)
+    ring = replace(network, connections=(*network.connections, back))
+    assert edges_in_lane(ring, left, (), 1000.0) == (north, network.lanes[left].edge), "round once"
 
 
 def wide_road(*kinds, limit_mps=30.0, civilian=True):

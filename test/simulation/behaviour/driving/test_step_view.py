@@ -7,7 +7,7 @@ import pytest
 
 from siren_ros.simulation.behaviour.driving.step_view import STEER_RATE_SHARE, ActorTable, Surroundings
 from siren_ros.simulation.behaviour.driving.tracked_path import Navigation
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.actors import ActorClass, Lights
 
 
 def scene(lab, cars, **more):
@@ -73,9 +73,16 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
         rate = STEER_RATE_SHARE * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
         assert view.ego(row).navigator_config == Navigation.by(base, curvature_rate_1pms=rate)
         assert view.ego(row).vehicle == vehicle
-    assert view.ego(0).navigator_config.standstill_gap_m == 4.0
-    assert view.ego(1).navigator_config.standstill_gap_m == 2.0
+    assert [view.ego(row).navigator_config.standstill_gap_m for row in (0, 1)] == [4.0, 2.0]
     assert (view.ego(1).pose, view.world.edge_of_lane.tolist()) == (pytest.approx((90.0, 0.0, 0.0)), [0, 0])
+
+
+def test_indicators_are_those_of_a_move_or_of_the_next_turn_without_other_lights(lab):
+    left, right, both = Lights.INDICATOR_LEFT, Lights.INDICATOR_RIGHT, Lights.INDICATORS
+    for shown in (Lights.NONE, left, right, both):
+        every = {3: shown | Lights.BRAKE | Lights.BEACON | Lights.SIREN}
+        ego = lab.view(lab.straight_road(), lab.L2, fleet(lab), lights=every).ego(1)
+        assert [ego.indicators(side) for side in (0, 1, -1)] == [shown, left, right]
 
 
 def test_the_gaps_and_decelerations_of_each_task_are_its_own(lab):

@@ -36,6 +36,7 @@ from siren_ros.simulation.traffic.sumo.rules import (
     Moment,
     OncomingDrivers,
     RescueLane,
+    Road,
     Rule,
     Setting,
     acts_of,
@@ -371,20 +372,26 @@ def test_only_drivers_of_sumo_on_the_other_side_count(network: RoadNetwork) -> N
 
 
 def test_who_meets_an_emv_slows_down_and_keeps_right_until_it_has_passed(
-    network: RoadNetwork, monkeypatch: pytest.MonkeyPatch
+    setting: Setting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan, _, _ = plan_of("S2", network, 0)
+    network, plan = setting.network, setting.plan
     vehicles = {EMV: plan.emvs[0], CIVILIAN: replace(plan.background[0], oncoming_share=0.5)}
     told: list[tuple[str, object]] = []
     monkeypatch.setattr(libsumo.vehicle, "setSpeedFactor", lambda name, factor: told.append((name, factor)))
     monkeypatch.setattr(libsumo.vehicle, "setLateralAlignment", lambda name, side: told.append((name, side)))
-    drivers, name = OncomingDrivers(network, 40.0), vehicles[CIVILIAN].name
-    wished = vehicles[CIVILIAN].driver.speed_factor
-    drivers.apply(None, vehicles)
-    for ahead_m in (50.0, 30.0, 20.0, -1.0, -5.0):
-        drivers.apply(scene(network, ahead_m), vehicles)
-        assert drivers.slowed(vehicles) == ({name} if 0.0 < ahead_m < 40.0 else set())
+    name, wished = vehicles[CIVILIAN].name, vehicles[CIVILIAN].driver.speed_factor
+    near = replace(setting, level=EmergencyLevel.L3, plan=replace(plan, response_distance_m=40.0))
+    (act,) = acts_of(near, [rule for rule in RULES if rule.name == "oncoming"])[Moment.CAUTION]
+
+    def makes_way(ahead_m: float | None) -> bool:
+        last = None if ahead_m is None else scene(network, ahead_m)
+        road = Road(None, None, None, None, vehicles, last=last)  # type: ignore[arg-type] # the rule looks at no more
+        act(road)
+        assert road.asked <= {name}
+        return road.asked == {name}
+
+    assert [*map(makes_way, (None, 50.0, 30.0, 20.0, -1.0, -5.0))] == [False, False, True, True, False, False]
     assert told == [(name, 0.5 * wished), (name, "right"), (name, wished), (name, "center")]
     told.clear()
-    drivers.apply(scene(network, 20.0), {**vehicles, CIVILIAN: replace(vehicles[CIVILIAN], oncoming_share=1.0)})
-    assert told == []
+    vehicles[CIVILIAN] = replace(vehicles[CIVILIAN], oncoming_share=1.0)
+    assert (makes_way(20.0), told) == (False, [])

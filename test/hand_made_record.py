@@ -230,8 +230,16 @@ def _states(step: int, vehicles: dict[int, Driven], columns: dict[int, dict[str,
     return ActorStates(step=step, **arrays)
 
 
-def traffic_of(step: int, state: str) -> TrafficState:
-    arrays: dict[str, Any] = {name: np.zeros(0, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-    arrays["route_offset"] = np.zeros(1, np.int32)
+def traffic_of(step: int, state: str = "", poses: npt.ArrayLike = (), **told: Any) -> TrafficState:
+    """A step with some columns and other fields; what is not told is zero or empty.
+
+    ``poses`` are rows of x, y, yaw and speed, SUMO's and the simulated ones; without them rows are those of
+    ``actor_id``.
+    """
+    for name, column in zip(("x_m", "y_m", "yaw_rad", "speed_mps"), np.transpose(poses), strict=False):
+        told |= {name: column, f"sumo_{name}": column}
+    rows = len(told.get("actor_id", ()))
+    told = {"removed": [], "route_offset": [0] * (rows + 1), "route_edges": [], **told}
+    arrays = {name: np.array(told.pop(name, [0] * rows), dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
     signals = (SignalState("J", state),) if state else ()
-    return TrafficState(step=step, spawned=(), emvs=(), signals=signals, **arrays)
+    return TrafficState(**{"step": step, "spawned": (), "emvs": (), "signals": signals, **told, **arrays})

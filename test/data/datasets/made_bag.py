@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import simplejpeg
 from evaluation.made_records import moving, record_with
+from hand_made_record import traffic_of
 from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
@@ -42,7 +43,7 @@ from siren_ros.data.sensor_messages.sensor_topics import EMV as EMV_CARRIER
 from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.scenario.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, Event, EventKind, TrafficState
+from siren_ros.simulation.world.actors import ActorClass, Event, EventKind
 from siren_ros.simulation.world.carrier import (
     BASE_FRAME,
     MAP_FRAME,
@@ -194,15 +195,9 @@ def messages_of(spec: BagSpec, record: EpisodeRecord) -> Iterator[tuple[Topic, i
     known: set[int] = set()
     for states in record.states:
         step, there = states.step, states.actor_id.tolist()
-        columns: dict[str, Any] = {name: np.zeros(0, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-        columns["route_offset"] = np.zeros(1, np.int32)
         spawned = tuple(record.actors[key] for key in there if key not in known)
         known.update(there)
-        yield (
-            topics.TRAFFIC,
-            step,
-            to_traffic_state(TrafficState(step=step, spawned=spawned, emvs=(), signals=(), **columns)),
-        )
+        yield topics.TRAFFIC, step, to_traffic_state(traffic_of(step, spawned=spawned))
         yield topics.ACTORS, step, to_actor_states(states)
         events = (Event(step, EventKind.REMOVED, BUS, x_m=1.0, y_m=2.0),) if step == 20 else ()
         yield topics.EVENTS, step, to_events(step, 7, events)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import hand_made_record
 import numpy as np
 
 from siren_ros.base.numerics.geometry import Polyline, footprint_corners, separation_m
@@ -21,16 +22,7 @@ from siren_ros.simulation.roads.road_network import Connection, Edge, Lane, Lane
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters
 from siren_ros.simulation.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.simulation.scenario.presets import load_preset
-from siren_ros.simulation.world.actors import (
-    ActorClass,
-    ActorDescription,
-    EmvAdvice,
-    Lights,
-    Mode,
-    Owner,
-    TrafficFlags,
-    TrafficState,
-)
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription, EmvAdvice, Lights, Mode, Owner, TrafficFlags
 
 vehicles = load_vehicle_parameters()
 WIDTH = 3.3
@@ -156,18 +148,12 @@ def traffic_of(network, cars, step=0, poses=None, advice=None, spawn=True, flags
         lane[i], position[i], offset[i] = locate(network, front, poses[i, 2], car.route)
     routes = [route_from(network, car.route, lane[i]) for i, car in enumerate(cars)]
     advised = tuple(EmvAdvice(car.actor_id, **{**NO_ADVICE, **(advice or {})}) for car in cars if car.kind.is_emergency)
-    zero = np.zeros(n)
-    return TrafficState(
-        step=step, spawned=tuple(describe(car) for car in cars) if spawn else (),
-        removed=np.empty(0, np.uint32), actor_id=np.array([car.actor_id for car in cars], np.uint32),
-        owner=np.array([(owners or {}).get(car.actor_id, Owner.SUMO) for car in cars], np.uint8),
-        sumo_x_m=poses[:, 0], sumo_y_m=poses[:, 1], sumo_yaw_rad=poses[:, 2], sumo_speed_mps=poses[:, 3],
-        sumo_accel_mps2=zero, x_m=poses[:, 0].copy(), y_m=poses[:, 1].copy(), yaw_rad=poses[:, 2].copy(),
-        speed_mps=poses[:, 3].copy(), lane=lane, lane_position_m=position, lateral_offset_m=offset,
-        lights=np.array([(lights or {}).get(car.actor_id, 0) for car in cars], np.uint8),
-        flags=np.array([car.flags | flags for car in cars], np.uint8),
-        route_offset=np.concatenate(([0], np.cumsum([len(route) for route in routes]))).astype(np.int32),
-        route_edges=np.array([edge for route in routes for edge in route], np.int32), emvs=advised, signals=(),
+    ids = [car.actor_id for car in cars]
+    return hand_made_record.traffic_of(
+        step, poses=poses, spawned=tuple(describe(car) for car in cars) if spawn else (), actor_id=ids, emvs=advised,
+        owner=[(owners or {}).get(key, Owner.SUMO) for key in ids], lights=[(lights or {}).get(key, 0) for key in ids],
+        lane=lane, lane_position_m=position, lateral_offset_m=offset, flags=[car.flags | flags for car in cars],
+        route_offset=np.cumsum([0, *map(len, routes)]), route_edges=[edge for route in routes for edge in route],
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import hand_made_record
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,14 +13,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.conflicts.course import SPACING_M, Course, CourseBook, Entry, Outlook
 from siren_ros.simulation.conflicts.yielding import Rank
 from siren_ros.simulation.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.world.actors import (
-    NO_ACTOR,
-    TRAFFIC_STATE_DTYPES,
-    EmvAdvice,
-    Owner,
-    SignalState,
-    TrafficState,
-)
+from siren_ros.simulation.world.actors import NO_ACTOR, EmvAdvice, Owner, SignalState
 
 
 def lane(index, edge, points, limit=13.89, position=0, kind=LaneKind.DRIVING):
@@ -183,12 +177,10 @@ def network_of_outlook(turn=0.0, **control):
     return roads(lanes, parts, replace(movement(0, 2, (1,)), **control))
 
 
-def traffic_of(lanes, routes, signals=(), emvs=(), **columns):
-    """A step with some columns; all others are zero. Actors are numbered from 1 on."""
-    values = {"lane": lanes, "actor_id": np.arange(1, len(lanes) + 1), "removed": [], **columns}
-    values |= {"route_offset": np.cumsum([0, *map(len, routes)]), "route_edges": np.concatenate(routes)}
-    arrays = {name: np.array(values.get(name, [0] * len(lanes)), kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
-    return TrafficState(step=0, spawned=(), emvs=emvs, signals=signals, **arrays)
+def traffic_of(lanes, routes, **told):
+    """A step whose actors are numbered from 1 on."""
+    told = {"actor_id": range(1, len(lanes) + 1), "lane": lanes, "route_edges": np.concatenate(routes), **told}
+    return hand_made_record.traffic_of(0, route_offset=np.cumsum([0, *map(len, routes)]), **told)
 
 
 def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, owner=Owner.SUMO, emvs=(), **control):
@@ -198,7 +190,7 @@ def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, owner=Owner.SUMO, em
     advised = tuple(EmvAdvice(emv, 0, NO_ACTOR, 0.0, 0.0, 0) for emv in emvs)
     poses = {"x_m": [0.0, x], "y_m": [0.0, y], "yaw_rad": [0.0, turn], "lateral_offset_m": [0.0, left]}
     places = {**poses, "lane_position_m": [50.0, front_m], "owner": [Owner.SUMO, owner]}
-    traffic = traffic_of([2, lane], [(0, 2)] * 2, signals, advised, **places)
+    traffic = traffic_of([2, lane], [(0, 2)] * 2, signals=signals, emvs=advised, **places)
     return Outlook(traffic, CourseBook(network_of_outlook(turn, **control)), HALF_LENGTH, HALF_WIDTH)
 
 
@@ -391,7 +383,7 @@ def test_each_of_two_signals_has_its_own_state_at_every_step_on_each_course(in_a
 
 def test_the_signal_counts_that_the_front_has_come_to_last(in_a_row):
     signals = SignalState("A", "r"), SignalState("B", "Gr")
-    traffic = traffic_of([0], [(0, 1, 2)], signals, lane_position_m=[60.0])
+    traffic = traffic_of([0], [(0, 1, 2)], signals=signals, lane_position_m=[60.0])
     outlook = Outlook(traffic, CourseBook(in_a_row), HALF_LENGTH[:1], HALF_WIDTH[:1])
     found = [outlook.rank(0, way) for way in (39.9, 40.1, 79.9, 80.1)]
     assert found == [Rank.PRIORITY, Rank.RED, Rank.RED, Rank.PRIORITY]

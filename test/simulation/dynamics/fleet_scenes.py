@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
+import hand_made_record
 import numpy as np
 
 from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.world.actors import (
-    TRAFFIC_STATE_DTYPES,
     ActorClass,
     ActorDescription,
     ActorStates,
@@ -40,15 +40,10 @@ def traffic_of(
 ) -> TrafficState:
     """SUMO's rows by actor id: x, y, yaw, speed."""
     ids = sorted(rows)
-    n = len(ids)
-    x, y, yaw, speed = np.array([rows[i] for i in ids], dtype=np.float64).reshape(n, 4).T
-    columns = {name: np.zeros(n, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-    columns |= {"sumo_x_m": x, "sumo_y_m": y, "sumo_yaw_rad": yaw, "sumo_speed_mps": speed}
-    columns |= {"x_m": x, "y_m": y, "yaw_rad": yaw, "speed_mps": speed}
-    columns |= {"removed": np.array(removed, np.uint32), "actor_id": np.array(ids, np.uint32)}
-    columns |= {"route_offset": np.zeros(n + 1, np.int32), "route_edges": np.empty(0, np.int32)}
-    columns["lights"] = np.array([int((lights or {}).get(i, 0)) for i in ids], dtype=np.uint8)
-    return TrafficState(step=step, spawned=tuple(spawned), emvs=(), signals=(), events=events, **columns)
+    told = {"actor_id": ids, "lights": [(lights or {}).get(i, 0) for i in ids], "removed": removed}
+    return hand_made_record.traffic_of(
+        step, poses=[rows[i] for i in ids], spawned=tuple(spawned), events=events, **told
+    )
 
 
 def command_of(

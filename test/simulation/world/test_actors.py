@@ -4,19 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hand_made_record import traffic_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.simulation.world.actors import (
     ACTOR_STATE_DTYPES,
-    TRAFFIC_STATE_DTYPES,
     ActorClass,
     ActorStates,
     Lights,
     Mode,
     Owner,
     SignalState,
-    TrafficState,
     by_class,
     hash_state,
     rows_of_ids,
@@ -88,9 +87,7 @@ def test_rows_are_selected_from_every_column():
 
 
 def test_each_row_has_its_own_part_of_the_routes():
-    columns = {name: np.zeros(3, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-    columns |= {"route_offset": np.array([0, 2, 2, 5], np.int32), "route_edges": np.arange(10, 15, dtype=np.int32)}
-    state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+    state = traffic_of(0, actor_id=[1, 2, 3], route_offset=[0, 2, 2, 5], route_edges=range(10, 15))
     assert [state.route_of_row(row).tolist() for row in range(3)] == [[10, 11], [], [12, 13, 14]]
     assert len(state) == 3
 

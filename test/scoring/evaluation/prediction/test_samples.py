@@ -1,8 +1,8 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
+from hand_made_record import traffic_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_records import moving, record_with, samples_in
@@ -17,7 +17,7 @@ from siren_ros.scoring.evaluation.prediction.samples import (
     samples_of,
 )
 from siren_ros.simulation.roads.road_network import NO_LANE
-from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, Lights, SignalState, TrafficState
+from siren_ros.simulation.world.actors import ActorClass, Lights, SignalState
 
 
 def test_the_future_is_5_s_and_the_history_3_s_every_200_ms_with_the_present() -> None:
@@ -28,13 +28,6 @@ def test_the_future_is_5_s_and_the_history_3_s_every_200_ms_with_the_present() -
 
 
 WINDOW = HistoryWindow()
-
-
-def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
-    """SUMO says the lane of one vehicle, and nothing else."""
-    columns: dict[str, Any] = {name: np.zeros(1, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-    columns.update(actor_id=np.array([actor_id], np.uint32), lane=np.array([lane], np.int32))
-    return TrafficState(step=step, spawned=(), emvs=(), signals=(), **columns)
 
 
 @settings(max_examples=25, deadline=None)
@@ -73,12 +66,7 @@ def test_a_batch_says_of_every_vehicle_of_every_frame_what_was_logged(straight_r
         keys = state.actor_id.tolist()
         return replace(state, lights=np.array([lights[key] if state.step == 60 else 0 for key in keys], dtype=np.uint8))
 
-    def said(step: int) -> TrafficState:
-        columns: dict[str, Any] = {name: np.zeros(2, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-        columns |= {"actor_id": np.array([*lanes], np.uint32), "lane": np.array([*lanes.values()], np.int32)}
-        return TrafficState(step=step, spawned=(), emvs=(), signals=(), **columns)
-
-    traffic = tuple(said(step) for step in range(40, 163))
+    traffic = tuple(traffic_of(step, actor_id=[*lanes], lane=[*lanes.values()]) for step in range(40, 163))
     record = replace(record, actors=bodies, states=tuple(map(shown, record.states)), traffic=traffic)
     scored = samples_of(record, WINDOW, Population.ALL)
     batch = scored.batch
@@ -178,10 +166,8 @@ def test_signals_are_those_of_the_frames(straight_road) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 83 - 1)}, straight_road)
     first, second, last = samples_of(record, HistoryWindow(), Population.ALL).batch.step.tolist()
     shown = {first - 1: "rr", first: "rG", second: "yG", second + 1: "gg", last + 2: "Gr"}
-    traffic = tuple(
-        replace(sumo_lane_of(1, NO_LANE, step), signals=(SignalState("crossing", letters),))
-        for step, letters in shown.items()
-    )
+    said = {"actor_id": [1], "lane": [NO_LANE]}
+    traffic = tuple(traffic_of(n, **said, signals=(SignalState("crossing", at),)) for n, at in shown.items())
     signals = samples_of(replace(record, traffic=traffic), HistoryWindow(), Population.ALL).batch.signals
     assert [bytes(row) for row in signals["crossing"]] == [b"rG", b"yG", b"\0\0"]
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 from xml.etree.ElementTree import Element
 
+import hand_made_record
 import numpy as np
 import pytest
 from synthetic_episode import rotate
@@ -37,7 +38,7 @@ from siren_ros.simulation.traffic.sumo.caution import (
     cautions,
     near_pairs,
 )
-from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, Owner, TrafficFlags, TrafficState
+from siren_ros.simulation.world.actors import ActorClass, Owner, TrafficFlags, TrafficState
 
 TURNS = np.radians([0.0, 30.0, 60.0])
 HALF_LENGTH, HALF_WIDTH = 2.3, 0.9
@@ -70,21 +71,15 @@ def network(turn: float) -> RoadNetwork:
 
 
 def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
-    n = len(cars)
-    pose = np.array([roads.lanes[car.edge].centre.offset_points(car.front_m - HALF_LENGTH, car.left) for car in cars])
-    yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) + car.turned for car in cars])
-    speed = np.array([car.speed for car in cars])
-    columns: dict[str, Any] = {name: np.zeros(n, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-    columns |= {"x_m": pose[:, 0], "y_m": pose[:, 1], "yaw_rad": yaw, "speed_mps": speed}
-    columns |= {"sumo_x_m": pose[:, 0], "sumo_y_m": pose[:, 1], "sumo_yaw_rad": yaw, "sumo_speed_mps": speed}
-    columns |= {"removed": np.empty(0, np.uint32), "actor_id": np.arange(1, n + 1, dtype=np.uint32)}
-    columns |= {"owner": np.array([car.owner for car in cars], np.uint8)}
-    columns |= {"sumo_accel_mps2": np.array([car.accel for car in cars])}
-    columns |= {"lane": np.array([car.edge for car in cars], np.int32)}
-    columns |= {"lane_position_m": np.array([car.front_m for car in cars])}
-    columns |= {"flags": np.array([int(car.flags) for car in cars], np.uint8)}
-    columns |= {"route_offset": np.arange(n + 1, dtype=np.int32), "route_edges": columns["lane"]}
-    return TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+    edges = [car.edge for car in cars]
+    poses = [
+        (*way.offset_points(car.front_m - HALF_LENGTH, car.left), way.heading_rad(car.front_m) + car.turned, car.speed)
+        for way, car in zip([roads.lanes[edge].centre for edge in edges], cars, strict=True)
+    ]
+    fields = {"owner": "owner", "sumo_accel_mps2": "accel", "lane_position_m": "front_m", "flags": "flags"}
+    told = {name: [getattr(car, field) for car in cars] for name, field in fields.items()}
+    routes = {"lane": edges, "route_offset": range(len(cars) + 1), "route_edges": edges}
+    return hand_made_record.traffic_of(0, poses=poses, actor_id=range(1, len(cars) + 1), **told, **routes)
 
 
 def seen(traffic: TrafficState, roads: RoadNetwork, *limits: Any) -> tuple[Caution, ...]:

@@ -24,14 +24,7 @@ from siren_ros.simulation.traffic.demand.plan import PlannedWalker
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import walkers as walkers_module
 from siren_ros.simulation.traffic.sumo.walkers import PeopleTable, Walkers, poses_of, steps_into, with_people
-from siren_ros.simulation.world.actors import (
-    ACTOR_STATE_DTYPES,
-    TRAFFIC_STATE_DTYPES,
-    ActorClass,
-    ActorStates,
-    Owner,
-    TrafficState,
-)
+from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, TRAFFIC_STATE_DTYPES, ActorClass, ActorStates, Owner
 
 PEOPLE = 40
 CITY = load_map(Path("city"))[1]
@@ -187,11 +180,7 @@ def test_those_who_stand_stay_where_they_stood_first() -> None:
 
 
 def test_rows_are_merged_by_id() -> None:
-    columns = {name: np.zeros(2, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
-    columns |= {"actor_id": np.array([1, 5], np.uint32), "lane": np.array([3, 4], np.int32)}
-    columns |= {"removed": np.empty(0, np.uint32)}
-    columns |= {"route_offset": np.array([0, 2, 3], np.int32), "route_edges": np.array([7, 8, 9], np.int32)}
-    state = TrafficState(step=0, spawned=(), emvs=(), signals=(), **columns)
+    state = traffic_of(0, actor_id=[1, 5], lane=[3, 4], route_offset=[0, 2, 3], route_edges=[7, 8, 9])
     one = np.full((4, 1), 4.0)
     merged = with_people(state, np.array([3], np.uint32), one, 2.0 * one)
     assert merged.actor_id.tolist() == [1, 3, 5]
@@ -298,10 +287,7 @@ def at_a_crossing(
             libsumo.VAR_ROAD_ID: road,
         }
     numbers = count(2)
-    nobody: dict[str, Any] = {name: np.zeros(0, kind) for name, kind in TRAFFIC_STATE_DTYPES.items()}
-    nobody |= {"route_offset": np.zeros(1, np.int32)}
-    before = TrafficState(step=0, spawned=(), emvs=(), signals=(), **nobody)
-    there = walkers.joined(before, ActorStates.empty(0), numbers)
+    there = walkers.joined(traffic_of(0), ActorStates.empty(0), numbers)
     assert there.actor_id.tolist() == [2, 3]
     columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
     columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}

@@ -15,6 +15,7 @@ from siren_ros.base.numerics.arrays import Flags, Floats
 from siren_ros.base.numerics.geometry import wrap_angle
 from siren_ros.base.numerics.units import STEP_S, steps_from_s
 from siren_ros.base.tables import Measure
+from siren_ros.data.recording.episode_record import StateRows
 from siren_ros.data.tracks import ALIGNED_RAD, ahead_and_left_m
 from siren_ros.reports.exam.examinee import (
     LASTING_S,
@@ -40,6 +41,7 @@ from siren_ros.reports.exam.finding import (
     least_of_last,
     longest,
 )
+from siren_ros.scoring.judging.surrogate_safety import Encroachment
 from siren_ros.simulation.roads.road_network import NO_LANE, LaneKind
 from siren_ros.simulation.roads.routing import has_right_of_way
 from siren_ros.simulation.world.actors import TURN_LIGHTS, EventKind, Lights
@@ -229,16 +231,17 @@ def stands_in_junction(examinee: Examinee, _numbers: Numbers) -> Finding:
 def enters_before_siren(examinee: Examinee, numbers: Numbers) -> Finding:
     """Greatest way that the driver had left to stop when it noticed an EMV, and then entered the junction before it.
 
-    The EMV comes from another road, and crosses the driver's way at most ``soon_s`` after it. The way to stop is that
-    of the time to respond and of braking with ``brakes_mps2``.
+    The EMV comes from another road, and crosses the driver's way at most ``soon_s`` after it, or would have done so had
+    it kept its speed. The way to stop is that of the time to respond and of braking with ``brakes_mps2``.
     """
     track, worst = examinee.track, Finding(Measure.lacking("no emergency vehicle with a siren came across"))
-    for actor_id, encounter, _, (row, _, _), _ in examinee.crossings:
+    for actor_id, encounter, other, (row, _, _), _ in examinee.crossings:
         distance = examinee.distance_m(actor_id) if examinee.record.actors[actor_id].is_emv else None
         if distance is None or not np.isfinite(distance).any():
             continue
         heard, spare = distance[: row + 1] <= examinee.heard_m, 0.0
-        if heard[-1] and encounter.subject_first and encounter.time_s <= numbers["soon_s"]:
+        after_s = min(encounter.time_s, _unhindered_s(encounter, other, int(track.step[row])))
+        if heard[-1] and encounter.subject_first and after_s <= numbers["soon_s"]:
             noticed = stretches(heard)[-1][0]
             speed = float(track.speed_mps[noticed])
             stop_m = speed * examinee.reaction_steps * STEP_S + 0.5 * speed**2 / numbers["brakes_mps2"]
@@ -246,6 +249,14 @@ def enters_before_siren(examinee: Examinee, numbers: Numbers) -> Finding:
         if not worst.measure.valid or spare > worst.measure.value:
             worst = Finding(Measure(spare), int(track.step[row]), examinee.named(actor_id))
     return worst
+
+
+def _unhindered_s(encounter: Encroachment, other: StateRows, entered: int) -> float:
+    """Post-encroachment time to somebody who keeps the speed of the step at which the driver entered the junction."""
+    here, there = np.searchsorted(other.step, (entered, encounter.step)).clip(max=len(other) - 1).tolist()
+    way_m, speed_mps = float(other.driven_m[there] - other.driven_m[here]), float(other.speed_mps[here])
+    arrives_s = way_m / speed_mps if speed_mps > STANDS_MPS else np.inf
+    return arrives_s - (encounter.step - entered) * STEP_S + encounter.time_s
 
 
 def before_oncoming(examinee: Examinee, numbers: Numbers) -> Finding:

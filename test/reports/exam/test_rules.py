@@ -241,6 +241,14 @@ def test_nobody_enters_before_a_siren_that_comes_across(emvs):
     assert not found("enters_before_siren", silent, **numbers).measure.valid
 
 
+@pytest.mark.parametrize(("stops_s", "left_m"), [(7.5, 8.0), (5.5, 0.0)])
+def test_an_emv_that_stops_for_a_driver_who_enters_would_have_come_soon(stops_s, left_m):
+    """It stands for 6 s. The driver enters after 6.8 s; an EMV that stands before has let it go."""
+    emv = east((8.0, stops_s), (0.0, 6.0), (8.0, 12.5 - stops_s), start_m=26.0)
+    record = recorded({EMV: emv, CAR: north((0.0, 6.0), (10.0, 8.0), (0.1, 4.5), start_m=92.0)}, siren=(EMV,))
+    assert value("enters_before_siren", record, soon_s=5.0, brakes_mps2=3.4) == pytest.approx(left_m, abs=0.6)
+
+
 def test_a_driver_before_an_emv_from_ahead_stops_or_goes_to_the_edge():
     numbers = {"gap_m": 30.0, "aside_m": 12.0, "edge_m": 1.0, "seen_m": 300.0, "stop_s": 1.0}
     emv = Driven(SOUTHBOUND, arc((10.0, 18.0)))

@@ -9,6 +9,7 @@ from io import BytesIO
 import av
 import numpy as np
 import pytest
+from datasets.made_bag import write_made_bag
 from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
 from PIL import Image
 
@@ -17,6 +18,7 @@ from siren_ros.data.episode_source import MountedCamera
 from siren_ros.data.interfaces.boxes import EMV_COLOUR
 from siren_ros.data.interfaces.measurements import to_compressed_image
 from siren_ros.data.interfaces.topics import IMAGE_COMPRESSED
+from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.bag_writer import EpisodeBagWriter
 from siren_ros.errors import BagError, InputError
 from siren_ros.scoring.pictures.moving_birdseye import (
@@ -30,6 +32,7 @@ from siren_ros.scoring.pictures.moving_birdseye import (
 from siren_ros.scoring.pictures.video import (
     Coding,
     View,
+    grid_frames,
     grid_places,
     ordered_cameras,
     save_video,
@@ -61,6 +64,21 @@ def test_the_grid_is_wider_than_high(count, columns, rows):
     places = grid_places(count)
     assert len(set(places)) == count
     assert (max(column for column, _ in places) + 1, max(row for _, row in places) + 1) == (columns, rows)
+
+
+def test_the_grid_has_the_birdseye_view_and_the_last_picture_of_each_camera(tmp_path, typestore):
+    """Pictures begin at step 4; the camera that looks back has one at every fourth step."""
+    rear = IMAGE_COMPRESSED.of_sensor("camera_rear", 2).name
+    bag = write_made_bag(tmp_path / "bag", typestore, lacking=lambda topic, step: topic == rear and step % 4 > 0)
+    record, steps = read_episode(bag), (2, 6, 8)
+    film = BirdseyeFilm(record, steps)
+    shown = (((20, 20, 20),) * 2, ((30, 120, 200), (20, 120, 40)), ((40, 120, 200), (40, 120, 40)))
+    for step, grid, (front, back) in zip(steps, grid_frames(bag, record, steps), shown, strict=True):
+        assert grid.shape == (960, 1280, 3)
+        assert np.array_equal(grid[60:420, :640], film.frame(step).resize((640, 360)))
+        assert grid[240, 960] == pytest.approx(front, abs=4)
+        assert grid[720, 320] == pytest.approx(back, abs=4)
+        assert grid[720, 960].tolist() == [20, 20, 20]
 
 
 @pytest.fixture(scope="module")

@@ -1,20 +1,22 @@
 """The reference detector without learning, and its parts."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from made_detections import LIDAR_YAW_RAD, map_from_lidar, to_map
 
+from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection.boxes import FoundSet
 from siren_ros.scoring.evaluation.detection.detectors import (
     FittedBox,
     boxes_in_map,
     boxes_of_sweep,
-    detect_classical,
     directed_yaw,
     fit_box,
     ground_heights,
+    run_detector,
 )
 from siren_ros.scoring.evaluation.detection.frames import Frames
 from siren_ros.scoring.evaluation.detection.metrics import devkit_score
@@ -216,7 +218,9 @@ def test_what_is_no_vehicle_keeps_no_other_from_being_found() -> None:
 
 
 def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames) -> None:
-    boxes = detect_classical(frames.episodes[0])
+    with pytest.raises(InputError, match="a detector that has weights"):
+        run_detector("classical", frames.episodes[0], Path("made.onnx"))
+    boxes, _ = run_detector("classical", frames.episodes[0], None)
     score = devkit_score(*counted_boxes(frames, FoundSet("c", "c", boxes, frames.scored, True), VEHICLE_NAMES))
     assert score.average_precision[2.0] > 0.1
     assert score.errors["ATE"] < 1.0

@@ -34,10 +34,7 @@ _POINTER = _dtype(
 )
 _AT = b"(K\x03X\x01\x00\x00\x00|N" + _FIELDS + b"}" + _text("a") + b"(" + _dtype("f8")
 _BEYOND = _dtype("V8", _AT + b"J\x00\x00\x00\x40tsK\x08K\x01K\x00tb")
-_SUB_ARRAY = _dtype(
-    "V8",
-    b"(K\x03X\x01\x00\x00\x00|(" + _dtype("f8") + b"(J\x00\x00\x00\x40ttNNK\x08K\x01K\x00tb",
-)
+_SUB_ARRAY = _dtype("V8", b"(K\x03X\x01\x00\x00\x00|(" + _dtype("f8") + b"(J\x00\x00\x00\x40ttNNK\x08K\x01K\x00tb")
 _PLAIN = _dtype("f8", b"(K\x03X\x01\x00\x00\x00<NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb")
 _ONE = b"(K\x01t"
 _FILES = {

@@ -255,6 +255,9 @@ def test_a_sweep_from_higher_up_is_lifted_for_the_network_and_its_boxes_put_back
     assert boxes.velocity_mps[0] == pytest.approx([3.0, -4.0])
     assert boxes.label.tolist() == ["ambulance"]
     assert boxes.score == pytest.approx([0.9])
+    for step, velocity_mps in ((2, (0.0, 0.0)), (1, (3.0, -4.0))):  # as its boxes say; anew after a step back
+        found.add(step, sweep((5.25, 2.75, -1.0)), np.eye(4))
+        assert found.boxes().velocity_mps[0] == pytest.approx(velocity_mps, abs=1e-6)
 
 
 def test_faint_unreadable_and_overlapping_boxes_are_left_out() -> None:

@@ -64,14 +64,8 @@ def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_pat
         (tmp_path / name).write_bytes(pickle.dumps(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
         np.savez(tmp_path / name[0], **arrays_of(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
     every, pictured, keyframes = np.ones(8, dtype=np.bool_), labelled.pictured, labelled.keyframe
-    for name, frames in (
-        ("a.json", keyframes),
-        ("b.pkl", every),
-        ("b.npz", every),
-        ("c.pickle", keyframes),
-        ("c.npz", keyframes),
-        ("kitti", pictured),
-    ):
+    scored = {"a.json": keyframes, "b.pkl": every, "b.npz": every, "c.pickle": keyframes, "c.npz": keyframes}
+    for name, frames in {**scored, "kitti": pictured}.items():
         found = read_detections("mine", str(tmp_path / name), labelled)
         expected = given.at(frames[given.frame])
         assert (found.name, found.scored.tolist(), found.has_velocity) == ("mine", frames.tolist(), True)
@@ -325,19 +319,19 @@ def test_nuscenes_boxes_are_in_the_global_frame(turned_frames: Frames, tmp_path:
         "detection_score": 0.25,
         "attribute_name": "vehicle.parked",
     }
+    odd = {**box, "attribute_name": "vehicle.flying"}
     path = tmp_path / "x.json"
     path.write_text(
-        json.dumps({"meta": {}, "results": {one: [box] * (one == token) for one in turned_frames.by_token}})
+        json.dumps({"meta": {}, "results": {one: [box, odd] * (one == token) for one in turned_frames.by_token}})
     )
     found = read_detections("x", str(path), turned_frames)
-    assert found.has_velocity
-    assert found.has_attributes
-    assert found.boxes.frame.tolist() == [6]
+    assert (found.has_velocity, found.has_attributes) == (True, True)
+    assert (found.boxes.frame.tolist(), found.boxes.attribute.tolist()) == ([6, 6], [3, 0])
     assert found.boxes.centre_m[0] == pytest.approx([40.0, -7.0, 0.8])
     assert found.boxes.size_m[0].tolist() == [4.5, 1.9, 1.6]
     assert found.boxes.yaw_rad[0] == pytest.approx(1.2)
     assert found.boxes.velocity_mps[0].tolist() == [3.0, -1.0]
-    assert (found.boxes.score[0], found.boxes.label[0], found.boxes.attribute[0]) == (0.25, "car", 3)
+    assert (found.boxes.score[0], found.boxes.label[0]) == (0.25, "car")
 
 
 @pytest.mark.parametrize("velocity", [True, False])

@@ -68,28 +68,21 @@ def test_verdict_is_that_of_two_intervals(means: tuple[float, ...], verdict: str
 
 def study() -> list[RealismEpisode]:
     """Five seeds at the level of the template, one of them at L3 too, all at L0 in another order; one without L0."""
-    own = [
-        episode(
-            {
-                "standing_gap_m": [1.7 + 0.1 * seed, 1.9 + 0.1 * seed],
-                "hardest_brake_mps2": [2.0 + 0.2 * seed],
-                "time_to_site_s": [7.0 + 0.1 * seed],
-                "emv_contact": [float(seed == 0)],
-                "moved": [1.0],
-                "wake_share": [1.0] * (seed < 4),
-            },
-            seed=seed,
-        )
+    moved = [
+        {
+            "standing_gap_m": [1.7 + 0.1 * seed, 1.9 + 0.1 * seed],
+            "hardest_brake_mps2": [2.0 + 0.2 * seed],
+            "time_to_site_s": [7.0 + 0.1 * seed],
+            "emv_contact": [float(seed == 0)],
+            "moved": [1.0],
+            "wake_share": [1.0] * (seed < 4),
+        }
         for seed in range(5)
     ]
+    slow = {"time_to_site_s": [10.0], "hardest_brake_mps2": [9.0]}
+    own = [episode(values, seed=seed) for seed, values in enumerate(moved)]
     nominal = [
-        episode(
-            {"time_to_site_s": [10.0], "hardest_brake_mps2": [9.0], "standing_gap_m": [2.0] * 2 * (seed == 3)},
-            "L0",
-            own=False,
-            seed=seed,
-        )
-        for seed in (3, 1, 0, 2, 4)
+        episode(slow | {"standing_gap_m": [2.0] * 2 * (seed == 3)}, "L0", False, seed) for seed in (3, 1, 0, 2, 4)
     ]
     alone = replace(episode({"time_to_site_s": [1.0]}, seed=9), fitted_to=("X1", "X2"))
     return [*own, *nominal, episode({"standing_gap_m": [9.0] * 5}, "L3", own=False), alone]
@@ -109,19 +102,10 @@ def test_a_study_has_the_intervals_and_verdicts_that_are_worked_out_by_hand() ->
         replace(share, line_id="X8", samples="moved", value=0.9, low=0.8, high=1.0),
     )
     results = compare(lines, study())
-    here = "here, 2020; n = 10"
+    here, gap = "here, 2020; n = 10", "2.00 [1.85, 2.15]"
     assert ledger_table(results).rows == (
-        ("X1", "a gap", "m", "2.00 [1.50, 2.50]", "2.00 [1.85, 2.15]", "agrees (fitted)", 12, "here, 2020; n = 1,234"),
-        (
-            "X2",
-            "a gap",
-            "m",
-            "1.00 [0.90, 1.10]",
-            "2.00 [1.85, 2.15]",
-            "differs by +1.00 (fitted)",
-            12,
-            "here; n not given",
-        ),
+        ("X1", "a gap", "m", "2.00 [1.50, 2.50]", gap, "agrees (fitted)", 12, "here, 2020; n = 1,234"),
+        ("X2", "a gap", "m", "1.00 [0.90, 1.10]", gap, "differs by +1.00 (fitted)", 12, "here; n not given"),
         ("X3", "a gap", "m", "0.00050 [0.00040, 0.00060]", "2.40 [2.01, 2.79]", "differs by +2.40", 5, here),
         ("X4", "a gap", "share", "0.30 [0.25, 0.35]", "0.28 [0.26, 0.30]", "agrees", 5, here),
         ("X5", "a gap", "share", "0.50 [0.40, 0.60]", "0.20 [0.036, 0.62]", "agrees", 5, here),
@@ -142,7 +126,7 @@ def test_a_study_has_the_intervals_and_verdicts_that_are_worked_out_by_hand() ->
 
 def test_each_statistic_is_that_of_all_samples() -> None:
     episodes = [episode({"following_gap_m": [float(2 * k), 2.0 * k + 1.0]}) for k in (3, 0, 1, 4, 2)]
-    episodes.append(episode({"following_gap_m": [10.0]}))
-    expected = {"mean": 5.0, "median": 5.0, "sd": 11.0**0.5, "p10": 1.0, "p50": 5.0, "p90": 9.0, "p95": 9.5}
+    episodes.append(episode({"following_gap_m": [21.0]}))
+    expected = {"mean": 6.0, "median": 5.0, "sd": 33.0**0.5, "p10": 1.0, "p50": 5.0, "p90": 9.0, "p95": 15.0}
     lines = [replace(LINE, samples="following_gap_m", statistic=name) for name in expected]
     assert [one.predicted.value for one in compare(lines, episodes)] == pytest.approx([*expected.values()])

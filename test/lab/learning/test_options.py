@@ -80,10 +80,7 @@ def test_all_terms_of_a_step_on_the_road_and_of_one_in_a_junction() -> None:
     ahead = {3: Driven(NORTHBOUND, at_speed(59.0, 2.0, 2))}
     road = braking(state_of(50.0, 10.0, 41.0, 1.5, aside_m=(0.2, 0.25), others=ahead), -6.0)
     stands = braking(state_of(own_m=115.0, own_mps=0.4, emv_m=90.0, emv_mps=6.0), -4.5)
-    terms = [
-        terms_of(replace(road, contact=True, red_lines=2)),
-        terms_of(replace(stands, red_lines=1)),
-    ]
+    terms = [terms_of(replace(road, contact=True, red_lines=2)), terms_of(replace(stands, red_lines=1))]
     table = {
         "contact": (1.0, 0.0),
         "off_road": (0.0, 0.0),

@@ -68,12 +68,7 @@ CASES = {
         10.0,
     ),
     # It follows from 7 s, when it gets faster, until it enters the junction at 12 s; the second passed 7 m aside.
-    "following": (
-        FOLLOW,
-        (COMES, Driven(aside(NORTHBOUND, 7.0), arc((10.0, 20.0)))),
-        Driven(IN_LANE, FOLLOWS),
-        5.0,
-    ),
+    "following": (FOLLOW, (COMES, Driven(aside(NORTHBOUND, 7.0), arc((10.0, 20.0)))), Driven(IN_LANE, FOLLOWS), 5.0),
     # It comes back within 0.5 m at 5.1 s, and stands in the way until 16 s; the second drives 7 m aside.
     "back_in_the_way": (
         {"margin_m": 0.1, "moved_m": 0.5},

@@ -84,10 +84,7 @@ def test_of_two_emvs_the_nearest_that_sounds_its_siren_is_seen(second_m: float, 
 
 
 def test_neighbours_come_by_their_distance_without_the_emv() -> None:
-    others = {
-        3: Driven(NORTHBOUND, at_speed(70.0, 4.0, 2)),
-        4: Driven(SOUTHBOUND, at_speed(170.0, 10.0, 2)),
-    }
+    others = {3: Driven(NORTHBOUND, at_speed(70.0, 4.0, 2)), 4: Driven(SOUTHBOUND, at_speed(170.0, 10.0, 2))}
     vector = features_of(sight_at(others=others))
     first, second, *rest = neighbours(vector)
     # 4 goes south: it is at y = -60.5 m, 9 m ahead of the own place (y = -69.5 m), and 7 m to the left

@@ -166,10 +166,7 @@ def test_the_command_ranks_files_of_answers(tmp_path, capsys):
     assert main(["leaderboard", "risk", str(folder), str(tmp_path / "set"), "--out", str(out)]) == 0
     assert "knows" in capsys.readouterr().out
     board = json.loads(out.read_text())["rows"]
-    assert [(row["model"], row["value"]) for row in board] == [
-        ("knows", 1.0),
-        ("guesses", pytest.approx(1 / 3)),
-    ]
+    assert [(row["model"], row["value"]) for row in board] == [("knows", 1.0), ("guesses", pytest.approx(1 / 3))]
     (folder / "knows.csv").write_text("video,class\n")
     with pytest.raises(InputError, match="each name once"):
         submissions_in(folder, (".json", ".csv"))

@@ -288,10 +288,7 @@ def on_ways(tracks, road):
 @given(st.floats(0.0, 15.0), st.floats(-np.pi, np.pi), st.floats(3.0, 30.0), st.integers(1, 60))
 def test_on_straight_ways_the_contacts_are_those_of_unchanged_motion(straight_road, speed_mps, yaw_rad, x_m, steps):
     """Also where the record ends before they would touch."""
-    tracks = {
-        1: moving(0.0, 0.0, 8.0, steps=steps),
-        4: moving(x_m, 6.0, speed_mps, yaw_rad=yaw_rad, steps=steps),
-    }
+    tracks = {1: moving(0.0, 0.0, 8.0, steps=steps), 4: moving(x_m, 6.0, speed_mps, yaw_rad=yaw_rad, steps=steps)}
     encounters, found = on_ways(tracks, straight_road)
     plain = predicted_contacts(encounters)
     assert found.gap_m == pytest.approx(plain.gap_m)

@@ -206,10 +206,7 @@ def test_what_single_faults_change():
 def before_the_line(own_m, own_mps, control=JunctionKind.PRIORITY_STOP, emv_m=85.0):
     """A step before the line at 100 m; an EMV with its siren comes from the left, the line's crossing at 115 m."""
     network = crossing(control)
-    vehicles = {
-        EMV: Driven(EASTBOUND, at_speed(emv_m, 10.0, 2)),
-        OWN: Driven(NORTHBOUND, at_speed(own_m, own_mps, 2)),
-    }
+    vehicles = {EMV: Driven(EASTBOUND, at_speed(emv_m, 10.0, 2)), OWN: Driven(NORTHBOUND, at_speed(own_m, own_mps, 2))}
     record = hand_made(network, vehicles)
     sounding = with_states(record, lights=lambda state: np.where(state.actor_id == EMV, int(Lights.SIREN), 0))
     way = Way.of(network, Polyline.through(NORTHBOUND))

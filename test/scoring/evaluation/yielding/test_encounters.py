@@ -100,11 +100,7 @@ def test_straight_on_where_nothing_is_known(crossroads: RoadNetwork) -> None:
 
 @pytest.mark.parametrize(
     ("end_y_m", "left_m"),
-    [
-        (105.0, [106.0, 107.0, 108.0, 109.0]),
-        (107.5, [108.5, 109.5]),
-        (108.5, list(np.arange(109.5, 152.6))),
-    ],
+    [(105.0, [106.0, 107.0, 108.0, 109.0]), (107.5, [108.5, 109.5]), (108.5, list(np.arange(109.5, 152.6)))],
 )
 def test_on_to_the_end_of_the_road_where_there_are_two_places(end_y_m: float, left_m: list[float]) -> None:
     """The road ends at 110 m; one place is no way, and the vehicle goes straight on."""

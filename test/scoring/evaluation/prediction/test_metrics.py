@@ -126,6 +126,9 @@ def test_crossing_paths_collide_only_at_the_same_time() -> None:
     assert hit[:2] == [1.0, 1.0]
     assert np.isnan(hit[2]), "alone in its frame"
     assert hits([paths[0], straight(0.0, -50.0, 0.0, 10.0)], yaw[:2]) == [0.0, 0.0]
+    stands = straight(0.0, 0.0, 0.0, 0.0)
+    for x_m in (-1.0, -103.0):  # 3 m away at the first point alone, or at the last
+        assert hits([stands, straight(x_m, 0.0, 20.0, 0.0)], [0.0, 0.0]) == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(("apart_m", "expected"), [(2.1, 0.0), (1.9, 1.0)])
@@ -150,10 +153,7 @@ def test_as_polygons_say(seed) -> None:
     yaw = np.arctan2(velocity[:, 1], velocity[:, 0])
     paths = np.array([straight(*start, *speed) for start, speed in zip(starts, velocity, strict=True)])
     size = np.full(count, 4.0), np.full(count, 2.0)
-    boxes = [
-        [Polygon(corners) for corners in footprint_corners(paths[:, t, 0], paths[:, t, 1], yaw, *size)]
-        for t in range(25)
-    ]
+    boxes = [[*map(Polygon, footprint_corners(*at.T, yaw, *size))] for at in np.moveaxis(paths, 1, 0)]
     expected = [
         float(any(at[a].intersection(at[b]).area > 1e-9 for at in boxes for b in range(count) if b != a))
         for a in range(count)

@@ -233,8 +233,7 @@ def _states(step: int, vehicles: dict[int, Driven], columns: dict[int, dict[str,
 def traffic_of(step: int, state: str = "", poses: npt.ArrayLike = (), **told: Any) -> TrafficState:
     """A step with some columns and other fields; what is not told is zero or empty.
 
-    ``poses`` are rows of x, y, yaw and speed, SUMO's and the simulated ones; without them rows are those of
-    ``actor_id``.
+    ``poses`` are rows of x, y, yaw and speed, SUMO's and the simulated ones, for each of ``actor_id``.
     """
     for name, column in zip(("x_m", "y_m", "yaw_rad", "speed_mps"), np.transpose(poses), strict=False):
         told |= {name: column, f"sumo_{name}": column}

@@ -7,7 +7,14 @@ import pytest
 
 from siren_ros.sensing.camera import ground_light
 from siren_ros.sensing.camera.culling import VERTEX
-from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, Shading, shading_of, static_vertices
+from siren_ros.sensing.camera.surface_light import (
+    GROUND_AMBIENT,
+    LIGHT_GRID_M,
+    LIGHT_HALF_M,
+    Shading,
+    shading_of,
+    static_vertices,
+)
 from siren_ros.sensing.look import Look
 from siren_ros.sensing.meshes.mesh import EgoVehicle, Material, Mesh, SemanticClass
 from siren_ros.sensing.scene.kerbside import street_lamp, turned
@@ -140,17 +147,33 @@ def test_walls_that_face_away_from_the_sun_are_shady_unless_lamps_are_lit():
     assert shading_of(np.full(4, Material.ASPHALT, dtype=np.uint8), normals, look).max() not in {sunny, shady}
 
 
-def test_wet_roads_kerbs_and_sidewalks_and_what_is_painted_there_are_darker():
-    wet = {Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.KERB, Material.SIDEWALK}
-    wet |= {Material.MARKING_WHITE, Material.MARKING_YELLOW}
+GREEN = {Material.GROUND, Material.GRASS, Material.MEDIAN}
+ROADS = {Material.ASPHALT, Material.SHOULDER_ASPHALT}
+PAINT = {Material.MARKING_WHITE, Material.MARKING_YELLOW}
+LENSES = {Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN}
+
+
+@pytest.mark.parametrize(("wetness", "kept"), [(0.0, 1.0), (0.5, 0.775), (1.0, 0.55)])
+def test_the_light_that_each_material_reflects_by_day_dry_and_wet(wetness, kept):
+    """The sun is above a slope of 4 by 3; the sky is 0.21 everywhere, a tenth of what comes is from the ground."""
+    sky = {"zenith_colour": (0.1, 0.2, 0.4), "horizon_colour": (0.3, 0.2, 0.0), "ambient": 0.5}
+    look = Look(sun_elevation_rad=np.pi / 2.0, sun_colour=(2.0, 1.5, 1.0), wetness=wetness, **sky)
     vertices = np.zeros(len(Material), VERTEX)
-    vertices["normal_material"][:, 2:] = [(1.0, material) for material in Material]
-    vertices["colour"] = 200
-    dry, damp, soaked = (static_vertices(vertices, Look(wetness=wetness)) for wetness in (0.0, 0.5, 1.0))
-    for light in ("sun", "shade"):
-        for lit, share in ((damp, 0.775), (soaked, 0.55)):
-            shares = lit[light][:, 0].astype(float) / dry[light][:, 0]
-            assert shares == pytest.approx([share if material in wet else 1.0 for material in Material], rel=2e-3)
+    vertices["normal_material"] = [(0.6, 0.0, 0.8, material) for material in Material]
+    vertices["colour"] = (204, 153, 102, 51)
+    ambient = 0.5 * (0.1 * np.array(GROUND_AMBIENT) + 0.9 * 0.21)
+    for material, row in zip(Material, static_vertices(vertices, look), strict=True):
+        wets, leaves = material in {*ROADS, *PAINT, Material.KERB, Material.SIDEWALK}, material == Material.FOLIAGE
+        albedo = np.array([0.64, 0.36, 0.16]) * (kept if wets else 1.0)
+        albedo *= 0.72 if material in GREEN else 0.1 if material in LENSES else 1.0
+        hidden = 0.28 if wets or material in GREEN else 0.0
+        sun = albedo * ((1.0 if leaves else 0.8) * np.array([2.0, 1.5, 1.0]) + hidden * ambient)
+        grain = 0.42 if material in ROADS else 0.35 if material in PAINT else 1.1 / 0.72 if material in GREEN else 0.3
+        other = 0.85 if leaves else 1.0 if material == Material.BUILDING_WALL else 0.0
+        gloss = 0.55 if material == Material.BUILDING_GLASS else 0.5 if material in PAINT else 0.0
+        assert row["sun"].tolist() == pytest.approx([*sun, grain if hidden else other], rel=2e-3), material
+        assert row["shade"].tolist() == pytest.approx([*(albedo * (1.0 - hidden) * ambient), 0.2], rel=2e-3), material
+        assert row["normal"].tolist() == pytest.approx([0.6, 0.0, 0.8, gloss], rel=2e-3), material
 
 
 def test_the_sun_is_mirrored_by_glass_that_it_shines_on(boxes):

@@ -1,6 +1,6 @@
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -99,21 +99,12 @@ VEHICLES = load_vehicle_parameters()
 TURNS = np.radians([0.0, 30.0, 45.0, 60.0, -160.0])
 
 
-@dataclass(frozen=True)
-class Car:
+class Car(NamedTuple):
     x: float
     y: float
     yaw: float
     speed: float
     kind: ActorClass = ActorClass.SEDAN
-
-
-def turned(cars: Sequence[Car], angle: float) -> list[Car]:
-    moved = []
-    for car in cars:
-        x, y = rotate(np.array([car.x, car.y]), angle)
-        moved.append(replace(car, x=float(x), y=float(y), yaw=car.yaw + angle))
-    return moved
 
 
 def boxes_of(bodies: BodyState, table: ParameterTable) -> Footprints:
@@ -124,11 +115,11 @@ def boxes_of(bodies: BodyState, table: ParameterTable) -> Footprints:
     return Footprints(ids, *pose, vx, vy, bodies.yaw_rate_radps, table.length_m, table.width_m, walks)
 
 
-def struck(cars: Sequence[Car]) -> tuple[BodyState, BodyState, ParameterTable]:
-    """Bodies before and after the impacts of one step, and their parameters."""
+def struck(cars: Sequence[Car], turn: float = 0.0) -> tuple[BodyState, BodyState, ParameterTable]:
+    """Bodies before and after the impacts of one step, and their parameters; all turned about the origin."""
     table = ParameterTable.of([car.kind for car in cars], VEHICLES)
-    columns = np.array([(car.x, car.y, car.yaw, car.speed) for car in cars]).T
-    bodies = BodyState.moving(*(column.copy() for column in columns))
+    yaw, speed = np.array([(car.yaw + turn, car.speed) for car in cars]).T.copy()
+    bodies = BodyState.moving(*rotate(np.array([car[:2] for car in cars]), turn).T.copy(), yaw, speed)
     boxes = boxes_of(bodies, table)
     _, touching = find_contacts(boxes, ())
     return bodies, collide(bodies, boxes, table, overlapping(boxes, touching), 0.05), table
@@ -145,9 +136,7 @@ def momentum(bodies: BodyState, table: ParameterTable) -> np.ndarray:
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_rear_end_impact_gives_both_the_common_velocity(turn: float) -> None:
-    cars = turned([Car(0.0, 0.0, 0.0, 12.0), Car(4.5, 0.0, 0.0, 2.0, ActorClass.BUS)], turn)
-    cars[1] = replace(cars[1], **dict(zip("xy", rotate(np.array([8.0, 0.0]), turn), strict=True)))
-    before, after, table = struck(cars)
+    before, after, table = struck([Car(0.0, 0.0, 0.0, 12.0), Car(8.0, 0.0, 0.0, 2.0, ActorClass.BUS)], turn)
     common = (table.mass_kg @ before.forward_mps) / table.mass_kg.sum()
     assert after.forward_mps == pytest.approx([common, common])
     assert after.lateral_mps == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -157,8 +146,7 @@ def test_a_rear_end_impact_gives_both_the_common_velocity(turn: float) -> None:
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_an_impact_from_the_side_leaves_the_sliding_along_the_side(turn: float) -> None:
-    cars = turned([Car(0.0, 0.0, 0.0, 8.0), Car(2.9, 0.0, np.pi / 2.0, 5.0)], turn)
-    _, after, table = struck(cars)
+    _, after, table = struck([Car(0.0, 0.0, 0.0, 8.0), Car(2.9, 0.0, np.pi / 2.0, 5.0)], turn)
     assert after.forward_mps == pytest.approx([4.0, 5.0])
     assert after.lateral_mps == pytest.approx([0.0, -4.0])
     assert after.accel_mps2 == pytest.approx([-4.0 / 0.05, 0.0])
@@ -172,9 +160,8 @@ def test_bodies_are_moved_apart_along_the_normal_the_lighter_one_farther(turn: f
     """The truck stands ahead of the car or behind it; 5 mm of a contact of 0.5 m may be left."""
     lengths = [VEHICLES[kind].length_m for kind in (ActorClass.SEDAN, ActorClass.TRUCK)]
     place = (0.5 * sum(lengths) - 0.5) * (1.0 if ahead else -1.0)
-    speed = 1.0 if ahead else -1.0
-    x, y = rotate(np.array([place, 0.0]), turn)
-    before, after, table = struck([Car(0.0, 0.0, turn, speed), Car(float(x), float(y), turn, 0.0, ActorClass.TRUCK)])
+    cars = [Car(0.0, 0.0, 0.0, 1.0 if ahead else -1.0), Car(place, 0.0, 0.0, 0.0, ActorClass.TRUCK)]
+    before, after, table = struck(cars, turn)
     moved = np.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
     assert moved @ np.ones(2) == pytest.approx(0.5, abs=0.005)
     assert moved[0] * table.mass_kg[0] == pytest.approx(moved[1] * table.mass_kg[1])
@@ -209,8 +196,8 @@ def test_bodies_that_part_keep_their_velocities() -> None:
 def test_momentum_is_kept_energy_is_not_gained_and_bodies_come_apart(
     angle: float, yaw: float, aside: float, speeds: tuple[float, float]
 ) -> None:
-    cars = turned([Car(0.0, 0.0, 0.0, speeds[0]), Car(2.2, aside, yaw, speeds[1], ActorClass.VAN)], angle)
-    before, after, table = struck(cars)
+    cars = [Car(0.0, 0.0, 0.0, speeds[0]), Car(2.2, aside, yaw, speeds[1], ActorClass.VAN)]
+    before, after, table = struck(cars, angle)
     assert momentum(after, table) == pytest.approx(momentum(before, table), abs=1e-6)
     energies = [(table.mass_kg * (b.forward_mps**2 + b.lateral_mps**2)).sum() for b in (before, after)]
     assert energies[1] <= energies[0] + 1e-6

@@ -1,9 +1,11 @@
 """Which rules an episode has, and what those about making way do."""
 
+import itertools
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import libsumo
@@ -20,6 +22,9 @@ from siren_ros.simulation.roads.routing import driving_lanes, opposite_edges, re
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import JamHead, PlannedVehicle, SignalTiming, load_drivers
+from siren_ros.simulation.traffic.sumo.caution import CautiousDrivers
+from siren_ros.simulation.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
+from siren_ros.simulation.traffic.sumo.orders import JamOrders
 from siren_ros.simulation.traffic.sumo.rules import (
     BEND,
     BESIDE_M,
@@ -105,6 +110,41 @@ def test_rules_act_in_the_order_of_the_table_within_their_moment(setting: Settin
         for act in acts[moment]:
             act(None)  # type: ignore[arg-type] # these rules look at nothing
     assert done == ["a", "d", "b"]
+
+
+EVERYBODY = dict.fromkeys(("placed", "moved", "yields"))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "method", "told", "asked"),
+    [
+        ("caution", CautiousDrivers, "apply", ["last", "reported", "people", "scale"], {"yields"}),
+        ("jam", JamOrders, "apply", [7, {"moved", "yields"}], {"yields"}),
+        ("rescue lane", RescueLane, "apply", ["columns", EVERYBODY, "outside", ("emv0",)], {"yields", "keeps"}),
+        ("sideways", SidewaysLimits, "apply", ["columns", EVERYBODY, "outside", {"yields"}], {"yields"}),
+        ("bends", BendLimits, "apply", ["columns", EVERYBODY, "outside"], {"yields"}),
+        ("continuity", LaneContinuity, "correct", ["columns", {"placed", "moved"}], {"yields"}),
+    ],
+)
+def test_rules_know_who_is_driven_from_outside_who_makes_way_and_the_people(
+    name: str, kind: type, method: str, told: list[Any], asked: set[str], setting: Setting, monkeypatch: Any
+) -> None:
+    """One is placed from outside, one was moved by SUMO's mirror, and one makes way; nobody knows actor 9 any more."""
+    reported = {2: SimpleNamespace(name="moved")}
+    heard: list[Any] = []
+    monkeypatch.setattr(kind, method, lambda _, *said: heard.extend(said))
+    monkeypatch.setattr(RescueLane, "keeping", {"keeps"})
+    jam = JamHead(names=("a",), moves=False, roll_s=0.0, roll_mps=0.0, stand_s=1.0)
+    acts = acts_of(
+        replace(setting, plan=replace(setting.plan, jam=jam, duty=True)), [r for r in RULES if r.name == name]
+    )
+    population = SimpleNamespace(vehicles=EVERYBODY, scale_of="scale")
+    mirror = SimpleNamespace(places={"placed": None}, realigned={2: 0.5, 9: 0.5})
+    walkers = SimpleNamespace(people="people")
+    road = Road("columns", population, mirror, walkers, reported, 7, "last", "outside", {"yields"})  # type: ignore[arg-type]
+    for act in itertools.chain(*acts.values()):
+        act(road)
+    assert (heard, road.asked) == ([reported if item == "reported" else item for item in told], asked)
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 75.0, 200.0])

@@ -222,12 +222,15 @@ def _columns(vehicle: Driven) -> dict[str, npt.NDArray[np.float64]]:
 
 def _states(step: int, vehicles: dict[int, Driven], columns: dict[int, dict[str, Any]]) -> ActorStates:
     present = [key for key in columns if 0 <= step - vehicles[key].first_step < len(vehicles[key].arc_m)]
-    arrays: dict[str, Any] = {name: np.zeros(len(present), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    arrays["actor_id"] = np.array(present, dtype=np.uint32)
-    for row, key in enumerate(present):
-        for name, values in columns[key].items():
-            arrays[name][row] = values[step - vehicles[key].first_step]
-    return ActorStates(step=step, **arrays)
+    rows = [{name: values[step - vehicles[key].first_step] for name, values in columns[key].items()} for key in present]
+    told = {name: [row[name] for row in rows] for name in (rows or [{}])[0]}
+    return actor_states(step, actor_id=present, **told)
+
+
+def actor_states(step: int, **told: Any) -> ActorStates:
+    """A step with some columns; the others are zero."""
+    zero = [0] * len(told["actor_id"])
+    return ActorStates(step, **{name: np.array(told.get(name, zero), of) for name, of in ACTOR_STATE_DTYPES.items()})
 
 
 def traffic_of(step: int, state: str = "", poses: npt.ArrayLike = (), **told: Any) -> TrafficState:

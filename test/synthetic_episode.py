@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from hand_made_record import actor_states, traffic_of
 
 from siren_ros.base.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.data.interfaces import topics
@@ -25,8 +26,6 @@ from siren_ros.sensing.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.world.actors import (
-    ACTOR_STATE_DTYPES,
-    TRAFFIC_STATE_DTYPES,
     ActorClass,
     ActorDescription,
     ActorStates,
@@ -191,16 +190,13 @@ class SyntheticEpisode:
     def states(self, step: int) -> ActorStates:
         ids = list(self.actors)
         rows = np.array([self.paths[key][step] for key in ids])
-        columns: dict[str, Any] = {name: np.zeros(len(ids), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-        columns["actor_id"] = np.array(ids, dtype=np.uint32)
-        columns.update(zip(("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad"), rows.T, strict=True))
+        columns = dict(zip(("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad"), rows.T, strict=True))
         modes = [self.mode_of(key, step) for key in ids]
-        columns["mode"] = np.array(modes, dtype=np.uint8)
         driven = [key == EMV or mode is Mode.YIELD_LANE_CHANGE for key, mode in zip(ids, modes, strict=True)]
-        columns["owner"] = np.array([Owner.ROS if flag else Owner.SUMO for flag in driven], dtype=np.uint8)
-        columns["lights"][0] = Lights.BEACON | (Lights.SIREN if self.scene.siren else Lights.NONE)
-        columns["residual_m"] = np.where(columns["owner"] == Owner.SUMO, 0.05, 0.0)
-        return ActorStates(step=step, **columns)
+        owner = [Owner.ROS if flag else Owner.SUMO for flag in driven]
+        lights = [Lights.BEACON | (Lights.SIREN if self.scene.siren else Lights.NONE), *[0] * (len(ids) - 1)]
+        columns |= {"lights": lights, "residual_m": [0.0 if flag else 0.05 for flag in driven]}
+        return actor_states(step, actor_id=ids, mode=modes, owner=owner, **columns)
 
     def events(self, step: int) -> tuple[Event, ...]:
         events = []
@@ -228,18 +224,10 @@ class SyntheticEpisode:
 
     def traffic(self, step: int) -> TrafficState:
         states = self.states(step)
-        columns: dict[str, Any] = {name: np.zeros(len(states), dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
-        for name in ("x_m", "y_m", "yaw_rad"):
-            columns[name] = getattr(states, name)
-            columns[f"sumo_{name}"] = getattr(states, name)
-        columns["speed_mps"] = columns["sumo_speed_mps"] = states.speed_mps
-        columns["actor_id"], columns["owner"], columns["lights"] = states.actor_id, states.owner, states.lights
-        columns["lane"] = (states.y_m > (RIGHT_Y_M + LEFT_Y_M) / 2.0).astype(np.int32)
-        columns["removed"] = np.empty(0, np.uint32)
-        columns["route_offset"] = np.zeros(len(states) + 1, np.int32)
-        columns["route_edges"] = np.empty(0, np.int32)
-        spawned = tuple(self.actors.values()) if step == 0 else ()
-        return TrafficState(step=step, spawned=spawned, emvs=(), signals=(), events=self.events(step), **columns)
+        told = {"owner": states.owner, "lights": states.lights, "lane": states.y_m > (RIGHT_Y_M + LEFT_Y_M) / 2.0}
+        told |= {"spawned": tuple(self.actors.values()) if step == 0 else (), "events": self.events(step)}
+        poses = np.column_stack((states.x_m, states.y_m, states.yaw_rad, states.speed_mps))
+        return traffic_of(step, "", poses, actor_id=states.actor_id, **told)
 
     def commands(self, step: int, source: str) -> VehicleCommands:
         states = self.states(step)

@@ -92,15 +92,15 @@ def test_a_program_of_the_system_that_is_a_link_reads_the_folders_of_its_install
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An interpreter that lies in a prefix of its own, with its library."""
-    links, programs, library, folder = (tmp_path / name for name in ("bin", "own/bin", "own/lib", "asked"))
-    for made in (links, programs, library, folder):
-        made.mkdir(parents=True)
-    (library / "said").write_text("known")
-    (programs / "told").write_text(f"#!/bin/sh\nread line\ncat {library}/said\necho\nread line\n")
-    (programs / "told").chmod(0o755)
-    (links / "told").symlink_to(programs / "told")
+    links, told, library = tmp_path / "bin", tmp_path / "own/bin/told", tmp_path / "own/library"
+    for folder in (links, told.parent):
+        folder.mkdir(parents=True)
+    library.write_text("known")
+    told.write_text(f"#!/bin/sh\nread line\ncat {library}\necho\nread line\n")
+    told.chmod(0o755)
+    (links / "told").symlink_to(told)
     monkeypatch.setattr(os, "defpath", f"{links}{os.pathsep}{os.defpath}")
-    with asked_program(["told"], folder, answer_s=20.0, memory_mb=1024, processor_s=20.0, readable=[folder]) as ask:
+    with asked_program(["told"], links, answer_s=20.0, memory_mb=1024, processor_s=20.0, readable=[links]) as ask:
         assert ask("question") == "known\n"
 
 

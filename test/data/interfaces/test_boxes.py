@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_record import actor_states
 from sensor_message_readers import from_boxes, from_markers
 
 from siren_ros.data.interfaces import topics
@@ -15,7 +16,7 @@ from siren_ros.data.interfaces.boxes import (
     to_markers,
     vehicle_markers,
 )
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription, Mode
 from siren_ros.simulation.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
 
 
@@ -36,11 +37,7 @@ def test_boxes_come_back_with_or_without_ids(round_trip, count, named):
 
 
 def _states(modes):
-    arrays = {name: np.zeros(len(modes), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    arrays["actor_id"] = np.arange(1, len(modes) + 1, dtype=np.uint32)
-    arrays["mode"] = np.array(modes, dtype=np.uint8)
-    arrays["vx_mps"] = np.full(len(modes), 10.0)
-    return ActorStates(step=8, **arrays)
+    return actor_states(8, actor_id=range(1, len(modes) + 1), mode=modes, vx_mps=[10.0] * len(modes))
 
 
 def _actor(actor_id, is_emv=False):

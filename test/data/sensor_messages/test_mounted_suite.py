@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
+from hand_made_record import actor_states
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,15 +17,13 @@ from siren_ros.data.sensor_messages.mounted_suite import TrailingSensing
 from siren_ros.data.sensor_messages.sensor_topics import AV, EMV, Carrier, row_of_carrier
 from siren_ros.errors import EpisodeError
 from siren_ros.sensing.rig import Observations, Sensing
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates
 
 ACTORS = {k: ActorDescription(k, f"v{k}", ActorClass.SEDAN, 4.6, 1.8, 1.4, (0, 0, 0)) for k in (1, 2)}
 
 
 def states_at(step: int, *ids: int) -> ActorStates:
-    arrays = {name: np.zeros(len(ids), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    arrays["actor_id"] = np.array(ids, np.uint32)
-    return ActorStates(step=step, **arrays)
+    return actor_states(step, actor_id=ids)
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hand_made_record import actor_states
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,7 +10,6 @@ from siren_ros.data.interfaces.measurements import Transform, matrix_of_quaterni
 from siren_ros.data.sensor_messages.sensor_topics import AV, EMV, frames_of, motion_of, noise_seed, row_of_carrier
 from siren_ros.sensing.navigation import VehicleMotion
 from siren_ros.sensing.specification import map_from_base, transform
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.simulation.world.carrier import Odometry
 
 places, angles = st.floats(-500.0, 500.0), st.floats(-3.1, 3.1)
@@ -37,12 +37,8 @@ def test_every_carrier_has_a_chain_of_its_own():
 
 
 def test_velocities_are_in_the_axes_of_the_vehicle():
-    arrays = {name: np.zeros(2, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    arrays["actor_id"] = np.array([3, 7], np.uint32)
-    arrays["yaw_rad"], speed = np.array([0.0, 2.0]), np.array([5.0, 1.0])
-    arrays["vx_mps"] = np.array([0.0, speed[0] * np.cos(2.0) - speed[1] * np.sin(2.0)])
-    arrays["vy_mps"] = np.array([0.0, speed[0] * np.sin(2.0) + speed[1] * np.cos(2.0)])
-    states = ActorStates(step=4, **arrays)
+    vx_mps, vy_mps = 5.0 * np.cos(2.0) - 1.0 * np.sin(2.0), 5.0 * np.sin(2.0) + 1.0 * np.cos(2.0)
+    states = actor_states(4, actor_id=[3, 7], yaw_rad=[0.0, 2.0], vx_mps=[0.0, vx_mps], vy_mps=[0.0, vy_mps])
     motion = motion_of(states, row_of_carrier(states, 7))
     assert (motion.forward_mps, motion.left_mps) == pytest.approx((5.0, 1.0))
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hand_made_record import EMV, Driven, hand_made
+from hand_made_record import EMV, Driven, actor_states, hand_made
 from made_jam import AT_SIDE_M, LENGTH_M, WIDTH_M, at, jam
 
 from siren_ros.base.numerics.units import STEP_S
@@ -46,7 +46,7 @@ from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import mirror_image
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.templates import available_templates, load_template
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorStates, Event, EventKind, Owner
+from siren_ros.simulation.world.actors import Event, EventKind, Owner
 
 
 def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tuple[str, ...] = ()) -> EpisodeFigures:
@@ -200,9 +200,7 @@ EVENT = Event(0, EventKind.YIELD_HELD, 5, 1, 2.0, 7.0, {"side": -1})
 
 
 def step(x_m, y_m, ids=(1, 5), events=(EVENT,)):
-    columns = {name: np.zeros(2, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
-    columns |= {"actor_id": np.array(ids, np.uint32), "x_m": np.array(x_m), "y_m": np.array(y_m)}
-    return SimpleNamespace(states=ActorStates(step=0, **columns), events=events)
+    return SimpleNamespace(states=actor_states(0, actor_id=ids, x_m=x_m, y_m=y_m), events=events)
 
 
 def image_of(one):

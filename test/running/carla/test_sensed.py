@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_made_record import actor_states
 
 from siren_ros.running.carla.sensed import DEPTH, LIDAR, RGB, SEMANTIC, carla_sensors, frame_of, sweep_of
 from siren_ros.sensing.meshes.mesh import SemanticClass
 from siren_ros.sensing.specification import CameraSpec, LidarSpec, Mount, map_from_base
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription
 
 LIDAR_SPEC = LidarSpec("lidar", Mount(0.0, 0.0, 2.0), channels=2, points_per_second=2 * 8 * 10, rate_hz=10.0)
 SIZES = {7: (4.0, 2.0, 1.5), 9: (9.0, 2.5, 3.2), 11: (0.4, 0.4, 0.8), 12: (4.0, 1.9, 1.5), 13: (4.0, 2.0, 1.5)}
@@ -19,11 +20,9 @@ PLACES = {7: (100, 60, 0.3), 9: (95, 50, 1.5), 11: (105, 50, 0.0), 12: (100, 46,
 
 def actors():
     """Ahead of the LiDAR, to its left, to its right, behind it, and out of its range; it looks north."""
-    columns = {name: np.zeros(len(PLACES), kind) for name, kind in ACTOR_STATE_DTYPES.items()}
-    x_m, y_m, yaw_rad = np.array(list(PLACES.values()), float).T
-    columns |= {"actor_id": np.array(list(PLACES), np.uint32), "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}
+    x_m, y_m, yaw_rad = zip(*PLACES.values(), strict=True)
     described = {i: ActorDescription(i, "", ActorClass.SEDAN, *size, (0, 0, 0)) for i, size in SIZES.items()}
-    return ActorStates(step=6, **columns), described
+    return actor_states(6, actor_id=list(PLACES), x_m=x_m, y_m=y_m, yaw_rad=yaw_rad), described
 
 
 def test_a_sweep_is_sorted_as_it_was_fired_and_its_points_belong_to_the_boxes_that_they_lie_in():

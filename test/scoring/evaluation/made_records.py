@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from hand_made_record import actor_states
 
 from siren_ros.base.numerics.arrays import Floats
 from siren_ros.base.numerics.units import STEP_S
@@ -13,7 +14,7 @@ from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Popul
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.scenario.episode import EpisodeDescription
 from siren_ros.simulation.scenario.paper import EmergencyLevel
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.simulation.world.actors import ActorClass, ActorDescription, ActorStates
 
 
 @dataclass(frozen=True)
@@ -64,11 +65,6 @@ def _states(tracks: Mapping[int, Track], step: int) -> ActorStates:
         for key, track in sorted(tracks.items())
         if 0 <= step - track.first_step < len(track.states) and step not in track.without
     }
-    columns: dict[str, Any] = {name: np.zeros(len(there), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    columns["actor_id"] = np.array(list(there), dtype=np.uint32)
-    if there:
-        columns.update(
-            zip(("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad"), np.array(list(there.values())).T, strict=True)
-        )
-        columns["accel_mps2"] = np.array([tracks[key].accel_mps2 for key in there])
-    return ActorStates(step=step, **columns)
+    poses = np.array(list(there.values())).reshape(-1, 5).T
+    told = dict(zip(("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad"), poses, strict=True))
+    return actor_states(step, actor_id=list(there), accel_mps2=[tracks[key].accel_mps2 for key in there], **told)

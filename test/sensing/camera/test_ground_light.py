@@ -5,16 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.sensing.camera import ground_light
+from siren_ros.sensing.camera import ground_light, surface_light
 from siren_ros.sensing.camera.culling import VERTEX
-from siren_ros.sensing.camera.surface_light import (
-    GROUND_AMBIENT,
-    LIGHT_GRID_M,
-    LIGHT_HALF_M,
-    Shading,
-    shading_of,
-    static_vertices,
-)
+from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, Shading, shading_of
 from siren_ros.sensing.look import Look
 from siren_ros.sensing.meshes.mesh import EgoVehicle, Material, Mesh, SemanticClass
 from siren_ros.sensing.scene.kerbside import street_lamp, turned
@@ -161,8 +154,8 @@ def test_the_light_that_each_material_reflects_by_day_dry_and_wet(wetness, kept)
     vertices = np.zeros(len(Material), VERTEX)
     vertices["normal_material"] = [(0.6, 0.0, 0.8, material) for material in Material]
     vertices["colour"] = (204, 153, 102, 51)
-    ambient = 0.5 * (0.1 * np.array(GROUND_AMBIENT) + 0.9 * 0.21)
-    for material, row in zip(Material, static_vertices(vertices, look), strict=True):
+    ambient = 0.5 * (0.1 * np.array(surface_light.GROUND_AMBIENT) + 0.9 * 0.21)
+    for material, row in zip(Material, surface_light.static_vertices(vertices, look), strict=True):
         wets, leaves = material in {*ROADS, *PAINT, Material.KERB, Material.SIDEWALK}, material == Material.FOLIAGE
         albedo = np.array([0.64, 0.36, 0.16]) * (kept if wets else 1.0)
         albedo *= 0.72 if material in GREEN else 0.1 if material in LENSES else 1.0

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import libsumo
-import numpy as np
+from hand_made_record import actor_states
 from made_district import write_district
 
 from siren_ros.simulation.roads.maps.map_compiler import CompiledMap, compile_map
@@ -77,10 +77,7 @@ WITHOUT: Mapping[int, Any] = dict.fromkeys(SUBSCRIBED, 0) | {
 def states_of(step: int, rows: list[dict[str, float]]) -> ActorStates:
     """ActorStates with the given fields, all others 0."""
     ordered = sorted(rows, key=lambda row: row["actor_id"])
-    arrays = {
-        name: np.array([row.get(name, 0) for row in ordered], dtype=dtype) for name, dtype in ACTOR_STATE_DTYPES.items()
-    }
-    return ActorStates(step=step, **arrays)
+    return actor_states(step, **{name: [row.get(name, 0) for row in ordered] for name in ACTOR_STATE_DTYPES})
 
 
 def responding(attentive: float = 1.0, oncoming: float = 0.0) -> DriverPreset:

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hand_made_record import traffic_of
+from hand_made_record import actor_states, traffic_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -65,8 +65,7 @@ def test_codes_are_those_of_the_messages():
 
 @given(present=_ids, asked=st.integers(0, 45))
 def test_the_row_of_an_actor_is_none_where_it_is_not_on_the_map(present, asked):
-    columns = {name: np.zeros(len(present), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
-    states = ActorStates(step=0, **{**columns, "actor_id": present})
+    states = actor_states(0, actor_id=present)
     listed = present.tolist()
     assert states.row_of(asked) == (listed.index(asked) if asked in listed else None)
 

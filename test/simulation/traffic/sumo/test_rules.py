@@ -1,6 +1,5 @@
 """Which rules an episode has, and what those about making way do."""
 
-import itertools
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -23,7 +22,7 @@ from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.traffic.demand.plan import JamHead, PlannedVehicle, SignalTiming, load_drivers
 from siren_ros.simulation.traffic.sumo.caution import CautiousDrivers
-from siren_ros.simulation.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
+from siren_ros.simulation.traffic.sumo.driving_corrections import LaneContinuity, SidewaysLimits
 from siren_ros.simulation.traffic.sumo.orders import JamOrders
 from siren_ros.simulation.traffic.sumo.rules import (
     BEND,
@@ -122,7 +121,6 @@ EVERYBODY = dict.fromkeys(("placed", "moved", "yields"))
         ("jam", JamOrders, "apply", [7, {"moved", "yields"}], {"yields"}),
         ("rescue lane", RescueLane, "apply", ["columns", EVERYBODY, "outside", ("emv0",)], {"yields", "keeps"}),
         ("sideways", SidewaysLimits, "apply", ["columns", EVERYBODY, "outside", {"yields"}], {"yields"}),
-        ("bends", BendLimits, "apply", ["columns", EVERYBODY, "outside"], {"yields"}),
         ("continuity", LaneContinuity, "correct", ["columns", {"placed", "moved"}], {"yields"}),
     ],
 )
@@ -140,9 +138,9 @@ def test_rules_know_who_is_driven_from_outside_who_makes_way_and_the_people(
     )
     population = SimpleNamespace(vehicles=EVERYBODY, scale_of="scale")
     mirror = SimpleNamespace(places={"placed": None}, realigned={2: 0.5, 9: 0.5})
-    walkers = SimpleNamespace(people="people")
-    road = Road("columns", population, mirror, walkers, reported, 7, "last", "outside", {"yields"})  # type: ignore[arg-type]
-    for act in itertools.chain(*acts.values()):
+    there = "columns", population, mirror, SimpleNamespace(people="people")
+    road = Road(*there, reported, 7, "last", "outside", {"yields"})  # type: ignore[arg-type]
+    for act in sum(acts.values(), ()):
         act(road)
     assert (heard, road.asked) == ([reported if item == "reported" else item for item in told], asked)
 

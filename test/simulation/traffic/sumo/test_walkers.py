@@ -11,7 +11,7 @@ import libsumo
 import numpy as np
 import pytest
 import shapely
-from hand_made_record import traffic_of
+from hand_made_record import actor_states, traffic_of
 from traffic_helpers import load_map
 
 from siren_ros.base.numerics.units import STEP_S
@@ -24,7 +24,7 @@ from siren_ros.simulation.traffic.demand.plan import PlannedWalker
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.traffic.sumo import walkers as walkers_module
 from siren_ros.simulation.traffic.sumo.walkers import PeopleTable, Walkers, poses_of, steps_into, with_people
-from siren_ros.simulation.world.actors import ACTOR_STATE_DTYPES, TRAFFIC_STATE_DTYPES, ActorClass, ActorStates, Owner
+from siren_ros.simulation.world.actors import TRAFFIC_STATE_DTYPES, ActorClass, ActorStates, Owner
 
 PEOPLE = 40
 CITY = load_map(Path("city"))[1]
@@ -289,11 +289,8 @@ def at_a_crossing(
     numbers = count(2)
     there = walkers.joined(traffic_of(0), ActorStates.empty(0), numbers)
     assert there.actor_id.tolist() == [2, 3]
-    columns = {name: np.zeros(3, kind) for name, kind in ACTOR_STATE_DTYPES.items()}
-    columns |= {"actor_id": np.array([1, 2, 3], np.uint32), "x_m": places[:, 0], "y_m": places[:, 1]}
-    columns |= {"yaw_rad": np.array([heading, heading + np.pi / 2.0, heading + np.pi / 2.0])}
-    columns |= {"vx_mps": np.array([speed_mps, 0.0, 0.0])}
-    return walkers, ActorStates(step=0, **columns)
+    told = {"x_m": places[:, 0], "y_m": places[:, 1], "yaw_rad": heading + np.array([0.0, np.pi / 2.0, np.pi / 2.0])}
+    return walkers, actor_states(0, actor_id=[1, 2, 3], vx_mps=[speed_mps, 0.0, 0.0], **told)
 
 
 @pytest.mark.parametrize(

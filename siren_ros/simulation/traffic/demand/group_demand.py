@@ -27,6 +27,7 @@ from siren_ros.simulation.traffic.demand.emv_start import (
 from siren_ros.simulation.traffic.demand.group_rows import (
     BRAKE_MPS2,
     LATERAL_MPS2,
+    WHERE,
     GroupRow,
     approach_row,
     emv_follows,
@@ -56,15 +57,6 @@ _THROUGH_M: Final = 60.0
 """Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
 _WITH_EMV: Final = frozenset({Placement.SAME_DIRECTION, Placement.EMV_LANE})
 """Placements whose vehicles drive over the site as the EMV does."""
-_WHERE: Final = {
-    Placement.EMV_LANE: "in the EMV's lane",
-    Placement.ADJACENT_LANE: "in the lane next to it",
-    Placement.OTHER_LANES: "in the other lanes",
-    Placement.TURNING_LANES: "in the turning lanes",
-    Placement.SAME_DIRECTION: "in the EMV's direction",
-    Placement.CROSSING: "on crossing roads",
-    Placement.EVERY_LANE: "in every lane",
-}
 
 
 @dataclass(frozen=True)
@@ -156,7 +148,7 @@ def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     if group.standing:
         least = min(least, _LEAST_QUEUE)
     if not group.optional and (rows or crossing) and placed < least:
-        cars = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
+        cars = f"{group.vehicles} vehicles {WHERE[group.placement]}"
         raise MapError(f"group {group.name}", f"a place with road for {cars}; {placed} would fit")
 
 

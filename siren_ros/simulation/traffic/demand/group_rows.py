@@ -53,6 +53,17 @@ QUEUED_CAR_M: Final = 7.6
 _LEAST_IN_ROW: Final = 4
 """Vehicles of the first crossing row, of as many as there are: they cross for 8 s. It lasts until the EMV comes."""
 
+WHERE: Final = {
+    Placement.EMV_LANE: "in the EMV's lane",
+    Placement.ADJACENT_LANE: "in the lane next to it",
+    Placement.OTHER_LANES: "in the other lanes",
+    Placement.TURNING_LANES: "in the turning lanes",
+    Placement.SAME_DIRECTION: "in the EMV's direction",
+    Placement.CROSSING: "on crossing roads",
+    Placement.EVERY_LANE: "in every lane",
+}
+"""Where a placement's vehicles are, for messages."""
+
 
 @dataclass(frozen=True)
 class GroupRow:

@@ -363,14 +363,15 @@ class LawfulDriver:
             return clearing
         near_emv_m = _QUEUES_M if sight.speed_mps > _STANDS_MPS else self.habits.heard_m
         passes = any(siren.along and siren.ahead_m < 0.0 and siren.gap_m < near_emv_m for siren in sight.sirens)
-        nearly = passes and not emv_waits(sight)
-        near_m = _CLOSE_M if self.habits.splits_queues else _NEARLY_M if nearly else _THERE_M
+        waits = emv_waits(sight)
+        nearly_m = _NEARLY_M if passes and not waits else _THERE_M
+        near_m = _CLOSE_M if self.habits.splits_queues else nearly_m
         aside_m = self._aside_m(state.side, sight)
         widths_m = ((one, sight.width_m + sight.bodies[one.actor_id].width_m) for one in sight.sirens)
-        in_way = emv_waits(sight) or any(one.behind and 2.0 * abs(one.left_m) < width_m for one, width_m in widths_m)
+        in_way = waits or any(one.behind and 2.0 * abs(one.left_m) < width_m for one, width_m in widths_m)
         lets_by = self._comes_between(aside_m, sight) and not in_way
         if abs(sight.left_m - aside_m) < near_m or lets_by:
-            stands = self.habits.stops and not (self.habits.splits_queues and emv_waits(sight))
+            stands = self.habits.stops and not (self.habits.splits_queues and waits)
             return 0.0 if stands else min(cruise, _CRAWL_MPS)
         if not any(siren.behind for siren in sight.sirens):  # the last one has passed
             return min(_CRAWL_MPS, cruise)

@@ -312,10 +312,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
     lined = beside & (same & ~np.isin(rows, _on_cycle_lanes(ego)))[near]
     both = (np.any(lined & on_left, axis=1) & np.any(lined & ~on_left, axis=1)) | (low > high)
-    upper, lower = np.where(both, high, 0.0), np.where(both, low, 0.0)
-    ample = np.clip(0.5 * (upper - lower), None, max(_AMPLE_M - config.side_clearance_m, 0.0))
-    between = np.clip(base, lower + ample, upper - ample)
-    target = np.where(both, between, np.maximum(np.minimum(base, high), low))
+    ample = np.where(both, np.minimum(0.5 * (high - low), max(_AMPLE_M - config.side_clearance_m, 0.0)), 0.0)
+    target = np.minimum(np.maximum(base, low + ample), high - ample)
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
     return smoothed(target, int(_INFLUENCE_M))
 

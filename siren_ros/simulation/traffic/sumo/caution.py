@@ -309,10 +309,16 @@ def _agree_on_entries(pairs: Rows, zones: Floats, inside: Flags) -> None:
 
 
 @compiled
-def _wait_behind(speed_mps: float, lead_mps: float, free_m: float) -> tuple[float, float, float]:
-    """The wait behind a body on the same way: the driver must be as slow as the body before the free way is used up."""
-    free, closing = max(free_m, 0.0), max(speed_mps - lead_mps, 0.0)
-    return lead_mps, closing * closing / (2.0 * max(free, LEAST_WAY_M)), free
+def _wait_behind(drivers: Drivers, row: int, free_m: float, lead_mps: float) -> tuple[float, float, float]:
+    """The wait behind a body on the same way: the driver must be as slow as the body before the free way is used up.
+
+    As ``least_wait``. SUMO's drivers brake by themselves until they must do so firmly, or gently if they did already.
+    """
+    free, closing = max(free_m, 0.0), max(drivers.speed_mps[row] - lead_mps, 0.0)
+    brake = closing * closing / (2.0 * max(free, LEAST_WAY_M))
+    if free_m > 0.0 and brake <= (_GENTLE_MPS2 if drivers.held[row] else _FIRM_MPS2):
+        return np.inf, 0.0, np.inf
+    return lead_mps, brake, free
 
 
 @compiled
@@ -368,7 +374,7 @@ def _strictest_waits(
     ``order`` are the rows by x. The margins are those towards vehicles from outside, and among SUMO's own. ``square``
     is 2: by a constant, speeds would be squared with another last bit than Python's.
     """
-    held, rides, n = drivers.held, drivers.rides, len(order)
+    rides, n = drivers.rides, len(order)
     inside, speed_mps = drivers.inside, drivers.speed_mps
     widened, pairs = _widened(ways, drivers), near_pairs(drivers, order)
     _drift_where_lying_over(widened, rights, inside)
@@ -395,16 +401,14 @@ def _strictest_waits(
         if leads:
             beside = unknown and -ahead_m < drivers.half_length_m[row] + drivers.half_length_m[other]
             lead_mps = 0.0 if beside or (ridden and blocked <= 0.0) else speed_mps[other]
-            wait = _wait_behind(speed_mps[row], lead_mps, blocked - _BEHIND_M)
-            if wait[_FREE] > 0.0 and wait[_BRAKE] <= (_GENTLE_MPS2 if held[row] else _FIRM_MPS2):
-                continue
+            wait = _wait_behind(drivers, row, blocked - _BEHIND_M, lead_mps)
         else:
             zone = Zone(own_in, own_out, other_in, other_out, along, blocked, blocked_along)
             own, comes = _approaches(zone, row, other, drivers, ways, rights)
             margins = themselves if inside[other] else outsiders
             wait = least_wait(zone, own, comes, speed_mps[other] ** square, margins)
-            if wait[_SPEED] == np.inf:
-                continue
+        if wait[_SPEED] == np.inf:
+            continue
         if count == 0 or found[count - 1, OWN] != row:
             count += 1
         elif wait[_SPEED] >= waits[count - 1, _SPEED]:

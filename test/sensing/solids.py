@@ -4,6 +4,8 @@ from collections import Counter
 
 import numpy as np
 
+from siren_ros.sensing.meshes.mesh import Material
+
 
 def volume(mesh):
     """Signed volume by the divergence theorem; positive where normals look outward."""
@@ -32,3 +34,14 @@ def gap_m2(mesh):
     """Length of the sum of all area vectors: 0 for a closed surface, also where corners lie on other faces' edges."""
     a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
     return float(np.linalg.norm(0.5 * np.cross(b - a, c - a).sum(axis=0)))
+
+
+def by_material(mesh):
+    """Triangles, area in m², middle, mean normal and mean colour of each material."""
+    area, middle = areas(mesh), mesh.vertices_m.astype(float)[mesh.triangles].mean(axis=1)
+    values = np.column_stack((middle, mesh.normals, mesh.colour_rgb))
+    return {
+        Material(code).name: [int(part.sum()), area[part].sum(), *np.average(values[part], axis=0, weights=area[part])]
+        for code in np.unique(mesh.material)
+        for part in [mesh.material == code]
+    }

@@ -1,17 +1,12 @@
-"""Vehicles' shapes: drawings and their faults, fitted sizes, and looks that every vehicle keeps.
+"""Vehicles' shapes: drawings and their faults, fitted sizes, and looks that every vehicle keeps."""
 
-Areas, places and colours of materials are those that were looked at. Bags and detectors depend on the shapes. Whoever
-changes one on purpose looks at its picture, and then prints the figures anew:
-``python test/sensing/vehicles/test_vehicle_shapes.py > test/sensing/vehicles/shape_figures.json``.
-"""
-
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from solids import volume
+from known_outputs import assert_known
+from solids import by_material, volume
 
 from siren_ros.errors import InputError
 from siren_ros.sensing.meshes.mesh import Material, Swing
@@ -223,36 +218,14 @@ def test_a_fault_is_named_with_its_line_and_what_is_allowed(
     assert allowed in str(raised.value)
 
 
-FIGURES = Path(__file__).with_name("shape_figures.json")
-
-
 def figures(actor_class):
-    """Of each material: area in m², its middle's x and z in metres, and its mean colour."""
-    mesh = vehicle_shape(actor_class).at_rest
-    corners = mesh.vertices_m.astype(np.float64)[mesh.triangles]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    values = np.column_stack((corners.mean(axis=1)[:, [0, 2]], mesh.colour_rgb))
-    by_material = {}
-    for code in np.unique(mesh.material):
-        part = mesh.material == code
-        means = np.average(values[part], axis=0, weights=area[part])
-        by_material[Material(code).name.lower()] = [round(float(value), 3) for value in (area[part].sum(), *means)]
-    return by_material
+    """Of each material: triangles, area in m², the middle in metres, mean normal and mean colour; wheels and limbs."""
+    shape = vehicle_shape(actor_class)
+    wheels = [[*wheel.hub_m, wheel.radius_m, wheel.steered, len(wheel.mesh)] for wheel in shape.wheels]
+    limbs = [[*limb.joint_m, limb.swing, len(limb.mesh)] for limb in shape.limbs]
+    return {**by_material(shape.at_rest), "wheels": wheels, "limbs": limbs}
 
 
-@pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda kind: kind.name.lower())
-def test_materials_keep_their_areas_places_and_colours(actor_class):
-    expected = json.loads(FIGURES.read_text(encoding="utf-8"))[actor_class.name.lower()]
-    measured = figures(actor_class)
-    assert measured.keys() == expected.keys()
-    for material, values in expected.items():
-        assert measured[material] == pytest.approx(values, rel=1e-3, abs=2e-3), material
-
-
-if __name__ == "__main__":
-    by_class = {kind.name.lower(): figures(kind) for kind in ActorClass}
-    rows = (
-        f' "{name}": {{\n' + ",\n".join(f'  "{part}": {json.dumps(row)}' for part, row in of.items()) + "\n }"
-        for name, of in by_class.items()
-    )
-    print("{\n" + ",\n".join(rows) + "\n}")  # noqa: T201 - a development command
+def test_shapes_have_their_materials_wheels_and_limbs() -> None:
+    known = {kind.name: figures(kind) for kind in ActorClass}
+    assert_known(Path(__file__).parent / "known" / "shapes.json", known, digits=5, decimals=3)

@@ -11,6 +11,7 @@ from test_architecture import names_defined_in
 from siren_ros.base.numerics.units import mps_from_kmh
 from siren_ros.scoring.evaluation.prediction.metrics import METRICS
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, future_times_s
+from siren_ros.simulation.conflicts.yielding import MOST_BRAKE_MPS2
 from siren_ros.simulation.scenario.paper import (
     LEVEL_POLICIES,
     PAPER_CONSTANTS,
@@ -21,7 +22,6 @@ from siren_ros.simulation.scenario.paper import (
 )
 from siren_ros.simulation.scenario.presets import load_preset
 from siren_ros.simulation.scenario.templates import load_template
-from siren_ros.simulation.traffic.sumo.caution import MOST_BRAKE_MPS2
 
 
 def shown(page: str) -> str:

@@ -68,6 +68,8 @@ def rank_inside(rank: int, privileged: bool) -> int:
 LEAST_WAY_M: Final = 0.3
 _LEAST_TIME_S: Final = 0.1
 
+MOST_BRAKE_MPS2: Final = 8.0
+"""An emergency brake on a dry road."""
 
 _USUAL: Final = ConflictConfig()
 
@@ -209,9 +211,9 @@ def least_wait(
     """How the own vehicle must wait for the other, as a ``Wait``; its speed is infinite if it need not.
 
     It need not where both are in the zone at different times; where it has the right of way, or arrives first among
-    equals, and the other one can still stop; and where only the other one can. A vehicle that can stop at a red signal
-    does, and one that stands in the zone leaves it. ``zone`` is as the own vehicle sees it. ``other_sq`` is the square
-    of the other one's speed.
+    equals, and the other one can still stop; and where only the other one can, be it by an emergency brake. A vehicle
+    that can stop at a red signal does, and one that stands in the zone leaves it. ``zone`` is as the own vehicle sees
+    it. ``other_sq`` is the square of the other one's speed.
     """
     need_not = np.inf, 0.0, np.inf
     merges = zone.along > SAME_DIRECTION
@@ -241,9 +243,9 @@ def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, c
         return math.isinf(zone.blocked_m)
     merges = zone.along > SAME_DIRECTION
     theirs = _yield_brake_mps2(zone.other_in_m, other, zone.own_in_m, own, merges, config)
-    if theirs > config.commit_mps2 and not merges:
-        return False
     mine = _yield_brake_mps2(zone.own_in_m, own, zone.other_in_m, other, merges, config)
+    if theirs > config.commit_mps2 and not merges:
+        return mine > MOST_BRAKE_MPS2 >= theirs and zone.other_in_m > 0.0
     if max(theirs, mine) > config.commit_mps2:
         return mine > theirs and zone.other_in_m > 0.0
     return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank == _RED))

@@ -289,6 +289,24 @@ def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
 
 
 @pytest.mark.parametrize(
+    ("own_m", "other_m", "other_mps", "waits"),
+    [
+        *[(0.9, 6.0, 8.0, False), (1.1, 6.0, 8.0, True), (0.9, 4.1, 8.0, False), (0.9, 3.9, 8.0, True)],
+        (0.9, -CONFIG.standoff_m, 2.0, True),
+    ],
+    ids=["the other one can", "both can", "the other one just can", "nobody can", "the other one is there"],
+)
+def test_of_two_who_cross_who_cannot_stop_by_an_emergency_brake_goes_on_where_the_other_one_can(
+    own_m, other_m, other_mps, waits
+):
+    """At 8 m/s² a stop takes 1 m from 4 m/s and 4 m from 8 m/s; a metre more is kept, and 3 m/s² would not do."""
+    zone = crossing_zone(own_m + CONFIG.standoff_m, other_m + CONFIG.standoff_m)
+    assert (wait_for(zone, car(4.0, Rank.RED), car(other_mps), CONFIG) is not None) is waits
+    wait = wait_for(mirrored(zone), car(other_mps), car(4.0, Rank.RED), CONFIG)
+    assert (wait is not None) is (other_m > 0.0)
+
+
+@pytest.mark.parametrize(
     ("own", "other", "own_in", "waits"),
     [
         *[(Rank.GIVES_WAY, Rank.PRIORITY, 30.0, True), (Rank.PRIORITY, Rank.GIVES_WAY, 30.0, False)],

@@ -35,7 +35,15 @@ from siren_ros.simulation.conflicts.junction_approach import (
     least_wait_for_people,
     outlines_of,
 )
-from siren_ros.simulation.conflicts.yielding import LEAST_WAY_M, Approach, Bends, Margins, Wait, least_wait
+from siren_ros.simulation.conflicts.yielding import (
+    LEAST_WAY_M,
+    MOST_BRAKE_MPS2,
+    Approach,
+    Bends,
+    Margins,
+    Wait,
+    least_wait,
+)
 from siren_ros.simulation.conflicts.zones import (
     ALONG,
     BLOCKED,
@@ -435,10 +443,6 @@ def _approaches(
     slows = 0.0 if drivers.held[other] else slows
     own = Approach(own_mps, top, gains, own_rank, straight, 2.0 * drivers.half_length_m[row])
     return own, Approach(other_mps, other_mps, slows, rank, straight, 2.0 * drivers.half_length_m[other])
-
-
-MOST_BRAKE_MPS2: Final = 8.0
-"""An emergency brake on a dry road."""
 
 
 class CautiousDrivers:

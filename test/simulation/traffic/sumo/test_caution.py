@@ -16,7 +16,7 @@ from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.simulation.conflicts.course import CourseBook, Outlook
 from siren_ros.simulation.conflicts.junction_approach import outlines_of, people_at
-from siren_ros.simulation.conflicts.yielding import Margins, tight_lanes
+from siren_ros.simulation.conflicts.yielding import MOST_BRAKE_MPS2, Margins, tight_lanes
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.maps.map_compiler import converted
 from siren_ros.simulation.roads.maps.netconvert import document, mended_lanes
@@ -27,7 +27,6 @@ from siren_ros.simulation.traffic.sumo import caution as caution_module
 from siren_ros.simulation.traffic.sumo.caution import (
     AMONG_THEMSELVES,
     BESIDE_M,
-    MOST_BRAKE_MPS2,
     ROLLING_MPS,
     WAYS_AHEAD_S,
     WAYS_FAR_M,

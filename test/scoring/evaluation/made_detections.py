@@ -4,16 +4,20 @@ The frames are of two episodes without a bag: the LiDAR is turned, lifted and aw
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from busy_record import BEHIND, FIRST, busy_record
 
 from siren_ros.base.numerics.arrays import Matrix
 from siren_ros.base.tables import NOTHING, Interval
-from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, TruthBoxes, attributes_of
+from siren_ros.data.recording.episode_record import EpisodeRecord
+from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, TruthBoxes, attributes_of, joined
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of
 from siren_ros.scoring.evaluation.detection.metrics import DISTANCES_M, ERRORS, DevkitScore, match
 from siren_ros.scoring.evaluation.detection.scoring import DetectorScores
 from siren_ros.scoring.evaluation.scores import Score, single
+from siren_ros.simulation.world.actors import EMERGENCY_CLASSES, PEOPLE_CLASSES, ActorClass
 
 
 def _shared(
@@ -135,6 +139,80 @@ def made_frames(camera: bool = True) -> Frames:
             )
             for number in range(2)
         ]
+    )
+
+
+BUSY_STEPS = np.union1d(np.arange(0, 320, 10), np.arange(5, 320, 40))
+
+
+def busy_episodes(templates: str = "S1 S2 S1 S2 S7 S7", frames: int = len(BUSY_STEPS)) -> tuple[Frames, FoundBoxes]:
+    """Episodes of a busy record, seen by the first EMV or by the second one, and detections.
+
+    The detector misses some boxes, moves and turns others, makes some up, and says what most are; a box that it finds
+    twice is one. All errors follow from the number of the row.
+    """
+    record, episodes, boxes = busy_record(), [], []
+    for number, template in enumerate(templates.split()):
+        eye, steps = record.track((FIRST, BEHIND)[number % 2]), BUSY_STEPS[number % 3 : frames]
+        at = eye.select(np.isin(eye.step, steps))
+        cos, sin = np.cos(at.yaw_rad), np.sin(at.yaw_rad)
+        pose = np.tile(np.eye(4), (len(steps), 1, 1))
+        pose[:, :2, :2] = np.moveaxis(np.array(((cos, -sin), (sin, cos))), -1, 0)
+        pose[:, :3, 3] = np.column_stack((at.xy_m, np.full(len(steps), 2.0)))
+        truth = _labels_of(record, int(eye.actor_id[0]), steps)
+        about = {"template": template, "episode_id": f"busy{number}", "seed": number, "map_name": f"map{number % 3}"}
+        about |= {"look": ("rain", "day")[number % 2], "suite": ("lidar", "full")[number // 3], "bag": f"bag{number}"}
+        columns = {
+            "map_from_lidar": pose,
+            "vehicle_m": at.xy_m,
+            "pictured": steps % 4 == 0,
+            "step": steps,
+            "truth": truth,
+        }
+        episodes.append(replace(made_frames().episodes[number % 2], **about, **columns))
+        boxes.append(_found_of(truth, number, sum(map(len, episodes[:-1]))))
+    return frames_of(episodes), joined(boxes)
+
+
+def _labels_of(record: EpisodeRecord, eye_id: int, steps: np.ndarray) -> TruthBoxes:
+    rows = record.rows
+    rows = rows.select(np.isin(rows.step, steps) & (rows.actor_id != eye_id))
+    rows = rows.select(np.lexsort((rows.actor_id, rows.step)))
+    actors = [record.actors[key] for key in rows.actor_id.tolist()]
+    size = np.array([(actor.length_m, actor.width_m, actor.height_m) for actor in actors])
+    velocity = np.stack((rows.vx_mps, rows.vy_mps), axis=-1)
+    kind = np.array([actor.actor_class for actor in actors], dtype=np.uint8)
+    return TruthBoxes(
+        frame=np.searchsorted(steps, rows.step),
+        centre_m=np.column_stack((rows.xy_m, 0.5 * size[:, 2])),
+        size_m=size,
+        yaw_rad=rows.yaw_rad,
+        velocity_mps=velocity,
+        attribute=attributes_of(velocity, kind),
+        actor_id=rows.actor_id,
+        actor_class=kind,
+        lidar_points=((7 * np.arange(len(rows)) + rows.step) % 150).astype(np.uint32),
+        visible=(0.37 * np.arange(len(rows))) % 1.0,
+        mode=rows.mode,
+    )
+
+
+def _found_of(truth: TruthBoxes, number: int, first: int) -> FoundBoxes:
+    kept = np.flatnonzero((np.arange(len(truth)) + number) % 5 > 0)
+    kept = np.sort(np.concatenate((kept, kept[:: 9 + number])))
+    wave = np.sin(1.7 * np.arange(len(kept)) + number)
+    kinds = [ActorClass(kind) for kind in truth.actor_class[kept]]
+    names = [kind.name.lower() if kind in EMERGENCY_CLASSES | PEOPLE_CLASSES else "car" for kind in kinds]
+    made_up = np.arange(len(kept)) % 11 == 3
+    return FoundBoxes(
+        frame=truth.frame[kept] + first,
+        centre_m=truth.centre_m[kept] + 0.6 * wave[:, None] * np.array([1.0, 0.7, 0.1]) + 9.0 * made_up[:, None],
+        size_m=truth.size_m[kept] * (1.0 + 0.1 * wave[:, None]),
+        yaw_rad=truth.yaw_rad[kept] + 0.2 * wave + np.pi * (np.arange(len(kept)) % 13 == 5),
+        velocity_mps=truth.velocity_mps[kept] + wave[:, None],
+        attribute=attributes_of(truth.velocity_mps[kept] + wave[:, None]),
+        score=np.round(0.5 + 0.45 * np.cos(0.9 * np.arange(len(kept)) + number), 3),
+        label=np.where(np.arange(len(kept)) % 7 > 0, names, "car"),
     )
 
 

@@ -4,11 +4,14 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
 from hypothesis import given
 from hypothesis import strategies as st
+from known_outputs import assert_known
 from made_profiles import profile
 from made_records import Track, moving, record_with
 
@@ -20,6 +23,7 @@ from siren_ros.scoring.evaluation.diversity import (
     distance_matrix,
     diversity,
     diversity_as_json,
+    diversity_tables,
     drawn_ranges,
     event_distance,
     expected_kinds,
@@ -203,3 +207,14 @@ def test_coverage_counts_the_parts_that_episodes_reach() -> None:
     # One episode reaches one part of ten; two reach two parts in two of the three choices.
     assert found.curve == pytest.approx([0.1, 0.1 * 5 / 3, 0.2])
     assert parameter_coverage([{"a": 0.5}, {}], ranges) == (), "an episode lacks it"
+
+
+def test_everything_of_four_busy_episodes_of_two_levels() -> None:
+    records = [seen for level in ("L1", "L2") for seen in busy_record(level=level).by_emv()]
+    profiles = [
+        replace(profile_of(f"bag{number}", one), seed=number, parameters={"emv.speed_mps": 12.5 + 0.5 * number})
+        for number, one in enumerate(records[:5])
+    ]
+    groups = diversity(profiles, drawn_ranges(profiles))
+    found = [diversity_as_json(group) for group in groups], [table.text() for table in diversity_tables(groups)]
+    assert_known(Path(__file__).parent / "known" / "diversity.json", found)

@@ -1,10 +1,12 @@
 """The outcome of an episode, its people, and how vehicles treat them."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from busy_record import busy_network, busy_record
 from evaluation.made_records import Track, moving, record_with
 from hand_made_record import (
     EASTBOUND,
@@ -19,6 +21,8 @@ from hand_made_record import (
     line,
     with_states,
 )
+from known_outputs import assert_known
+from told_verdicts import told
 
 from siren_ros.data.interfaces.conversions import EpisodeClosing
 from siren_ros.data.recording.episode_record import EpisodeRecord
@@ -40,6 +44,8 @@ from siren_ros.scoring.judging.outcome import (
     summarise_residuals,
 )
 from siren_ros.scoring.judging.verify import check_people, contacts_with_people, near_passes
+from siren_ros.simulation.roads.road_network import JunctionKind
+from siren_ros.simulation.scenario.episode import EpisodeEnd
 from siren_ros.simulation.world.actors import ActorClass, Event, EventKind, Mode, Owner
 
 AV = 2
@@ -548,3 +554,21 @@ def test_contacts_count_with_those_whom_nothing_protects(actor_class):
     assert not check_people(record)[0].holds
     drawn = replace(record, description=replace(record.description, preset="realistic"))
     assert check_people(drawn)[0].holds
+
+
+def test_every_predicate_and_every_measure_of_a_busy_episode() -> None:
+    """Signals and stop signs, both sides of the road, and each of the EMVs that drive one behind the other."""
+    found: dict[str, object] = {}
+    for name in ("S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8"):
+        record = busy_record(template=name)
+        if name in {"S5", "S6"}:
+            record = replace(record, network=busy_network(JunctionKind.PRIORITY_STOP))
+        of_second = replace(record.description, emv_ids=(9, 1))
+        found[name] = told(evaluate_predicate(record))
+        found[f"{name} behind"] = told(evaluate_predicate(replace(record, description=of_second)))
+        mirrored = replace(record.mirrored(), network=replace(record.mirrored().network, left_hand=True))
+        found[f"{name} mirrored"] = told(evaluate_predicate(mirrored))
+    record = busy_record()
+    found["outcome"] = outcome_of(record, EpisodeClosing(record.steps, EpisodeEnd.COMPLETE, ""))
+    found["realisation"] = realisation_of(record)
+    assert_known(Path(__file__).parent / "known" / "outcome.json", found)

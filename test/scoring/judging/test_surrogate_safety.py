@@ -1,13 +1,16 @@
 """Extremes of a pair and the steps at which they occur, runs, and windows of an episode."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import hand_made_record as hand
 import numpy as np
 import pytest
+from busy_record import BEHIND, CROSSING, FIRST, busy_record
 from evaluation.made_records import Track, moving, record_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_outputs import assert_known
 from shapely import Polygon
 
 from siren_ros.base.numerics.geometry import footprint_corners
@@ -320,3 +323,20 @@ def test_a_vehicle_that_ends_its_turn_does_not_turn_on(straight_road) -> None:
     encounters = encounters_of(record, 1)
     assert np.isfinite(predicted_contacts(encounters).time_s).any()
     assert np.isinf(contacts_on_ways(encounters, record).time_s).all()
+
+
+def test_every_pair_of_three_emvs() -> None:
+    """Extremes of every pair, and at every third meeting the contacts that are ahead, straight on and on their ways."""
+    found: dict[str, object] = {}
+    for emv_id in (FIRST, BEHIND, CROSSING):
+        pairs, contacts = conflict_series(busy_record(), emv_id)
+        for pair in pair_measures(pairs, contacts):
+            extremes = pair.gap_m, pair.time_to_collision_s, pair.required_deceleration_mps2, pair.encroachment
+            found[f"{emv_id} and {pair.actor_id}"] = [
+                None if one is None else tuple(vars(one).values()) for one in extremes
+            ]
+        for name, each in (("contacts", contacts), ("on ways", contacts_on_ways(pairs, busy_record()))):
+            ahead = np.flatnonzero(np.isfinite(each.time_s))[::3]
+            columns = {key: value[ahead] for key, value in vars(each).items()}
+            found[f"{name} of {emv_id}"] = {"step": pairs.step[ahead], "actor_id": pairs.actor_id[ahead], **columns}
+    assert_known(Path(__file__).parent / "known" / "surrogate_safety.json", found, digits=5)

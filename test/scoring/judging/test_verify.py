@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from busy_record import busy_record
 from hand_made_record import (
     CAR_LENGTH_M,
     EMV,
@@ -19,6 +20,8 @@ from hand_made_record import (
     line,
     with_states,
 )
+from known_outputs import assert_known
+from told_verdicts import parts_told, told
 
 from siren_ros.base.numerics.units import STEP_NS, STEP_S
 from siren_ros.data.recording.bag_reader import read_episode
@@ -522,3 +525,15 @@ def test_the_summary_holds_the_numbers_and_zeros_where_there_is_nothing():
     assert (summary.emv_accel_low_mps2, summary.emv_accel_high_mps2) == pytest.approx((-0.98, 0.98))
     assert summary.lateral_accel_mps2 == pytest.approx(2.0)
     assert summarise_physics(replace(record, states=())) == PhysicsSummary()
+
+
+def test_every_check_of_a_busy_episode() -> None:
+    found = verify_episode(busy_record())
+    others = {key: told(one) for key, one in found.others.items()}
+    known = {
+        "verdict": told(found.verdict),
+        "checks": parts_told(found.checks),
+        "others": others,
+        "facts": found.facts(),
+    }
+    assert_known(Path(__file__).parent / "known" / "verify.json", known)

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from made_detections import STEPS, columns_ahead, found_boxes, made_frames, random_boxes, truth_boxes
+from known_outputs import assert_known
+from made_detections import STEPS, busy_episodes, columns_ahead, found_boxes, made_frames, random_boxes, truth_boxes
 
-from siren_ros.base.tables import Interval
+from siren_ros.base.tables import Interval, text_of
 from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, FoundSet, TruthBoxes, joined
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
-from siren_ros.scoring.evaluation.detection.metrics import ERRORS, devkit_score
+from siren_ros.scoring.evaluation.detection.metrics import ERRORS, devkit_score, devkit_tracking
 from siren_ros.scoring.evaluation.detection.result_files import labels_as_detections
 from siren_ros.scoring.evaluation.detection.scoring import (
     VEHICLE_NAMES,
@@ -22,6 +25,7 @@ from siren_ros.scoring.evaluation.detection.scoring import (
     subsets_of_episodes,
 )
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
+from siren_ros.scoring.evaluation.detection.tracking import score_tracking
 from siren_ros.scoring.evaluation.scores import Score
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.scenario.episode import SeenEpisodes
@@ -396,3 +400,40 @@ def test_the_map_of_each_episode_is_that_of_the_episode_alone() -> None:
         alone = frames_of([frames.episodes[number]])
         assert values[number] == pytest.approx(scored_set(alone, found_set(boxes, alone)).rows[0].value)
     assert np.isnan(values[2])
+
+
+def test_every_score_and_every_table_of_two_detectors_in_busy_episodes() -> None:
+    """The second detector states neither velocities nor kinds, and was trained on one of the maps."""
+    frames, boxes = busy_episodes()
+    unknown = replace(boxes, label=np.full(len(boxes), "car"), velocity_mps=np.full((len(boxes), 2), np.nan))
+    plain = replace(unknown, attribute=np.zeros(len(boxes), dtype=np.uint8)).at(boxes.score > 0.3)
+    seen = SeenEpisodes(frozenset({"map0 S1 0", "map1 S2 7"}))
+    first = found_set(boxes, frames)
+    sets = first, replace(first, name="plain", boxes=plain, has_velocity=False, seen=seen, scored=frames.keyframe)
+    scores = [scored_set(frames, one) for one in sets]
+    few, found_there = busy_episodes("S1 S2", 22)
+    tracks = score_tracking(
+        few, found_set(found_there, few), VEHICLE_NAMES, lambda tables: [devkit_tracking(*each) for each in tables]
+    )
+    rows = {}
+    for row in (*scores[0].rows, *scores[1].rows, *tracks):
+        bounds = (row.interval.json()[bound] for bound in ("low", "high"))
+        rows[f"{row.model} | {row.kind} | {row.group} | {row.metric}"] = [row.value, *bounds, row.samples]
+    content = scores_as_json(scores)
+    found = {
+        "rows": rows,
+        "tables": text_of(tables_of(content, compare_paper=True)),
+        "episodes": [mean_ap_of_episodes(frames, one, VEHICLE_NAMES) for one in sets],
+        "made": _without_curves(content["models"]["made"]),
+        "plain": {name: value for name, value in content["models"]["plain"].items() if name != "curves"},
+    }
+    assert_known(Path(__file__).parent / "known" / "detection.json", found, digits=5)
+
+
+def _without_curves(value: Any) -> Any:
+    """Every twentieth point of lists of a hundred."""
+    if isinstance(value, dict):
+        return {name: _without_curves(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_without_curves(item) for item in (value[::20] if len(value) > 50 else value)]
+    return value

@@ -1,11 +1,14 @@
 """Predictors without learning: constant motion, motion along the lane, Intelligent Driver Model, Kalman filter."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
 from hypothesis import given
 from hypothesis import strategies as st
+from known_outputs import assert_known
 from made_records import Track, moving, record_with, samples_in
 from scenes import batch_of, showing, with_lines, with_signal
 from scipy import stats
@@ -29,6 +32,7 @@ from siren_ros.scoring.evaluation.prediction.baselines import (
     turn_rate_of,
 )
 from siren_ros.scoring.evaluation.prediction.imm import Imm, ImmPredictor
+from siren_ros.scoring.evaluation.prediction.predictors import PREDICTORS, is_simple, predictors_named
 from siren_ros.scoring.evaluation.prediction.samples import (
     HistoryWindow,
     Population,
@@ -495,3 +499,14 @@ def test_who_has_stopped_at_a_stop_sign_goes_on(crossroads) -> None:
     went_m = [make_idm_stop().predict(batch).xy_m[0, 0, -1, 0] - batch.xy_m[0, 0] for batch in (coming, standing)]
     assert went_m[0] < 12.0
     assert went_m[1] > 10.0
+
+
+def test_where_every_simple_model_sees_vehicles_and_people_go() -> None:
+    """Ways from the present after 1, 3 and 5 s of ten samples, before, on and behind the junction."""
+    batch = samples_of(busy_record(), HistoryWindow(), Population.ALL).batch
+    found: dict[str, object] = {"actor_id": batch.actor_id[5::71], "step": batch.sample_step[5::71]}
+    for name, predictor in predictors_named([name for name in PREDICTORS if is_simple(name)]).items():
+        answer = predictor.predict(batch)
+        ways = answer.xy_m[5::71, :, 4::10] - batch.xy_m[5::71, None, None]
+        found[name] = ways.reshape(len(ways), -1), answer.probability[5::71].tolist()
+    assert_known(Path(__file__).parent / "known" / "baselines.json", found, digits=5, decimals=6)

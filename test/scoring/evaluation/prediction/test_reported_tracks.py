@@ -1,9 +1,12 @@
 """Tracks that a tracker reports: simulated errors, and the tracks of a detector."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
+from known_outputs import assert_known
 from made_records import moving, record_with
 
 from siren_ros.data.recording.episode_record import StateRows
@@ -260,3 +263,40 @@ def test_the_vehicle_with_the_lidar_knows_its_own_motion(drive) -> None:
     assert set(seen.actor_id.tolist()) == {FIRST, SECOND}
     assert seen.xy_m[seen.actor_id == FIRST][0] == pytest.approx([20.0 + 5.0 * 60 * 0.05, -5.25])
     assert set(elsewhere.actor_id.tolist()) == {SECOND}
+
+
+def test_what_a_tracker_and_a_detector_report_of_a_busy_episode() -> None:
+    """The boxes are every other step of four vehicles, a few centimetres aside, the last one lost from 6 s to 8 s."""
+    record = busy_record()
+    logged = samples_of(record, WINDOW, Population.ALL).batch.actors
+    reporters = {name: with_noise(replace(noise, swaps_per_s=0.3)) for name, noise in NOISES.items()}
+    rows = record.rows.select(np.isin(record.rows.actor_id, (1, 2, 3, 9)) & (record.rows.step % 2 == 0))
+    rows = rows.select((rows.actor_id != 9) | (rows.step < 120) | (rows.step > 160))
+    rows = rows.select(np.lexsort((rows.actor_id, rows.step)))
+    aside = 0.05 * np.sin(np.arange(len(rows)))[:, None] * np.array([1.0, -0.5])
+    tracks = BoxTracks(
+        rows.step,
+        np.where(rows.actor_id == 9, 20 + (rows.step > 160), rows.actor_id).astype(np.intp),
+        rows.xy_m + aside,
+        rows.yaw_rad + np.where(rows.actor_id == 2, np.pi, 0.0),
+        np.stack((rows.vx_mps, rows.vy_mps), axis=-1) + aside,
+    )
+    carrier = record.track(12)
+    own = with_own(tracks, record.rows, carrier.step, carrier.xy_m)
+    reporters["boxes"] = lambda _record, logged_rows, table: reported_by(own, logged_rows, table)
+    found: dict[str, object] = {"logged": len(logged.frame)}
+    for name, reporter in reporters.items():
+        seen = samples_of(record, WINDOW, Population.ALL, reporter=reporter).batch
+        actors, some = seen.actors, slice(7, None, max(len(seen.actors.frame) // 12, 1))
+        found[name] = {
+            "samples": len(seen),
+            "actors": np.bincount(actors.actor_id),
+            "actor_id": actors.actor_id[some],
+            "frame": actors.frame[some],
+            "observed": actors.observed[some].sum(axis=1),
+            "place": np.round(actors.xy_m[some, ::5], 3).reshape(len(actors.frame[some]), -1),
+            "now": np.column_stack(
+                (actors.velocity_mps[some, -1], actors.yaw_rad[some, -1], actors.accel_mps2[some, -1])
+            ),
+        }
+    assert_known(Path(__file__).parent / "known" / "reported_tracks.json", found, digits=6, decimals=4)

@@ -2,9 +2,12 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from busy_record import busy_record
+from known_outputs import assert_known
 from made_records import moving, record_with
 
 from siren_ros.data.recording.bag_reader import read_episode
@@ -19,6 +22,7 @@ from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Popul
 from siren_ros.scoring.evaluation.prediction.scoring import (
     Category,
     EpisodeScores,
+    ModelScores,
     ScoringJob,
     Trait,
     answers_for,
@@ -313,3 +317,38 @@ def test_answers_are_those_of_the_given_models(bags, samples) -> None:
     off_m = mine.hypotheses.xy_m[:, 0] - mine.samples.future_xy_m
     assert np.allclose(off_m, [0.0, 1.0])
     assert set(answers_for(job, bags[0], ("cv",))[1]) == {"cv"}
+
+
+@pytest.mark.parametrize("noise", ["", "tracker"])
+def test_every_score_of_three_models_with_and_without_errors_of_tracks(noise: str) -> None:
+    """Vehicles and people; the submission has some of both."""
+    record = busy_record()
+    models = predictors_named(["cv", "idm_stop", "imm"])
+    samples = [samples_of(record, HistoryWindow(), Population.ALL, people=people) for people in (False, True)]
+    keys = [(one.batch.sample_step[::3], one.batch.actor_id[::3], one.future_xy_m[::3, None] + 1.0) for one in samples]
+    step, actor, xy_m = (np.concatenate(parts) for parts in zip(*keys, strict=True))
+    order = np.lexsort((actor, step))
+    answers = Hypotheses(xy_m[order], np.ones((len(order), 1)))
+    submitted = EpisodePredictions("told", HistoryWindow(), actor[order], step[order], answers, allow_missing=True)
+    scores = score_episode("busy", record, models, Population.ALL, {"told": submitted}, noise)
+    about = {name: value for name, value in vars(scores).items() if name not in {"models", "people"}}
+    parts = {"models": scores.models, "people": scores.people}
+    found = {name: {model: _summary(one) for model, one in of.items()} for name, of in parts.items()}
+    assert_known(Path(__file__).parent / "known" / f"scores{noise}.json", {**about, **found}, digits=5)
+
+
+def _summary(scores: ModelScores) -> dict[str, Any]:
+    """Sums over the samples."""
+    return {
+        "samples": (len(scores), scores.population_size),
+        "steps and actors": (int(scores.step.sum()), int(scores.actor_id.sum())),
+        "category": np.bincount(scores.category),
+        "traits": np.bincount(scores.traits),
+        "moved_m": float(scores.moved_m.sum()),
+        "values": {
+            name: [np.isfinite(of).sum(), np.nansum(of), np.nanmax(of, initial=0.0)]
+            for name, of in scores.values.items()
+        },
+        "distance_sum_m": scores.distance_sum_m[::6],
+        "reliability": scores.reliability[:, scores.reliability[0] > 0.0],
+    }

@@ -1,11 +1,23 @@
 """The ledger: its file, intervals of published values, verdicts, and shares of saved time."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from busy_record import busy_record, driven, turned
+from known_outputs import assert_known
 
+from siren_ros.base.tables import text_of
 from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.realism.distributions import (
+    distribution_table,
+    distributions,
+    distributions_as_json,
+    samples_of_tracks,
+)
 from siren_ros.scoring.evaluation.realism.ledger import (
     AGREES,
     CANNOT,
@@ -20,6 +32,7 @@ from siren_ros.scoring.evaluation.realism.ledger import (
     verdict_counts,
 )
 from siren_ros.scoring.evaluation.realism.quantities import SAMPLES, RealismEpisode
+from siren_ros.scoring.evaluation.realism.road_tracks import RoadTracks
 
 LINE = LedgerLine("X1", "a gap", 2.0, "m", 10, 1.5, 2.5, "here", 2020, "somebody", "abstract", "standing_gap_m", "mean")
 
@@ -130,3 +143,54 @@ def test_each_statistic_is_that_of_all_samples() -> None:
     expected = {"mean": 6.0, "median": 5.0, "sd": 33.0**0.5, "p10": 1.0, "p50": 5.0, "p90": 9.0, "p95": 15.0}
     lines = [replace(LINE, samples="following_gap_m", statistic=name) for name in expected]
     assert [one.predicted.value for one in compare(lines, episodes)] == pytest.approx([*expected.values()])
+
+
+def _street() -> RoadTracks:
+    """A queue of four cars in each of two lanes stands at a line and discharges, three cars cross behind the line."""
+    columns = []
+    for number in range(8):
+        behind, lane = divmod(number, 2)
+        arc_m = driven(-6.3 * behind - 0.4 * lane, (9.0, 0.0), (-1.8, 5.0), (0.0, 1.5 + 1.1 * behind), (1.5, 16.0))
+        along = arc_m[:, None] * np.array([1.0, 0.0]) + np.array([0.0, 3.4 * lane])
+        columns.append((number, along, 0.0, 4.0 + 0.3 * lane))
+    for number in range(3):
+        arc_m = driven(-60.0 - 25.0 * number, (8.0 + number, 0.0), (0.0, 16.0))
+        columns.append((8 + number, np.column_stack((np.full(len(arc_m), 60.0), arc_m)), 0.5 * np.pi, 4.6))
+    parts = []
+    for key, xy, yaw, length in columns:
+        shared = np.tile((0.6 + yaw, length, 1.8), (len(xy), 1))
+        parts.append(np.column_stack((np.full(len(xy), key), 0.05 * np.arange(len(xy)), turned(xy), shared)))
+    return RoadTracks.of_columns(*np.concatenate(parts).T)
+
+
+def test_every_sample_and_every_line_of_busy_episodes() -> None:
+    """Levels L0 and L1 of an episode for each of its EMVs, and more seeds, whose samples are a little larger."""
+    episodes = [RealismEpisode.of(record) for level in ("L0", "L1") for record in busy_record(level=level).by_emv()]
+    real = samples_of_tracks(_street()), samples_of_tracks(RoadTracks.of_record(busy_record()))
+    more = [
+        replace(
+            one,
+            situation=("S3", "town", str(seed), ""),
+            samples={
+                name: np.append(values, real[0].get(name, ())) * (1.0 + 0.01 * seed)
+                for name, values in one.samples.items()
+            },
+        )
+        for one in episodes
+        for seed in range(3 * (one is not episodes[2]))
+    ]
+    found, results = distributions(more, real), compare(read_ledger(), more)
+    known = {
+        "samples": [{name: values for name, values in one.samples.items() if len(values)} for one in episodes[3:]],
+        "street": {name: values[:: max(len(values) // 8, 1)] for name, values in real[0].items()},
+        "lines": {one.line.line_id: (*vars(one.predicted).values(), one.samples) for one in results if one.answered},
+        "counts": verdict_counts(results),
+        "distributions": [list(_values_in(row)) for row in distributions_as_json(found)],
+        "tables": text_of([ledger_table(results), distribution_table(found)]),
+    }
+    assert_known(Path(__file__).parent / "known" / "realism.json", known, digits=5)
+
+
+def _values_in(row: dict[str, Any]) -> Iterator[Any]:
+    for value in row.values():
+        yield from _values_in(value) if isinstance(value, dict) else (value,)

@@ -1,12 +1,16 @@
 """Terms of the Sim Agents Challenge: closed-form likelihoods, and features of plain motions."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from busy_record import busy_record
+from known_outputs import assert_known
 
 from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.realism.sim_agent_scenes import means_of_scenes, scores_of_episode
 from siren_ros.scoring.evaluation.realism.sim_agents import TERMS, AgentTracks, features_of, score_sim_agents
 
 ROAD = shapely.box(-500.0, -10.0, 500.0, 10.0)
@@ -107,3 +111,9 @@ def test_steps_at_which_an_agent_is_absent_do_not_count() -> None:
     assert scores["linear_speed"] == pytest.approx(76.1 / 115.0)
     assert scores["linear_acceleration"] == pytest.approx(108.1 / 109.1)
     assert scores["min_ade_m"] == 0.0
+
+
+def test_every_score_of_a_busy_episode() -> None:
+    assert_known(
+        Path(__file__).parent / "known" / "sim_agents.json", means_of_scenes(scores_of_episode(busy_record())), digits=5
+    )

@@ -1,13 +1,17 @@
 """Titles and severity of the classes, the conflicts in a camera's view, and the labels that follow from them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import BEHIND, CROSSING, FIRST, busy_record
 from evaluation.made_records import Track, moving, record_with
+from known_outputs import assert_known
 
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.risk.labels import (
+    DEFINITIONS,
     Camera,
     Evidence,
     Moments,
@@ -293,3 +297,18 @@ def test_a_part_of_the_evidence_ends_before_its_last_step() -> None:
     assert found.moments.time_to_collision_s.tolist() == [2.0, 3.0, 4.0, 5.0]
     assert [one.step for one in found.encroachments] == [12, 15]
     assert [one.step for one in found.contacts] == [12, 15]
+
+
+def test_all_conflicts_that_three_emvs_see() -> None:
+    camera, found = Camera(Mount(1.5, 0.2, 1.4, 0.1), 1.9), {}
+    for emv_id in (FIRST, BEHIND, CROSSING):
+        seen = evidence_of(busy_record(), emv_id, camera, (20, 310))
+        short = seen.within(100, 200)
+        found[str(emv_id)] = {
+            "moments": {name: values[:: max(len(values) // 12, 1)] for name, values in vars(seen.moments).items()},
+            "encroachments": seen.encroachments,
+            "contacts": seen.contacts,
+            "short": (len(short.moments), short.encroachments, short.contacts),
+            **{name: [label_of(one, limits) for one in (seen, short)] for name, limits in DEFINITIONS.items()},
+        }
+    assert_known(Path(__file__).parent / "known" / "labels.json", found, digits=5)

@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from busy_record import busy_record
 from evaluation.made_records import moving, record_with
 from hand_made_record import EMV, Driven, crossing, line
+from known_outputs import assert_known
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, passing, record_of
 from scipy import stats
 
-from siren_ros.base.tables import Measure
+from siren_ros.base.tables import Measure, text_of
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.statistics import holm
@@ -39,6 +42,7 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
     pairs_of,
     score_yielding,
     situation_sha256,
+    under_test_tables,
     yield_tables,
 )
 from siren_ros.simulation.world.actors import ActorClass, Event, EventKind
@@ -345,3 +349,30 @@ def test_levels_of_different_situations_are_refused() -> None:
         pairs_of(made)
     with pytest.raises(InputError, match="one episode of each level"):
         pairs_of([made[0], made[0]])
+
+
+def test_every_number_of_three_emvs_and_of_four_levels() -> None:
+    """The levels of six seeds have the marks of the record, the higher level and the higher seed the larger ones."""
+    known = ScoredEpisode.of_each_emv("bag", busy_record())
+    levels = [
+        replace(one, level=f"L{level}", seed=seed, scores=_scaled(one.scores, 1.0 + 0.1 * level + 0.03 * level * seed))
+        for one, seed, level in product(known, range(6), range(4))
+    ]
+    compared = effects(levels)
+    found = {
+        "episodes": [_compact(one.row()) for one in known],
+        "drivers": [list(row.values())[4:] for one in known for row in one.driver_rows()],
+        "effects": [effect.json() for effect in compared if effect.metric == "site_time_s"],
+        "tables": text_of([*yield_tables(levels), *effect_tables(compared), *under_test_tables(known)]),
+    }
+    assert_known(Path(__file__).parent / "known" / "yielding.json", found)
+
+
+def _compact(row: dict[str, Any]) -> dict[str, Any]:
+    """A value, whether it is a bound, and why it lacks, in one entry."""
+    names = [name for name in row if not name.endswith(("_at_least", "_lack"))]
+    return {name: [row.get(f"{name}{end}") for end in ("", "_at_least", "_lack")] for name in names}
+
+
+def _scaled(scores: YieldScores, by: float) -> YieldScores:
+    return replace(scores, metrics={name: replace(one, value=one.value * by) for name, one in scores.metrics.items()})

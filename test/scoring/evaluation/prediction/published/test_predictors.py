@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
 
+from busy_record import busy_record
+from known_outputs import assert_known
 from made_records import Track, moving, samples_in
 from plain_networks import drawn, drawn_weights
 from published_files import WEIGHTS, golden, golden_cells, weights
@@ -44,7 +46,7 @@ from siren_ros.scoring.evaluation.prediction.published.predictors import (
     positions_ft,
     stdan_features,
 )
-from siren_ros.scoring.evaluation.prediction.samples import SampleBatch
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
 from siren_ros.simulation.roads.road_network import RoadNetwork
 from siren_ros.simulation.world.actors import ActorClass
 
@@ -458,3 +460,30 @@ def test_without_torch_the_command_says_how_to_get_it(tmp_path) -> None:
     assert ended.returncode == 2
     assert len(ended.stderr.strip().splitlines()) == 1
     assert "./env --with models siren evaluate" in ended.stderr
+
+
+def test_what_every_network_sees_and_answers_in_a_busy_episode(tmp_path: Path) -> None:
+    """Features of three samples and of the first neighbours, and ways after 1, 3 and 5 s with drawn weights."""
+    batch = samples_of(busy_record(), HistoryWindow(), Population.ALL).batch
+    view = ngsim_view(batch)
+    found: dict[str, object] = {
+        "sample": view.sample[::97],
+        "actor": view.actors.actor_id[view.neighbour[::97]],
+        "cell": view.cell[::97],
+        "tangent_rad": view.tangent_rad[3::150],
+        "scene": view.scene[3::150],
+    }
+    for name, features in (("csp", csp_features), ("stdan", stdan_features), ("bat", bat_features)):
+        targets, others = features(view)
+        some = (one[::points, 3::300].reshape(-1, one.shape[-1]) for one, points in ((targets, 5), (others, 7)))
+        found[f"{name} sees"] = list(some)
+    targets, others = (polar(one) for one in positions_ft(view))
+    tensor = behaviour_tensor(targets, others, view.sample, view.cell)
+    found["behaviour"] = {"sum": tensor.sum(axis=(0, 1, 2)), "of one": tensor[::5, 3, ::13].reshape(-1, 6)}
+    made = {"csp": (make_csp, Csp), "stdan": (make_stdan, Stdan), "bat": (make_bat, Bat)}
+    for name, (make, network) in made.items():
+        torch.save(drawn(network()).state_dict(), tmp_path / name)
+        answer = make(tmp_path / name).predict(batch)
+        ways = answer.xy_m[3::300, :3, 4::10] - batch.xy_m[3::300, None, None]
+        found[f"{name} answers"] = ways.reshape(len(ways), -1), answer.probability[3::300]
+    assert_known(Path(__file__).parent / "known" / "published.json", found, digits=4, decimals=4)

@@ -1,12 +1,16 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
+from known_outputs import assert_known
 from made_records import Track, moving
 from scenes import batch_of, lit, showing, with_signal
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import STEP_S
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.scoring.evaluation.prediction.siren_model.columns import (
     NEIGHBOURS,
     POSITION_SCALE_M,
@@ -306,3 +310,20 @@ def test_a_link_that_the_signal_did_not_show_is_unknown(crossroads) -> None:
     assert lines["line0_yellow"][0].tolist() == [0.0] * 4
     _, lines = lines_of(replace(batch, signals={}))
     assert (lines["line0_there"][0, 0], lines["line0_signal"][0, 0]) == (1.0, 0.0), "not recorded"
+
+
+def test_every_column_of_a_busy_episode() -> None:
+    """Of each column the mean and two samples: an EMV, and a driver that makes way; of people the second one."""
+    batch = samples_of(busy_record(), HistoryWindow(), Population.ALL).batch
+    features, names = features_and_names(batch)
+    two = [int(np.flatnonzero((batch.actor_id == actor) & (batch.sample_step == 100))[0]) for actor in (1, 2)]
+    found: dict[str, object] = {}
+    for kind in ("target", "neighbours", "paths"):
+        values = getattr(features, kind).astype(float)
+        for number, name in enumerate(getattr(names, kind)):
+            column = values[..., number]
+            found[f"{kind}.{name}"] = [float(column.mean()), *column[two].reshape(2, -1)[:, :3].ravel().tolist()]
+    found["points"] = features.path_points_m[two][:, :2, ::8].reshape(2, -1)
+    found["spacing_m"], found["there"] = features.path_spacing_m[two], features.path_there[two]
+    found["neighbours"] = batch.actors.actor_id[choose_neighbours(batch).actor[two]]
+    assert_known(Path(__file__).parent / "known" / "columns.json", found, digits=4, decimals=5)

@@ -1,11 +1,14 @@
 import hashlib
 import json
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from known_outputs import assert_known
 from made_records import moving
 from scenes import batch_of, lit, moved, showing, with_signal
 
@@ -13,6 +16,7 @@ from siren_ros.base.params.folders import params_dir
 from siren_ros.base.params.plain_files import card_path
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.prediction.predictors import checked
+from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.scoring.evaluation.prediction.siren_model.siren_predictor import (
     SHIPPED,
     Ablation,
@@ -194,3 +198,16 @@ def test_without_the_map_there_are_no_paths(crossroads) -> None:
     assert not any(values.any() for values in (hidden.path_there, hidden.paths, hidden.path_points_m))
     assert (hidden.target == features.target).all()
     assert without(features, names, Ablation.NONE) is features
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_where_the_shipped_network_sees_vehicles_and_people_go(side: str) -> None:
+    """The best three ways of five samples after 1, 3 and 5 s, to three digits: processors differ behind them."""
+    record = busy_record()
+    if side == "left":
+        record = replace(record.mirrored(), network=replace(record.mirrored().network, left_hand=True))
+    batch = samples_of(record, HistoryWindow(), Population.ALL).batch
+    answer = make().predict(batch)
+    ways = (answer.xy_m[5::171, :3, 4::10] - batch.xy_m[5::171, None, None]).reshape(-1, 18)
+    found = {"actor_id": batch.actor_id[5::171], "ways_m": ways, "probability": answer.probability[5::171, :3]}
+    assert_known(Path(__file__).parent / "known" / f"siren_{side}.json", found, digits=3, decimals=2)

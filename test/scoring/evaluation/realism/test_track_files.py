@@ -10,6 +10,8 @@ import pytest
 from repository import shared_file
 
 from siren_ros.errors import InputError
+from siren_ros.scoring.evaluation.realism.ledger import STATISTICS, read_ledger
+from siren_ros.scoring.evaluation.realism.quantities import TRAFFIC
 from siren_ros.scoring.evaluation.realism.track_files import read_tracks, track_files_in
 
 FRAMES = 30
@@ -139,3 +141,19 @@ def test_published_tracks_are_read() -> None:
     folder = shared_file("real/tracks/tafbw/datasets/recorded_trackfiles/k733_2020-09-15/vehicle_tracks_000.csv")
     tracks = read_tracks(folder)
     assert len(tracks) == 9562  # its cars and trucks, counted in the file
+
+
+def test_the_ledger_has_what_published_tracks_show_by_the_measures_of_episodes() -> None:
+    k733 = [
+        f"tafbw/datasets/recorded_trackfiles/k733_{day}/vehicle_tracks_000.csv" for day in ("2018-05-02", "2020-09-15")
+    ]
+    ngsim = [f"USA_{piece}_T-1.xml" for piece in ("Lanker-1_17", "Lanker-1_1", "Peach-2_1", "Peach-4_1")]
+    first, second = ([read_tracks(shared_file("real/tracks", file)) for file in files] for files in (k733, ngsim))
+    lines = [line for line in read_ledger() if line.read == "computed"]
+    assert [line.line_id for line in lines] == [f"R0{number}" for number in range(1, 8)]
+    for line in lines:
+        used = (first[1:] if "2020" in line.setting else first), second
+        samples = (np.concatenate([*map(TRAFFIC[line.samples], recordings)]) for recordings in used)
+        low, high = sorted(map(STATISTICS[line.statistic], samples))
+        bounds = (low, high) if line.line_id != "R07" else (0.4 * (low + high), 0.6 * (low + high))  # hardly a range
+        assert (line.low, line.value, line.high) == pytest.approx((bounds[0], 0.5 * (low + high), bounds[1]), abs=0.011)

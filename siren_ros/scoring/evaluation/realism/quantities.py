@@ -168,7 +168,9 @@ def return_distance_m(scene: RealismScene) -> Floats:
 
 
 def crossed_against_signal(scene: RealismScene) -> Floats:
-    """Whether each driver ahead of the EMV drove over a red line before the EMV had passed."""
+    """Whether each driver ahead of the EMV drove over a red line before the EMV had passed; a motorway has none."""
+    if scene.in_rescue_lane:
+        return np.empty(0)
     red = {(one.actor_id, one.enter_step) for one in scene.traversals if signal_letter(scene.record, one) in RED}
     found = []
     for one in scene.near:

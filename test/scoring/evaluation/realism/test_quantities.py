@@ -198,8 +198,8 @@ def test_a_motorways_jam_has_the_samples_of_its_rescue_lane() -> None:
     aside = {key: lambda step, first=first: 0.75 if step >= first else 1.75 for key, first in since.items()}
     record = with_column(record, "x_m", aside)
     jam = replace(record, description=replace(record.description, site=MOTORWAY))
-    expected = {"moved": [], "crossed_against_signal": [], "rescue_lane_stop": [0.0], "rescue_lane_late": [1.0, 0.0, 0.0]}
-    expected["rescue_lane_forgotten"] = [0.0, 0.0, 0.0, 1.0]
+    expected = {"moved": [], "crossed_against_signal": [], "rescue_lane_stop": [0.0]}
+    expected |= {"rescue_lane_late": [1.0, 0.0, 0.0], "rescue_lane_forgotten": [0.0, 0.0, 0.0, 1.0]}
     assert {name: samples(jam, name).tolist() for name in expected} == expected
     assert all(len(samples(record, name)) == 0 for name in SAMPLES if "rescue" in name), "it is no motorway"
     stops = record_of(arc((10.0, 10.0), (0.0, 2.0), (10.0, 5.0)), {})

@@ -39,6 +39,7 @@ _USERS = (
     (ActorClass.HATCHBACK, -170.0, 4.0, 0.1, 14.0, 0.0, 0, 0.0, 1.0),
     (ActorClass.SUV, 39.0, 1.8, 3.14, 12.0, 0.0, _BRAKING_LEFT, 0.0, 1.0),
     (ActorClass.FIRE_TRUCK, -5.2, 23.0, -1.5, 5.0, -0.1, _BLUE, 0.0, 1.0),
+    (ActorClass.TRUCK, -82.0, -2.0, 0.02, 11.0, 0.0, 0, 0.0, 1.0),
 )
 """Class, x and y in metres, heading, speed, yaw rate, lights, steering angle, and stretch; their ids count from 1."""
 SIGNALS = (SignalState("C", "ruyGrgoOrsrG"), SignalState("elsewhere", "GGG"))
@@ -96,7 +97,7 @@ def descriptions() -> dict[int, ActorDescription]:
     for number, (kind, *_, stretch) in enumerate(_USERS, start=1):
         shape = vehicle_shape(kind)
         size_m = (stretch * shape.length_m, shape.width_m, (2.0 - stretch) * shape.height_m)
-        colour = (20 * number, 255 - 20 * number, 60)
+        colour = (19 * number, 255 - 19 * number, 60)
         described[number] = ActorDescription(number, f"v{number}", kind, *size_m, colour, kind.is_emergency)
     return described
 

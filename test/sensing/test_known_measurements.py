@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hand_made_record import crossing
 from known_outputs import assert_known
-from made_street import CAMERAS, CARRIER, SIGNALS, SUITE, descriptions, measured, street_scene, users
+from made_legs import network_of_legs
+from made_street import CAMERAS, CARRIER, OTHERS, SIGNALS, SUITE, descriptions, measured, street_scene, users
 
 from siren_ros.base.params.folders import names_in_params
 from siren_ros.sensing.camera.camera import Camera, CameraFrame, RaycastRenderer
@@ -18,9 +20,9 @@ from siren_ros.sensing.lidar.lidar import LidarSweep
 from siren_ros.sensing.look import load_look, sun_position
 from siren_ros.sensing.meshes.mesh import Catalogue, SemanticClass
 from siren_ros.sensing.navigation import VehicleMotion, WheelOdometry
-from siren_ros.sensing.rig import Observations
+from siren_ros.sensing.rig import Observations, station_mount
 from siren_ros.sensing.specification import map_from_base
-from siren_ros.sensing.suite import LabelKinds, SensorSuite, load_suite
+from siren_ros.sensing.suite import LabelKinds, SensorSuite, Station, load_suite
 from siren_ros.sensing.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.carrier import CameraTruth
@@ -55,7 +57,7 @@ def summary(sweep: LidarSweep) -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize("look", ["clear", "fog"])
+@pytest.mark.parametrize("look", ["evening", "fog"])
 def test_sweeps(look: str) -> None:
     sweeps = [sweep for step in seen(look)[1:] for sweep in step.sweeps]
     assert [(sweep.sensor, sweep.step) for sweep in sweeps] == [("lidar", 1), ("lidar", 2), ("bumper", 2)]
@@ -63,14 +65,14 @@ def test_sweeps(look: str) -> None:
 
 
 def test_labels_in_space() -> None:
-    last = seen("clear")[2]
-    assert_known(KNOWN / "labels.json", [step.truth for step in (seen("clear")[1], last)], decimals=5)
+    last = seen("evening")[2]
+    assert_known(KNOWN / "labels.json", [step.truth for step in (seen("evening")[1], last)], decimals=5)
 
 
 def test_what_is_felt_and_heard() -> None:
-    """Positions in 1e-5 degrees from the reference, sound as its strength and single samples."""
+    """Positions in 1e-5 degrees from the reference, sound as its strength and single samples; the siren's two modes."""
     rows: list[object] = []
-    for step in seen("clear"):
+    for step in (*seen("evening"), *measured(SensorSuite("no picture", others=OTHERS), None, 3, 200)):
         of_kind = {spec.name: value for spec, value in step.others}
         ear, fix = of_kind.pop("ear"), of_kind.pop("gnss", None)
         strength = float(np.sqrt(np.mean(np.square(ear.samples, dtype=np.float64))))
@@ -128,15 +130,15 @@ def drawn(steps: Iterable[Observations]) -> list[dict[str, object]]:
     ]
 
 
-@pytest.mark.parametrize("look", ["clear", "fog", "night", "night_rain"])
+@pytest.mark.parametrize("look", ["evening", "fog", "night", "night_rain"])
 def test_pictures(look: str) -> None:
     """A machine that draws otherwise may differ by a percent."""
     try:
         DrawingContext().gl.release()
     except RendererUnavailableError as error:
         pytest.skip(str(error))
-    if look == "clear":
-        assert_known(KNOWN / "pictures_clear.json", drawn(seen(look)[2:]), digits=3, decimals=0)
+    if look == "evening":
+        assert_known(KNOWN / "pictures_evening.json", drawn(seen(look)[2:]), digits=3, decimals=0)
         return
     ahead = SensorSuite("ahead", cameras=CAMERAS[:1], labels=True)
     steps = measured(ahead, load_look(look), 1, 2) + measured(ahead, load_look(look), 1, 6)
@@ -146,7 +148,7 @@ def test_pictures(look: str) -> None:
 def test_pictures_by_casting_rays() -> None:
     shapes = {kind: vehicle_shape(kind) for kind in ActorClass}
     placed = Catalogue(shapes).place(users(2), descriptions(), CARRIER)
-    renderer = RaycastRenderer(street_scene(), shapes, load_look("evening"))
+    renderer = RaycastRenderer(street_scene(), shapes, load_look("clear"))
     states = {signal.signal_id: signal.state for signal in SIGNALS}
     row = CARRIER - 1
     now = users(2)
@@ -156,6 +158,14 @@ def test_pictures_by_casting_rays() -> None:
         pose = base @ camera.spec.mount.base_from_sensor
         frame = camera.expose(2, pose, placed, np.zeros(len(placed)), states, LabelKinds(depth=True, boxes=True))()
     assert_known(KNOWN / "pictures_cast.json", shown(frame), digits=4, decimals=1)
+
+
+def test_stations() -> None:
+    """Places of roadside units at a junction and at a road, in both networks."""
+    sites = {"legs": ({"junction": "C"}, {"stretch": ["in90"]}), "crossing": ({"junction": "J"}, {"stretch": ["w_in"]})}
+    networks = {"legs": network_of_legs(), "crossing": crossing()}
+    known = {name: [station_mount(Station(None), networks[name], site) for site in sites[name]] for name in sites}
+    assert_known(KNOWN / "stations.json", known, decimals=4)
 
 
 def test_shipped_suites() -> None:

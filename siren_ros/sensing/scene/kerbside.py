@@ -143,8 +143,6 @@ def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfi
     """Signals and stop signs of a map: a post at the right of each approach, heads on a mast beyond the junction."""
     builder = _ControlsBuilder(network, space, config)
     for edge in network.edges:
-        if edge.internal:
-            continue
         lanes = [network.lanes[i] for i in edge.lanes if network.lanes[i].kind is LaneKind.DRIVING]
         signalled = [(lane, link) for lane in lanes if (link := builder.shown_movement(lane)) is not None]
         if signalled:

@@ -4,10 +4,13 @@ from dataclasses import astuple, replace
 from pathlib import Path
 
 import pytest
+import shapely
 from hand_made_record import crossing
 from known_outputs import assert_known
 from made_legs import network_of_legs
 from made_street import VARIED, street_scene
+from map_networks import network_of_map
+from repository import REPOSITORY
 from solids import by_material
 
 from siren_ros.sensing.meshes.mesh import Mesh, StaticScene
@@ -39,6 +42,7 @@ SCENES = {
     "crossing": lambda: static_scene(crossing(), 0, replace(VARIED, parked_share=0.0)),
     "stop_signs_left_hand": lambda: static_scene(mirrored_network(crossing(JunctionKind.PRIORITY_STOP)), 5, VARIED),
     "out_of_town": out_of_town,
+    "bends": lambda: static_scene(network_of_map(REPOSITORY / "test" / "maps" / "bends.xodr"), 1, VARIED),
 }
 
 
@@ -49,6 +53,6 @@ def test_scenes(name: str) -> None:
         [one.actor.actor_class, one.x_m, one.y_m, one.z_m, one.yaw_rad, *astuple(one.actor)[3:6], *one.actor.colour_rgb]
         for one in scene.parked
     ]
-    raised = [scene.raised.area, *scene.raised.centroid.coords[0], scene.raised_m]
+    raised = [scene.raised.area, *shapely.get_coordinates(scene.raised.centroid).ravel(), scene.raised_m]
     value = figures(scene) | {"parked": parked, "raised": raised}
     assert_known(KNOWN / f"{name}.json", value, digits=5, decimals=3)

@@ -225,6 +225,12 @@ class Place:
     match: LaneMatch
 
 
+def _comes_up(front: tuple[float, float], place: Place) -> bool:
+    """Whether a front is behind that at a place, in the direction of the latter."""
+    sin, cos = math.sin(math.radians(place.angle_deg)), math.cos(math.radians(place.angle_deg))
+    return sin * (front[0] - place.x_m) + cos * (front[1] - place.y_m) < 0.0
+
+
 _STILL_M: Final = 0.01
 """A mirrored pose that moved less than this is held, because SUMO may snap to another lane on creeping back."""
 _PLACED_M: Final = 0.05
@@ -317,12 +323,16 @@ class Mirror:
         """Bring a vehicle of SUMO back to the simulated one that cannot follow it, where this is on its route.
 
         SUMO's vehicle gets the place along its lane, not the pose: SUMO might find an exact pose off the lane's course
-        on the lane of the other direction.
+        on the lane of the other direction. One that drives up from behind is left alone: at a kink of the lane it would
+        be brought to the same place again and again.
         """
         far = states.residual_m[row] > _REALIGN_M
-        if not far and libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS:
+        drives = libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS
+        if drives and not far:
             return
         place = self._place(states, row, vehicle, route, {})
+        if drives and _comes_up(libsumo.vehicle.getPosition(vehicle.name), place):
+            return
         match = place.match
         # SUMO places vehicles on lanes of cars, which lie next to the cycle lane.
         if vehicle.actor_class is ActorClass.BICYCLE:

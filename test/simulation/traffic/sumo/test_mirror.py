@@ -392,12 +392,15 @@ class Realigned(FakeVehicles):
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "aside_m", "brought"), [(3.0, 0.0, True), (0.9, 0.0, False), (0.0, 3.0, True), (-1.1, 0.0, True)]
+    ("ahead_m", "aside_m", "brought"), [(3.0, 0.0, True), (0.9, 0.0, False), (0.0, 3.0, True), (-1.1, 0.0, False)]
 )
 def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     monkeypatch: pytest.MonkeyPatch, ahead_m: float, aside_m: float, brought: bool
 ) -> None:
-    """The simulated front is 22.5 m after the lane's beginning a step later; SUMO's frame is shifted."""
+    """The simulated front is 22.5 m after the lane's beginning a step later; SUMO's frame is shifted.
+
+    From behind it comes up by itself.
+    """
     place = (RIGHT_X_M + aside_m, -120.0 + 22.5 + ahead_m)
     vehicles = Realigned((place[0] + 100.0, place[1] - 40.0))
     monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
@@ -413,6 +416,20 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)
 
 
+@pytest.mark.parametrize(("turned_rad", "brought"), [(0.5, True), (-0.5, False)])
+def test_who_drives_is_left_alone_behind_the_simulated_front_in_the_direction_of_this(
+    monkeypatch: pytest.MonkeyPatch, turned_rad: float, brought: bool
+) -> None:
+    """To the left of a front that points left, and a little back, is ahead of it: 2 m · sin 0.5 − 0.5 m · cos 0.5."""
+    yaw_rad = np.pi / 2 + turned_rad
+    front = RIGHT_X_M + 2.0 * np.cos(yaw_rad), -100.0 + 2.0 * np.sin(yaw_rad)
+    vehicles = Realigned((front[0] - 2.0, front[1] - 0.5))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    states = states_of(0, [{**STANDING, "yaw_rad": yaw_rad, "residual_m": 2.1}])
+    mirror_on(CROSSING).apply(states, {ACTOR: VEHICLE}, {NAME: ACTOR}, {NAME: (S_IN.index,)})
+    assert len(vehicles.back) == brought
+
+
 @pytest.mark.parametrize(
     ("residual_m", "simulated_mps", "sumo_mps", "brought"),
     [
@@ -420,9 +437,10 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
         (0.3, 0.0, 0.0, False),
         (0.5, 0.2, 0.0, False),
         (0.5, 0.0, 0.2, False),
-        (1.6, 0.0, 0.2, True),
+        (1.6, 0.0, 0.2, False),
+        (1.6, 0.0, 0.0, True),
     ],
-    ids=["both stand", "near enough", "still rolls", "starts", "far off"],
+    ids=["both stand", "near enough", "still rolls", "starts", "comes up from afar", "far off"],
 )
 def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_stopped(
     monkeypatch: pytest.MonkeyPatch, residual_m: float, simulated_mps: float, sumo_mps: float, brought: bool

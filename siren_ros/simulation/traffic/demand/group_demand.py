@@ -55,8 +55,8 @@ _LEAST_QUEUE: Final = 3
 """Least number of vehicles that counts as a queue, however many the template asks for."""
 _THROUGH_M: Final = 60.0
 """Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
-_WITH_EMV: Final = frozenset({Placement.SAME_DIRECTION, Placement.EMV_LANE})
-"""Placements whose vehicles drive over the site as the EMV does."""
+_OVER_SITE: Final = frozenset({Placement.SAME_DIRECTION, Placement.EMV_LANE, Placement.CROSSING})
+"""Placements whose vehicles drive over the site: as the EMV does, or across."""
 
 
 @dataclass(frozen=True)
@@ -263,14 +263,14 @@ class _GroupPlanner:
         In a jam long vehicles are in the rightmost lane.
         """
         shares = self.template.demand.classes
+        short = [share for share in shares if self.factory.size(share[0])[0] <= LONG_VEHICLE_M] or shares
         if group.placement is Placement.EVERY_LANE:
             lane = self.network.lanes[row.chain.lanes[0]]
-            if lane != driving_lanes(self.network, lane.edge)[0]:
-                most_m = LONG_VEHICLE_M
-                return [share for share in shares if self.factory.size(share[0])[0] <= most_m] or shares
-        if group.placement not in _WITH_EMV:
+            return shares if lane == driving_lanes(self.network, lane.edge)[0] else short
+        if group.placement not in _OVER_SITE:
             return shares
-        return [share for share in shares if self.factory.can_follow(share[0], self.through)] or shares
+        way = row.edges if group.placement is Placement.CROSSING else self.through
+        return [share for share in shares if self.factory.can_follow(share[0], way)] or short
 
     def _in_lane(self, row: GroupRow, edges: tuple[int, ...]) -> tuple[int, ...]:
         """The EMV's edges, or those that a row's lane leads to, where it leaves the EMV's way at the site."""

@@ -195,6 +195,24 @@ def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() ->
         assert any(vehicle.actor_class is ActorClass.BUS for vehicle in plan.vehicles) is buses
 
 
+def test_no_bus_comes_across_round_a_bend_that_is_too_tight_for_it() -> None:
+    """South the way is tight. Where it is so for cars, too, these come: at a hairpin of 1 m."""
+    shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
+    movement = NETWORK.connections[TURN]
+    lanes = list(NETWORK.lanes)
+    corner = lanes[movement.from_lane].centre.points[-1]
+    back = Polyline.through(corner + np.array([[0.0, 0.0], [1.0, -1.0], [0.0, -2.0]]))
+    lanes[movement.via[0]] = replace(lanes[movement.via[0]], centre=back)
+    hairpin = replace(NETWORK, lanes=tuple(lanes))
+    assert not VehicleFactory(hairpin, same_drivers(), DIMENSIONS).can_follow(ActorClass.SEDAN, (B, D))
+    for network, way, buses in ((NETWORK, CROSSING, True), (NETWORK, TURN, False), (hairpin, TURN, False)):
+        plan = planned(crossing(6), network=network, demand={"classes": shares}, crossing=(way,))
+        assert plan.vehicles
+        assert any(vehicle.actor_class is ActorClass.BUS for vehicle in plan.vehicles) is buses
+    only = planned(crossing(6), network=hairpin, demand={"classes": shares[1:]}, crossing=(TURN,))
+    assert {vehicle.actor_class for vehicle in only.vehicles} == {ActorClass.BUS}, "there is no other"
+
+
 def test_a_jam_fills_every_lane_and_long_vehicles_stand_in_the_right_one() -> None:
     """Four and two in each lane of a road, on top of the background; nine of ten would be buses."""
     jam = group(Placement.EVERY_LANE, GroupAnchor.EMV, vehicles=4, standing=True)

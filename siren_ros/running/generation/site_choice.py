@@ -14,7 +14,13 @@ from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.maps.amended_map import amended_map, places_for
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, LaneKind, RoadNetwork, right_hand_image
-from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, driving_lanes, quiet_reach_m
+from siren_ros.simulation.roads.routing import (
+    EdgeGraph,
+    civilian_movements,
+    crossing_connections,
+    driving_lanes,
+    quiet_reach_m,
+)
 from siren_ros.simulation.roads.site_finder import find_sites, places_without_site
 from siren_ros.simulation.roads.sites import EXIT_M, REQUIREMENTS, Control, Lack, Site, SiteKind, bridges, overlaps
 from siren_ros.simulation.scenario.scenario import EmvDemand, GroupAnchor, Placement, StartReference, Template
@@ -82,6 +88,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
       sign right behind it holds up those who pass. Both hold where a map has such a site.
     * Nobody stands inside before a signal or stop sign right behind, and a row of vehicles fits on a road from which
       others come across; the latter holds where a map has such a site.
+    * Of those who come across, somebody crosses the EMV's lane, and not only lanes that lead on beside it.
     * Where nobody has to stop, the EMV uses its right only before traffic that the template brings. Of all-way stops,
       two-way stops, give-way lines and junctions without any control, the first kind that a map has is taken.
     * No other road crosses a motorway on a bridge: vehicles of both would meet, since the world is flat.
@@ -312,6 +319,13 @@ def _is_left_free(network: RoadNetwork, site: Site, _: Template) -> bool:
     return site.kind not in _CROSSED or not held
 
 
+def _is_crossed(network: RoadNetwork, site: Site, template: Template) -> bool:
+    if not _has_group(template, Placement.CROSSING):
+        return True
+    crossing_it = crossing_connections(network, network.connections[site.connections[-1]])
+    return not set(crossing_it).isdisjoint(site.crossing)
+
+
 def _has_lanes(_: RoadNetwork, site: Site, template: Template) -> bool:
     least = 2 if _has_group(template, Placement.ADJACENT_LANE) else site.kind is not SiteKind.MOTORWAY_STRETCH
     return len(site.connections) >= least
@@ -357,6 +371,7 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "a turn, where the EMV has to go straight on": _goes_straight_on,
     "no stop sign, and no traffic of the template to give way to": _is_judged,
     "a signal or stop sign right behind it, before which a car would stand inside": _is_left_free,
+    "nobody who comes across the lane that the EMV takes": _is_crossed,
     "a stop sign at its end": _ends_free,
     "no signal or stop sign, at which a queue would wait beside the shoulder": _holds_queue,
 }

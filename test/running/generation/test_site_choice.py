@@ -187,6 +187,32 @@ def test_who_crosses_has_road_to_come_from_and_to_leave_to(
     assert lacks_of(changed, load_template("S4"), site.name) == ((Lack(lacks),) if lacks else ())
 
 
+@pytest.mark.parametrize(
+    ("ways", "name", "crossed"),
+    [(("s e 0 1",), "S4", False), (("s e 0 1", "s n 0 0"), "S4", True), (("s e 0 1",), "S3", True)],
+)
+def test_somebody_comes_across_the_lane_that_the_emv_takes(
+    tmp_path: Path, ways: tuple[str, ...], name: str, crossed: bool
+) -> None:
+    """A side road joins a road of three lanes in the middle one, or leads across, too; the EMV takes the left lane."""
+    nodes = {"A": (-500, 0), "C": (0, 0), "E": (400, 0), "N": (0, 300), "S": (0, -300)}
+    net = plain_net(
+        tmp_path,
+        "".join(
+            f'<node id="{name}" x="{x}" y="{y}" type="{"traffic_light" if name == "C" else "priority"}"/>'
+            for name, (x, y) in nodes.items()
+        ),
+        '<edge id="a" from="A" to="C" numLanes="3"/><edge id="e" from="C" to="E" numLanes="3"/>'
+        '<edge id="s" from="S" to="C"/><edge id="n" from="C" to="N"/>',
+        "".join(
+            '<connection from="{}" to="{}" fromLane="{}" toLane="{}"/>'.format(*way.split())
+            for way in ("a e 0 0", "a e 1 1", "a e 2 2", *ways)
+        ),
+    )
+    lacks = lacks_of(network_of_map(net), load_template(name), "a..e")
+    assert (Lack("nobody who comes across the lane that the EMV takes") not in lacks) is crossed
+
+
 def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
     template = load_template("S2")
     good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
+from itertools import pairwise
 from typing import Final
 
 import shapely
@@ -88,6 +89,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
       sign right behind it holds up those who pass. Both hold where a map has such a site.
     * Nobody stands inside before a signal or stop sign right behind, and a row of vehicles fits on a road from which
       others come across; the latter holds where a map has such a site.
+    * A stream with which the EMV comes has green for longer at the lines close behind, where they are of one signal.
     * Of those who come across, somebody crosses the EMV's lane, and not only lanes that lead on beside it.
     * Where nobody has to stop, the EMV uses its right only before traffic that the template brings. Of all-way stops,
       two-way stops, give-way lines and junctions without any control, the first kind that a map has is taken.
@@ -319,6 +321,21 @@ def _is_left_free(network: RoadNetwork, site: Site, _: Template) -> bool:
     return site.kind not in _CROSSED or not held
 
 
+def _flows_on(network: RoadNetwork, site: Site, template: Template) -> bool:
+    streams = [group for group in template.demand.groups if group.anchor is GroupAnchor.ARRIVAL and not group.optional]
+    room_m, way_m = QUEUED_CAR_M * sum(group.vehicles for group in streams), 0.0
+    for edge, following in pairwise(site.beyond):
+        way_m += driving_lanes(network, edge)[-1].length_m
+        if way_m > room_m:
+            break
+        own = network.connections[site.connections[-1]]
+        behind = {number + 1 for number in own.green_phases} - own.green_phases
+        for way in civilian_movements(network, edge, following)[-1:]:
+            if way.signal_id == own.signal_id and way.alternates and way.green_phases.isdisjoint(behind):
+                return False
+    return True
+
+
 def _is_crossed(network: RoadNetwork, site: Site, template: Template) -> bool:
     if not _has_group(template, Placement.CROSSING):
         return True
@@ -371,6 +388,7 @@ _CONDITIONS: Final[Mapping[str, Callable[[RoadNetwork, Site, Template], bool]]] 
     "a turn, where the EMV has to go straight on": _goes_straight_on,
     "no stop sign, and no traffic of the template to give way to": _is_judged,
     "a signal or stop sign right behind it, before which a car would stand inside": _is_left_free,
+    "a line of its signal close behind it that does not stay green for longer": _flows_on,
     "nobody who comes across the lane that the EMV takes": _is_crossed,
     "a stop sign at its end": _ends_free,
     "no signal or stop sign, at which a queue would wait beside the shoulder": _holds_queue,

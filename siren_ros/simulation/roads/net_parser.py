@@ -354,8 +354,8 @@ def _lane(element: Element, index: int, edge: int, function: str, offset_m: tupl
     )
 
 
-def _links(root: Element) -> tuple[frozenset[tuple[str, int]], dict[tuple[str, int], float]]:
-    """Links of signals that are never red, or never green, in any programme, and the longest yellow of each link."""
+def _links(root: Element) -> tuple[dict[tuple[str, int], str], dict[tuple[str, int], float]]:
+    """Letters of each link of a signal in the phases of all its programmes, in small ones, and its longest yellow."""
     letters: dict[tuple[str, int], str] = {}
     yellow_s: dict[tuple[str, int], float] = {}
     for logic in root.iterfind("tlLogic"):
@@ -365,13 +365,13 @@ def _links(root: Element) -> tuple[frozenset[tuple[str, int]], dict[tuple[str, i
                 letters[key] = letters.get(key, "") + letter
                 if letter == "y":
                     yellow_s[key] = max(yellow_s.get(key, 0.0), float(phase.get("duration", "0")))
-    return frozenset(key for key, shown in letters.items() if not {"r", "g"} <= set(shown)), yellow_s
+    return letters, yellow_s
 
 
 def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]) -> Iterator[Connection]:
     lane_of = {(edges[lane.edge].edge_id, lane.position): lane.index for lane in lanes}
     index_of = {lane.lane_id: lane.index for lane in lanes}
-    elements, (steady, yellow_s) = root.findall("connection"), _links(root)
+    elements, (letters, yellow_s) = root.findall("connection"), _links(root)
     onward = {
         (element.attrib["from"], int(element.attrib["fromLane"]), element.attrib["to"]): element.get("via")
         for element in elements
@@ -395,6 +395,7 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
 
         via = way_across(element.get("via"), next_part)
         signal, link = element.get("tl"), int(element.get("linkIndex", "-1"))
+        shown = letters.get((signal or "", link), "")
         yield Connection(
             from_lane=from_lane,
             to_lane=to_lane,
@@ -405,7 +406,8 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
             must_stop=element.get("state") in _STOP_STATES and signal is None,
             junction=edges[source.edge].to_junction,
             gives_way=element.get("state") in _GIVE_WAY_STATES and signal is None,
-            alternates=(signal, link) not in steady,
+            alternates=not shown or {"r", "g"} <= set(shown),
+            green_phases=frozenset(number for number, letter in enumerate(shown) if letter == "g"),
             yellow_s=yellow_s.get((signal or "", link), 0.0),
         )
 

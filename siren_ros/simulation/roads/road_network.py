@@ -112,6 +112,8 @@ class Connection(Brief):
     """Whether a movement without a signal gives way to others."""
     alternates: bool = True
     """Whether the signal's programme has both red and green for this movement; the map may come without one."""
+    green_phases: frozenset[int] = frozenset()
+    """Phases of the signal's programmes, counted through all of them, in which this movement is green."""
     yellow_s: float = 0.0
     """Longest yellow of this movement in the signal's programmes; 0 without one."""
 

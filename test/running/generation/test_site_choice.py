@@ -4,6 +4,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -185,6 +186,38 @@ def test_who_crosses_has_road_to_come_from_and_to_leave_to(
     short = {getattr(town.connections[index], end) for index in site.crossing}
     changed = shortened(town, short, length_m, lambda way: bool(short & {way.from_lane, way.to_lane}))
     assert lacks_of(changed, load_template("S4"), site.name) == ((Lack(lacks),) if lacks else ())
+
+
+@pytest.mark.parametrize(
+    ("length_m", "behind", "name", "stays"),
+    [
+        *((20.0, {"green_phases": frozenset(green)}, "S3", False) for green in ((), {3}, {3, 4}, {2, 4})),
+        *((20.0, {"green_phases": frozenset(green)}, "S3", True) for green in ({5}, {4, 5})),
+        (20.0, {"green_phases": frozenset({3})}, "S4", True),
+        (31.0, {"green_phases": frozenset({3})}, "S3", True),
+        (20.0, {"green_phases": frozenset({3}), "alternates": False}, "S3", True),
+        (20.0, {"green_phases": frozenset({3}), "signal_id": "other"}, "S3", True),
+    ],
+)
+def test_at_a_line_close_behind_of_the_same_signal_a_stream_needs_green_for_longer(
+    town: RoadNetwork, length_m: float, behind: dict[str, Any], name: str, stays: bool
+) -> None:
+    """The EMV's way has green in phases 3 and 4. A stream of four cars has room on 30 m."""
+    site = good_sites(town, load_template("S3"))[0]
+    own = {town.connections[index] for index in site.connections}
+    lanes = set(town.edges[site.beyond[0]].lanes)
+    signal = next(iter(own)).signal_id
+    short = shortened(town, lanes, length_m, lambda way: way.from_lane in lanes)
+    lit = [
+        replace(new, green_phases=frozenset({3, 4}))
+        if old in own
+        else replace(new, **{"signal_id": signal, **behind})
+        if new.from_lane in lanes
+        else new
+        for old, new in zip(town.connections, short.connections, strict=True)
+    ]
+    lacks = lacks_of(replace(short, connections=tuple(lit)), load_template(name), site.name)
+    assert (Lack("a line of its signal close behind it that does not stay green for longer") not in lacks) is stays
 
 
 @pytest.mark.parametrize(

@@ -161,14 +161,14 @@ def test_a_movement_is_one_for_the_vehicles_that_both_its_lanes_are_open_to(lane
 
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize(
-    ("states", "alternates", "yellow_s"),
+    ("states", "alternates", "green", "yellow_s"),
     [
-        *[("Gr yr rG ry", True, 2.0), ("Gr GG", False, 0.0), ("rG rr", False, 0.0), ("gr or rg", True, 0.0)],
-        ("Gr yr ry yy ry", True, 4.0),
+        *[("Gr yr rG ry", True, {0}, 2.0), ("Gr GG", False, {0, 1}, 0.0), ("rG rr", False, set(), 0.0)],
+        *[("gr or rg Gr", True, {0, 3}, 0.0), ("Gr yr ry yy ry", True, {0}, 4.0)],
     ],
 )
 def test_a_signal_alternates_where_its_programme_has_red_and_green_and_its_longest_yellow_counts(
-    states, alternates, yellow_s, order
+    states, alternates, green, yellow_s, order
 ):
     """Those of the movement's own link, in whatever order the phases are."""
     phases = [f'<phase duration="{s}" state="{state}"/>' for s, state in enumerate(states.split(), start=1)]
@@ -179,6 +179,8 @@ def test_a_signal_alternates_where_its_programme_has_red_and_green_and_its_longe
     )
     first = next(way for way in parse_road_network(signal.encode()).connections if way.signal_id == "T")
     assert (first.alternates, first.yellow_s) == (alternates, yellow_s)
+    last = len(states.split()) - 1
+    assert first.green_phases == {number if order > 0 else last - number for number in green}
 
 
 @pytest.mark.parametrize(

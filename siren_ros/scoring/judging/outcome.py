@@ -24,7 +24,6 @@ from siren_ros.errors import BagError, SirenError
 from siren_ros.scoring.judging.corridor_templates import STANDING_MPS as AT_REST_MPS
 from siren_ros.scoring.judging.corridor_templates import queues_split, rescue_lane
 from siren_ros.scoring.judging.junction_templates import (
-    find_traversals,
     red_crossing,
     red_same_direction,
     shoulder_turn,
@@ -33,6 +32,7 @@ from siren_ros.scoring.judging.junction_templates import (
 )
 from siren_ros.scoring.judging.lane_clearance import lane_cleared
 from siren_ros.scoring.judging.surrogate_safety import encounters_of, post_encroachment, predicted_contacts
+from siren_ros.scoring.judging.traversals import find_traversals
 from siren_ros.scoring.judging.verdict import (
     Moment,
     Part,

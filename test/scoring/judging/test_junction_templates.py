@@ -34,7 +34,6 @@ from hand_made_record import (
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.scoring.judging.junction_templates import (
     APPROACH_M,
-    find_traversals,
     is_same_direction,
     least_free_speed_mps,
     on_shoulder_area,
@@ -46,6 +45,7 @@ from siren_ros.scoring.judging.junction_templates import (
     times_text,
     turned_right_rad,
 )
+from siren_ros.scoring.judging.traversals import find_traversals
 from siren_ros.scoring.judging.verdict import Moment, Verdict
 from siren_ros.simulation.roads.road_network import Edge, JunctionKind, LaneKind
 

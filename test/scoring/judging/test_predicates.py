@@ -41,8 +41,6 @@ from siren_ros.running.generation.closed_loop import record_of as record_of_loop
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.scoring.judging.corridor_templates import queues_split
 from siren_ros.scoring.judging.junction_templates import (
-    Traversal,
-    find_traversals,
     red_crossing,
     red_same_direction,
     shoulder_turn,
@@ -58,6 +56,7 @@ from siren_ros.scoring.judging.outcome import (
     under_way,
     verdicts_of_others,
 )
+from siren_ros.scoring.judging.traversals import Traversal, find_traversals
 from siren_ros.scoring.judging.verdict import (
     Moment,
     Part,

@@ -26,8 +26,8 @@ from siren_ros.scoring.evaluation.yielding.encounters import (
     lane_offsets,
 )
 from siren_ros.scoring.evaluation.yielding.metrics import clearance_time_s, responds, shifted, site_time_s
-from siren_ros.scoring.judging.junction_templates import RED, Traversal, find_traversals, signal_letter
 from siren_ros.scoring.judging.surrogate_safety import conflict_series, pair_measures
+from siren_ros.scoring.judging.traversals import RED, Traversal, find_traversals, signal_letter
 from siren_ros.simulation.roads.road_network import NO_LANE
 from siren_ros.simulation.roads.routing import crossing_connections
 from siren_ros.simulation.roads.sites import SiteKind

@@ -26,7 +26,7 @@ from siren_ros.scoring.evaluation.realism.sim_agents import (
     score_sim_agents,
 )
 from siren_ros.scoring.evaluation.statistics import block_sums, interval_of_mean
-from siren_ros.scoring.judging.junction_templates import RED
+from siren_ros.scoring.judging.traversals import RED
 from siren_ros.simulation.roads.road_network import MAPS_KEPT, RoadNetwork
 
 HISTORY: Final = 11

@@ -6,7 +6,7 @@ One civilian becomes the AV under test where an episode has one.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import compress, pairwise, takewhile
+from itertools import compress, pairwise
 from typing import Final
 
 import numpy as np
@@ -15,11 +15,10 @@ from shapely import LineString, contains_xy
 
 from siren_ros.base.numerics.arrays import Floats, chances, drawn, random_stream
 from siren_ros.base.numerics.braking import speed_before_mps, stops_within
-from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.base.numerics.units import steps_from_s
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import civilian_movements, driving_lanes, path_centre, route_path
+from siren_ros.simulation.roads.routing import civilian_movements, driving_lanes
 from siren_ros.simulation.roads.sites import Site, SiteKind, overlaps
 from siren_ros.simulation.scenario.driver_parameters import TrafficDrivers
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
@@ -511,28 +510,6 @@ class _Planner:
         raise MapError(value, f"a map with room for them at gaps of {PLACEMENT_GAP_M:g} m, or a smaller volume")
 
 
-_SPACING_M: Final = 1.0
-
-
-def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
-    """The way of the AV in a plan, as ``way_of`` gives it."""
-    return way_of(network, next(vehicle for vehicle in plan.groups if vehicle.name == plan.av))
-
-
-def way_of(network: RoadNetwork, vehicle: PlannedVehicle) -> Polyline:
-    """A vehicle's way along its route from its start: lane centres, and the lane changes that the route needs.
-
-    Raises:
-        InputError: the route cannot be driven from the lane that the vehicle starts in.
-    """
-    lanes = route_path(network, [network.edge_by_id[edge].index for edge in vehicle.route], vehicle.spot.lane)
-    first_edge = network.lanes[lanes[0]].edge
-    beside = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
-    begun = way_to_lane(beside[0], beside[-1], max(vehicle.spot.front_m - vehicle.length_m, 0.0))
-    onward = lanes[len(beside) :]
-    return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
-
-
 def sharing_junction_paths(network: RoadNetwork, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
     """Junction paths that share an end with the stage: vehicles that turn off there are ahead of the EMV, too."""
     ways = [way for area in stage for way in network.connections_over.get(area.lane, ())]
@@ -540,11 +517,3 @@ def sharing_junction_paths(network: RoadNetwork, stage: Sequence[LaneInterval]) 
     joining = [movement for way in ways for movement in network.connections_to.get(way.to_lane, ())]
     lanes = dict.fromkeys(lane for movement in (*leaving, *joining) for lane in movement.via)
     return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
-
-
-def way_to_lane(origin: Lane, target: Lane, from_m: float) -> Polyline:
-    """The way from a place on a lane to the end of another lane of the edge, the change along a half cosine."""
-    rest = origin.centre.cut(from_m, origin.length_m).resampled(_SPACING_M)
-    share = 0.5 - 0.5 * np.cos(np.pi * rest.arc_m / rest.length_m)
-    along, _ = target.centre.project(rest.points)
-    return Polyline.through(rest.points + share[:, None] * (target.centre.at(along) - rest.points))

@@ -38,10 +38,8 @@ from siren_ros.simulation.traffic.demand import demand
 from siren_ros.simulation.traffic.demand import plan as plan_module
 from siren_ros.simulation.traffic.demand.demand import (
     EMV_ROUTE_SLACK_S,
-    av_way,
     plan_traffic,
     sharing_junction_paths,
-    way_to_lane,
 )
 from siren_ros.simulation.traffic.demand.emv_start import bound_s_of, emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.simulation.traffic.demand.group_demand import ROUTE_SLACK_S, ROUTE_SPEED_MPS
@@ -54,6 +52,7 @@ from siren_ros.simulation.traffic.demand.plan import (
     choose_av,
     load_drivers,
 )
+from siren_ros.simulation.traffic.demand.planned_way import av_way, way_to_lane
 from siren_ros.simulation.world.actors import ActorClass
 
 

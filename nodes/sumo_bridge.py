@@ -21,7 +21,7 @@ from siren_ros.running.ros.participants.participant import Participant
 from siren_ros.running.ros.programs.program import run_program
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.sealing import told
-from siren_ros.simulation.traffic.demand.planned_way import av_way
+from siren_ros.simulation.traffic.demand.av_way import av_way
 from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.world.actors import ActorDescription

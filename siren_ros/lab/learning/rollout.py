@@ -18,7 +18,7 @@ from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_epis
 from siren_ros.running.seat.sight import Sight, Way, sight_of
 from siren_ros.simulation.roads.road_network import mirror_image, right_hand_image
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.traffic.demand.planned_way import av_way, way_of
+from siren_ros.simulation.traffic.demand.av_way import av_way, way_of
 from siren_ros.simulation.world.actors import ActorDescription, ActorStates, EventKind
 from siren_ros.simulation.world.commands import Controls
 

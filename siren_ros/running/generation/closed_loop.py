@@ -45,7 +45,7 @@ from siren_ros.simulation.dynamics.fleet import FleetState, step_fleet
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome, EpisodeRequest
 from siren_ros.simulation.scenario.sealing import told
-from siren_ros.simulation.traffic.demand.planned_way import av_way
+from siren_ros.simulation.traffic.demand.av_way import av_way
 from siren_ros.simulation.traffic.observation import check_no_teleport, check_residual
 from siren_ros.simulation.traffic.simulation import SumoSimulation
 from siren_ros.simulation.world.actors import (

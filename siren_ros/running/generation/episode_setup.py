@@ -43,10 +43,10 @@ from siren_ros.simulation.scenario.presets import DriverPreset, load_preset
 from siren_ros.simulation.scenario.scenario import Template
 from siren_ros.simulation.scenario.sealing import sealed, seed_of
 from siren_ros.simulation.scenario.templates import load_template, realised
+from siren_ros.simulation.traffic.demand.av_way import choose_av
 from siren_ros.simulation.traffic.demand.own_demand import OwnDemand, read_demand
 from siren_ros.simulation.traffic.demand.plan import (
     TrafficPlan,
-    choose_av,
     load_drivers,
     with_emv_drivers,
     with_responses,

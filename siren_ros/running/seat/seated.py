@@ -22,7 +22,7 @@ from siren_ros.running.seat.drivers.drivers import Driver, driver_of
 from siren_ros.running.seat.sight import Way, sight_of
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import MIRROR, RoadNetwork, mirror_image, right_hand_image
-from siren_ros.simulation.traffic.demand.planned_way import av_way
+from siren_ros.simulation.traffic.demand.av_way import av_way
 from siren_ros.simulation.world.actors import ActorDescription, ActorStates, TrafficState
 from siren_ros.simulation.world.commands import AvControl, Controls
 

@@ -15,7 +15,6 @@ import numpy as np
 from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
-from siren_ros.errors import InputError
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import TOWN_LIMIT_MPS
 from siren_ros.simulation.scenario.driver_parameters import SumoEmvDriver, TrafficDrivers
@@ -422,39 +421,6 @@ def with_emv_drivers(plan: TrafficPlan, sumo: SumoEmvDriver) -> TrafficPlan:
         for emv in plan.emvs
     )
     return replace(plan, emvs=emvs)
-
-
-def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
-    """The civilian that the EMV has to pass: the first one ahead in its lane.
-
-    Where a template puts nobody into the EMV's lane it is the nearest vehicle ahead on the EMV's route, and where
-    nobody is there either (cross traffic) the group vehicle nearest to the EMV. Background vehicles have moved
-    on by the time that the EMV starts, and are not taken.
-
-    Returns:
-        The vehicle's name.
-
-    Raises:
-        InputError: the template has no vehicles around its EMV.
-    """
-    if not plan.groups:
-        raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
-    return min((*_nearness(network, plan.emvs[0], vehicle), vehicle.name) for vehicle in plan.groups)[-1]
-
-
-def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> tuple[int, float]:
-    """Sort key of vehicles: those in the EMV's lane first, then those on its route, then others, each by distance."""
-    route = [network.edge_by_id[edge].index for edge in emv.route]
-    chain = chain_along(network, network.lanes[emv.spot.lane], route)
-    edge_start: dict[int, float] = {}
-    for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
-        edge_start.setdefault(network.lanes[index].edge, start_m)
-    lane = network.lanes[vehicle.spot.lane]
-    ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
-    if ahead_m > 0.0:
-        return 0 if lane.index in chain.lanes else 1, float(ahead_m)
-    points = [network.lanes[spot.lane].centre.at(spot.front_m) for spot in (emv.spot, vehicle.spot)]
-    return 2, float(np.linalg.norm(points[1] - points[0]))
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Pla
 from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand import demand
 from siren_ros.simulation.traffic.demand import plan as plan_module
+from siren_ros.simulation.traffic.demand.av_way import av_way, choose_av, way_to_lane
 from siren_ros.simulation.traffic.demand.demand import (
     EMV_ROUTE_SLACK_S,
     plan_traffic,
@@ -49,10 +50,8 @@ from siren_ros.simulation.traffic.demand.plan import (
     SignalTiming,
     Spot,
     TrafficPlan,
-    choose_av,
     load_drivers,
 )
-from siren_ros.simulation.traffic.demand.planned_way import av_way, way_to_lane
 from siren_ros.simulation.world.actors import ActorClass
 
 

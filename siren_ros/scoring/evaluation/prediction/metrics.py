@@ -40,7 +40,7 @@ CELL_M: Final = 0.5
 _SPACING_M: Final = 0.4
 _SECTORS: Final = 8
 _STILL_M: Final = 0.1
-"""A segment of a path that is shorter than this has no direction."""
+"""A segment of a path (0.2 s) that is shorter than this has no direction."""
 
 
 @dataclass(frozen=True)
@@ -275,10 +275,6 @@ def missed_6(hypotheses: Hypotheses, truth: Floats) -> Floats:
     return np.asarray(min_fde_6(hypotheses, truth) > MISS_M, dtype=np.float64)
 
 
-STILL_M: Final = 0.1
-"""A segment of a path (0.2 s) that is shorter than this does not change the heading."""
-
-
 def colliding(hypotheses: Hypotheses, batch: SampleBatch) -> Floats:
     """1 where the footprint on the most probable path overlaps that of another sample of the same frame, else 0.
 
@@ -305,7 +301,7 @@ def _headings(path: Floats, batch: SampleBatch) -> Floats:
     A short segment keeps the last heading.
     """
     legs = np.diff(np.concatenate((batch.xy_m[:, None], path), axis=1), axis=1)
-    moves = np.hypot(legs[..., 0], legs[..., 1]) > STILL_M
+    moves = np.hypot(legs[..., 0], legs[..., 1]) > _STILL_M
     heading = np.arctan2(legs[..., 1], legs[..., 0])
     before = batch.yaw_rad
     for point in range(path.shape[1]):

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
+from drawn_figures import shown
 from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made, with_states
+from known_outputs import assert_known
 from map_networks import network_of_map
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
@@ -209,3 +212,8 @@ def test_the_same_map_gives_the_same_bytes_in_a_png_file(network: RoadNetwork, t
     assert first.read_bytes() == second.read_bytes()
     with pytest.raises(InputError, match=r"ends in \.png"):
         save_site_map([network], surveys(network, 1), tmp_path / "sites.pdf")
+
+
+def test_everything_that_the_picture_of_a_busy_episode_shows() -> None:
+    found = shown(draw_episode(busy_record()))
+    assert_known(Path(__file__).parent / "known" / "birdseye.json", found, digits=4, decimals=2)

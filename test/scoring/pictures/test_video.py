@@ -5,12 +5,15 @@ import subprocess
 import sys
 from dataclasses import replace
 from io import BytesIO
+from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from busy_record import busy_record
 from datasets.made_bag import write_made_bag
 from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
+from known_outputs import assert_known
 from PIL import Image
 
 from siren_ros.base.numerics.units import time_ns_of_step
@@ -267,3 +270,13 @@ def test_polygons_cover_their_area_with_smooth_edges():
     beside = Image.new("RGB", (10, 10), (1, 2, 3))
     paint_polygons(beside, [(np.array([[50.0, 50.0], [60.0, 50.0], [60.0, 60.0]]), (255, 0, 0))])
     assert np.unique(np.asarray(beside).reshape(-1, 3), axis=0).tolist() == [[1, 2, 3]]
+
+
+def test_two_frames_of_the_film_of_a_busy_episode() -> None:
+    """Means of red, green and blue in parts of 160 pixels."""
+    film = BirdseyeFilm(busy_record(), range(321))
+    found = {}
+    for step in (100, 160):
+        parts = np.asarray(film.frame(step), dtype=float)[..., :3].reshape(9, 80, 8, 160, 3).mean(axis=(1, 3))
+        found[str(step)] = [[" ".join(f"{colour:.0f}" for colour in part) for part in row] for row in parts]
+    assert_known(Path(__file__).parent / "known" / "film.json", found)

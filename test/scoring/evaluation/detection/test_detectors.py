@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from known_outputs import assert_known
 from made_detections import LIDAR_YAW_RAD, map_from_lidar, to_map
 
 from siren_ros.errors import InputError
@@ -224,3 +225,19 @@ def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames) -> None:
     score = devkit_score(*counted_boxes(frames, FoundSet("c", "c", boxes, frames.scored, True), VEHICLE_NAMES))
     assert score.average_precision[2.0] > 0.1
     assert score.errors["ATE"] < 1.0
+
+
+def test_boxes_of_four_sweeps_in_the_map() -> None:
+    """Cars, a van and a bus around the LiDAR, which drives on; one is lost in the third sweep."""
+    found, tracker = {}, Tracker()
+    vehicles = ((12.0, 5.0, 0.35, 4.4, 1.8, 1.5), (-15.0, 7.0, -0.6, 5.4, 2.0, 2.4), (9.0, -14.0, 1.2, 11.0, 2.5, 3.0))
+    vehicles += ((-8.0, -9.0, 2.8, 4.0, 1.7, 1.4),)
+    for number in range(4):
+        boxes = []
+        for place, (x, y, yaw, length, width, top) in enumerate(vehicles):
+            if (number, place) != (2, 1):
+                points = sides((x + 0.8 * number * (place + 1), y - 0.2 * number), yaw, length, width, top)
+                boxes.append((fit_box(points, GROUND_M), len(points) // 2))
+        rows = boxes_in_map(number, 2 * number, boxes, map_from_lidar(number), tracker)
+        found[str(number)] = [rows, [(box.yaw_rad, *box.seen_m) for box, _ in boxes]]
+    assert_known(Path(__file__).parent / "known" / "classical.json", found, digits=6, decimals=5)

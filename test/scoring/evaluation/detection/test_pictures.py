@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from datasets.made_bag import FRONT_M, LIDAR_M, BagSpec, place_of, sweep_of, write_made_bag, yaw_of
-from made_detections import columns_ahead, detector_scores, found_boxes, made_frames, truth_boxes
+from drawn_figures import shown
+from known_outputs import assert_known
+from made_detections import busy_episodes, columns_ahead, detector_scores, found_boxes, made_frames, truth_boxes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -17,9 +19,9 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.data.episode_source import Need, survey_bag
 from siren_ros.scoring.evaluation.detection import pictures as birdseye
-from siren_ros.scoring.evaluation.detection.boxes import Boxes
+from siren_ros.scoring.evaluation.detection.boxes import Boxes, FoundSet
 from siren_ros.scoring.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
-from siren_ros.scoring.evaluation.detection.metrics import match
+from siren_ros.scoring.evaluation.detection.metrics import devkit_score, match
 from siren_ros.scoring.evaluation.detection.pictures import (
     FrontPicture,
     draw_curves,
@@ -28,6 +30,7 @@ from siren_ros.scoring.evaluation.detection.pictures import (
     front_picture,
     returns_from_above,
 )
+from siren_ros.scoring.evaluation.detection.scoring import VEHICLE_NAMES, score_detector
 from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 
@@ -250,3 +253,26 @@ def test_a_panel_for_each_template_has_a_line_for_each_distance(figures: list[Fi
         x, y = np.asarray(line.get_xydata()).T
         assert x == pytest.approx(np.arange(101) / 100.0)
         assert (y[0], y[-1]) == pytest.approx((1.0, 0.1 * place))
+
+
+def test_everything_that_the_pictures_of_a_busy_episode_show(
+    monkeypatch: pytest.MonkeyPatch, figures: list[Figure]
+) -> None:
+    frames, boxes = busy_episodes("S1 S2", 12)
+    given = FoundSet("made", "made", boxes, frames.scored, has_velocity=True)
+    scores = score_detector(frames, given, VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables])
+
+    def picture(episode: EpisodeFrames, row: int) -> FrontPicture | None:
+        if episode.camera_from_lidar is None or episode.template == "S2":
+            return None
+        camera_from_map = episode.camera_from_lidar @ np.linalg.inv(episode.map_from_lidar[row])
+        rgb = np.arange(64 * 48 * 3, dtype=np.uint8).reshape(48, 64, 3)
+        return FrontPicture(rgb, CameraIntrinsics.centred(64, 48, 40.0), camera_from_map)
+
+    monkeypatch.setattr(birdseye, "front_picture", picture)
+    monkeypatch.setattr(birdseye, "returns_from_above", lambda episode, row: episode.vehicle_m[row] + np.eye(2))
+    for template in ("S1", "S2"):
+        birdseye.draw_worst_frame(scores, frames, template, Path(f"{template}.png"))
+    draw_curves(scores, Path("curves.png"))
+    found = [shown(figure) for figure in figures]
+    assert_known(Path(__file__).parent / "known" / "pictures.json", found, digits=4, decimals=2)

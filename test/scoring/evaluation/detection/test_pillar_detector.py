@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from known_outputs import assert_known
+from made_detections import map_from_lidar
 
 from siren_ros.base.numerics.arrays import Matrix
 from siren_ros.base.params.folders import params_dir
@@ -343,3 +345,26 @@ def test_the_node_said_the_same_while_the_episode_ran(frames: Frames, found: Fou
     for name in ("centre_m", "size_m", "score"):
         assert getattr(live, name) == pytest.approx(getattr(found, name), abs=1e-6)
     assert np.cos(live.yaw_rad - found.yaw_rad) == pytest.approx(np.ones(len(found)), abs=1e-6)
+
+
+def test_pillars_and_boxes_of_five_sweeps() -> None:
+    """What the network is given, and what becomes of its answers, while the LiDAR turns and drives on."""
+    session = Answers([(5.0, 2.5, 0.25), (-3.0, 6.0, 0.4), (1.0, -6.5, 0.1)], [0.9, 0.4, 0.2])
+    found, detector = {}, PillarDetector(network(session), SENSOR_HEIGHT_M - 0.3)
+    wave = np.arange(60.0)
+    for number, step in enumerate((10, 12, 14, 18, 20)):
+        rows = np.column_stack((7.5 * np.sin(wave + number), 7.5 * np.cos(1.3 * wave), 2.0 * np.sin(0.7 * wave) - 0.5))
+        detector.add(step, sweep(*map(tuple, rows)), map_from_lidar(number) @ turned_by(0.1 * number))
+        session.places_m = [(x + 0.3 * number, y - 0.1 * number, z) for x, y, z in session.places_m]
+        boxes, asked = detector.boxes(), session.asked[-1]
+        found[str(step)] = {
+            "pillars": [*asked.shape, *asked.mean(axis=(0, 1)).tolist()],
+            "points": asked[:: max(len(asked) // 2, 1), 0],
+            **{name: getattr(boxes, name) for name in ("centre_m", "yaw_rad", "velocity_mps", "score", "attribute")},
+        }
+    assert_known(Path(__file__).parent / "known" / "pillars.json", found, digits=4, decimals=4)
+
+
+def turned_by(yaw_rad: float) -> Matrix:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]])

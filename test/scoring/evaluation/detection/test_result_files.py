@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from datasets.made_bag import LIDAR_M, BagSpec, place_of, truth_of, write_made_bag, yaw_of
-from made_detections import GLOBAL_M, LIDAR_YAW_RAD, made_frames, to_map, truth_boxes
+from known_outputs import assert_known
+from made_detections import GLOBAL_M, LIDAR_YAW_RAD, busy_episodes, made_frames, to_map, truth_boxes
 from rosbags.typesys.store import Typestore
 
 from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
@@ -26,6 +27,7 @@ from siren_ros.scoring.evaluation.detection.result_files import (
     read_topic,
     write_kitti,
     write_nuscenes,
+    write_nuscenes_tracks,
 )
 
 
@@ -485,3 +487,35 @@ def test_another_frame_or_topic_is_refused(tmp_path: Path, typestore: Typestore)
             read_topic("mine", topic, frames)
     with pytest.raises(InputError, match=f"/nothing in .*{BOXES.name}"):
         read_detections("mine", "topic:/nothing", frames)
+
+
+def test_files_of_busy_episodes(tmp_path: Path) -> None:
+    """Every ninth detection as each format has it; an episode that begins behind another one."""
+    frames, boxes = busy_episodes("S1 S2", 9)
+    some = boxes.at(np.arange(len(boxes)) % 9 == 4)
+    write_kitti(tmp_path / "kitti", some, frames)
+    write_nuscenes(tmp_path / "boxes.json", some, frames)
+    write_nuscenes_tracks(tmp_path / "tracks.json", some, np.arange(len(some)) % 3, frames)
+    keys = {token: str(frame) for token, frame in frames.by_token.items()}
+    kitti = [path for path in sorted((tmp_path / "kitti").iterdir()) if path.stat().st_size]
+    told: dict[str, object] = {"kitti": {path.name: _numbers_in(path) for path in kitti}}
+    for name in ("boxes", "tracks"):
+        content = json.loads((tmp_path / f"{name}.json").read_text())
+        rows = {keys[token]: [_values(row, keys) for row in found] for token, found in content["results"].items()}
+        told[name] = {"meta": content["meta"], **{key: found for key, found in rows.items() if found}}
+    for nuscenes in (False, True):
+        entries = [entry for entry in openpcdet_entries(some, frames, nuscenes=nuscenes) if len(entry["score"])]
+        columns = [(entry["frame_id"], entry["name"], entry["boxes_lidar"]) for entry in entries]
+        told[f"openpcdet {nuscenes}"] = columns
+    labels = labels_as_detections(frames)
+    told["labels"] = [len(labels), labels.score[::40], labels.label[::40]]
+    assert_known(Path(__file__).parent / "known" / "result_files.json", told, digits=6, decimals=5)
+
+
+def _numbers_in(path: Path) -> list[str | float]:
+    return [float(word) if word[-1].isdigit() else word for word in path.read_text().split()]
+
+
+def _values(row: dict[str, Any], keys: dict[str, str]) -> list[Any]:
+    told = (value if isinstance(value, list) else [keys.get(value, value)] for value in row.values())
+    return [item for items in told for item in items]

@@ -1,9 +1,13 @@
 """Charts of scores and what charts share; pictures of a bag: which files there are, and what the panels show."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_record import busy_record
+from drawn_figures import shown
+from known_outputs import assert_known
 from made_records import moving, record_with
 from made_scores import episode_scores, model_scores, reported_scores
 from matplotlib.axes import Axes
@@ -27,9 +31,10 @@ from siren_ros.scoring.evaluation.prediction.charts import (
     save,
 )
 from siren_ros.scoring.evaluation.prediction.metrics import reliability_of
-from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses
+from siren_ros.scoring.evaluation.prediction.predictors import Hypotheses, predictors_named
 from siren_ros.scoring.evaluation.prediction.reports.score_table import score_table
 from siren_ros.scoring.evaluation.prediction.samples import HistoryWindow, Population, samples_of
+from siren_ros.scoring.evaluation.prediction.scoring import score_episode
 
 
 def test_models_differ_in_their_colours_until_there_are_many() -> None:
@@ -170,3 +175,20 @@ def test_a_row_for_each_model_and_a_column_for_each_rank(straight_road, monkeypa
     assert [(place.rowspan.start, place.colspan.start) for place in places] == [(0, 0), (0, 1), (0, 2), (1, 1)]
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["past", "truth", "cv", "net"]
+
+
+def test_everything_that_charts_and_samples_of_a_busy_episode_show() -> None:
+    record, models = busy_record(), predictors_named(["cv", "imm"])
+    table = score_table([score_episode("busy", record, models, Population.ALL)])
+    samples, panels = samples_of(record, HistoryWindow(), Population.ALL), []
+    for chosen in chosen_samples(table):
+        batch = samples.batch
+        row = np.flatnonzero((batch.sample_step == chosen.step) & (batch.actor_id == chosen.actor_id))
+        answer = models[chosen.model].predict(batch).select(row)
+        panels.append(SamplePanel(chosen, record, samples.select(row), answer))
+    found = {
+        "horizon": shown(draw_horizon(table)),
+        "reliability": shown(draw_reliability(table)),
+        "samples": shown(charts.draw_template("S3", panels[::3], table.models)),
+    }
+    assert_known(Path(__file__).parent / "known" / "charts.json", found, digits=4, decimals=2)

@@ -25,18 +25,18 @@ def _axes(axes: Axes) -> dict[str, Any]:
     told = {
         "titles": [*titles, axes.get_xlabel(), axes.get_ylabel()],
         "limits": [*axes.get_xlim(), *axes.get_ylim()],
-        "artists": list(_artists(axes)),
+        "artists": list(_artists(axes, ["", *titles])),
         "legend": list(_legends([] if legend is None else [legend])),
         "images": [[*image.get_array().shape, float(image.get_array().mean())] for image in axes.images],
     }
     return {name: value for name, value in told.items() if value}
 
 
-def _artists(axes: Axes) -> Iterator[list[Any]]:
+def _artists(axes: Axes, titles: list[str]) -> Iterator[list[Any]]:
     looks: dict[tuple[Any, ...], list[np.ndarray]] = {}
     for artist in axes.get_children():
         if isinstance(artist, Text):
-            if artist.get_text() and artist not in (axes.title, axes._left_title, axes._right_title):
+            if artist.get_text() not in titles:
                 yield _text(artist)
         elif isinstance(artist, Line2D | Collection) or (isinstance(artist, Patch) and artist is not axes.patch):
             looks.setdefault(_look(artist), []).extend(_places(artist))

@@ -2,17 +2,29 @@
 
 import argparse
 from dataclasses import asdict, replace
+from json import loads
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from busy_record import busy_record
 from hand_made_record import EMV, Driven, actor_states, hand_made
+from known_outputs import assert_known
 from made_jam import AT_SIDE_M, LENGTH_M, WIDTH_M, at, jam
 
 from siren_ros.base.numerics.units import STEP_S
 from siren_ros.data.recording.episode_record import StateRows
+from siren_ros.lab.benchmarks import rescue_lane, templates
 from siren_ros.lab.benchmarks.left_hand import compare as compare_mirrored
-from siren_ros.lab.benchmarks.rescue_lane import AFTER_S, RescueFigures, bluelight_steps, figures_of, means_of
+from siren_ros.lab.benchmarks.rescue_lane import (
+    AFTER_S,
+    RescueFigures,
+    bluelight_steps,
+    figures_of,
+    means_of,
+    sumo_states,
+)
 from siren_ros.lab.benchmarks.rescue_lane import row_of as rescue_row_of
 from siren_ros.lab.benchmarks.surrogate_safety import (
     LENGTH_M as CAR_LENGTH_M,
@@ -259,3 +271,82 @@ def test_a_run_of_sumo_agrees_with_its_own_device() -> None:
     assert np.median(agreement.ttc_s) < 1e-5
     assert np.median(agreement.drac_mps2) < 1e-5
     assert np.percentile(agreement.ttc_s, 95) < 0.05
+
+
+def drawn_figures(task: templates.EpisodeTask) -> EpisodeFigures:
+    """Figures of a busy record; the second seed fails, those of the others differ, and higher levels drive farther."""
+    request, more = task.request, 1.0 + 0.1 * task.request.seed
+    if request.seed == 4:
+        return EpisodeFigures(request.template, request.seed, error="SUMO ended")
+    found = templates.figures_of(busy_record(), request, 2.5 + request.seed if task.timed else float("nan"))
+    scaled = {name: value * more for name, value in vars(found).items() if isinstance(value, float)}
+    physics = {name: value * more for name, value in vars(found.physics).items() if isinstance(value, float)}
+    seen = Realisation(*(value * more for value in vars(found.realisation).values()))
+    return replace(
+        replace(found, **scaled, realisation=seen, physics=replace(found.physics, **physics, contacts=request.seed)),
+        way_m=found.way_m * (1.0 + 0.01 * int((request.level or "L1")[1]) * (request.seed - 4)),
+        holds=request.seed != 6,
+        failing=("through: 0 (needs >= 1)",) * (request.seed == 6),
+        violations=found.violations[: (6 - request.seed) // 2],
+        teleports=request.seed,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("plain", "--templates S3 --seeds 3:7"),
+        ("compared", "--templates S2 --seeds 3:9 --compare L0 L1 L3"),
+        ("placebo", "--templates S2 S8 --seeds 5:7 --placebo"),
+    ],
+)
+def test_what_is_printed_and_written_of_busy_episodes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str, words: str
+) -> None:
+    monkeypatch.setattr(templates, "measure_all", lambda tasks, _: [drawn_figures(task) for task in tasks])
+    assert templates.main([*words.split(), "--json", str(tmp_path / "a.json")]) == 0
+    rows = loads((tmp_path / "a.json").read_text())
+    found = {
+        "printed": capsys.readouterr().out.splitlines(),
+        "written": rows[:1] + [[*row.values()] for row in rows[1:]],
+    }
+    assert_known(Path(__file__).parent / "known" / f"templates_{name}.json", found, digits=5)
+
+
+def test_what_is_printed_of_busy_jams(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Jams that differ in width, speed and cars between the lanes; SUMO's states of a busy record."""
+    more = [(303.0, AT_SIDE_M), (320.0, -0.5 * WIDTH_M)]
+    records = {
+        "SIREN": [jam(drive_m=800.0), jam(0.5 * AT_SIDE_M, drive_m=600.0)],
+        "bluelight": [jam(right_offset_m=0.1, speed_mps=10.0, drive_m=700.0), jam(more=more, drive_m=500.0)],
+    }
+    figures = {name: [figures_of(judged(one), names(one)) for one in found] for name, found in records.items()}
+    monkeypatch.setattr(rescue_lane, "compare", lambda one: {name: of[one.seed - 5] for name, of in figures.items()})
+    assert rescue_lane.main(["--seeds", "5:7", "--json", str(tmp_path / "a.json")]) == 0
+    states = sumo_states(replace(busy_record().traffic[150], step=7))
+    found = {
+        "printed": capsys.readouterr().out.splitlines(),
+        "written": loads((tmp_path / "a.json").read_text()),
+        "states": {name: getattr(states, name) for name in ("actor_id", "x_m", "y_m", "yaw_rad", "vx_mps", "vy_mps")},
+    }
+    assert_known(Path(__file__).parent / "known" / "rescue_lane.json", found, digits=5)
+
+
+def test_agreement_of_three_pairs_of_a_busy_record() -> None:
+    """What a device states: our measures a little off, gaps in them, and a pair that it sees where we do not."""
+    record = busy_record()
+    tracks = {f"v{key}": record.track(key) for key in (1, 2, 3, 10)}
+    time_s = 0.05 * np.arange(60, 80)
+    pairs = (("v1", "v2", time_s), ("v1", "v3", time_s + 5.7), ("v1", "v10", 0.05 * np.arange(300, 330)))
+    conflicts = []
+    for number, (follower, leader, at_s) in enumerate(pairs):
+        ttc_s = 2.8 - 0.1 * np.arange(len(at_s)) + 0.4 * number
+        drac_mps2 = np.where(np.arange(len(at_s)) % 4 > 0, 3.0 / ttc_s, np.nan)
+        conflicts.append(Conflict(follower, leader, at_s, ttc_s, drac_mps2))
+    compared = compare(DeviceRun(tracks, tuple(conflicts)))
+    agreement = agreement_of(compared)
+    assert_known(
+        Path(__file__).parent / "known" / "device.json", [agreement, lines_of(agreement), compared[2]], digits=5
+    )

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_outputs import assert_known
-from solids import by_material, volume
+from solids import by_material
 
 from siren_ros.errors import InputError
-from siren_ros.sensing.meshes.mesh import Material, Swing
+from siren_ros.sensing.meshes.mesh import Material
 from siren_ros.sensing.vehicles.vehicle_shapes import read_drawing, scaled, vehicle_shape
 from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.world.actors import TWO_WHEELED, VEHICLE_CLASSES, ActorClass
@@ -42,22 +42,6 @@ def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class):
 
 
 @every_class
-def test_wheels_stand_on_the_axles(actor_class):
-    shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
-    assert len(shape.wheels) == (2 if actor_class in TWO_WHEELED else 4)
-    front = size.length_m / 2 - size.front_overhang_m
-    for wheel in shape.wheels:
-        expected = front if wheel.steered else front - size.wheelbase_m
-        assert (wheel.hub_m[0], wheel.hub_m[2]) == (pytest.approx(expected, abs=1e-6), wheel.radius_m)
-        assert volume(wheel.mesh) > 0.0
-        assert wheel.steered == (wheel.hub_m[0] > 0.0)
-        assert (wheel.hub_m[1] == 0.0) == (actor_class in TWO_WHEELED)
-        assert np.hypot(wheel.mesh.vertices_m[:, 0], wheel.mesh.vertices_m[:, 2]).max() == pytest.approx(
-            wheel.radius_m, abs=1e-4
-        )
-
-
-@every_class
 def test_rays_from_outside_meet_front_faces_only(actor_class):
     mesh = vehicle_shape(actor_class).at_rest
     rng = np.random.default_rng(5)
@@ -70,51 +54,6 @@ def test_rays_from_outside_meet_front_faces_only(actor_class):
     assert hit.sum() > (2000 if actor_class in TWO_WHEELED else 3000)  # much of a bicycle is air
     # Grazing rays may slip through the edge between two faces.
     assert (facing > 1e-3).mean() < 0.002
-
-
-@pytest.mark.parametrize(
-    "actor_class", [kind for kind in VEHICLE_CLASSES if kind is not ActorClass.BICYCLE], ids=lambda c: c.name.lower()
-)
-def test_indicators_are_on_their_sides_in_front_and_behind(actor_class):
-    body = vehicle_shape(actor_class).body
-    middle = body.vertices_m[body.triangles].mean(axis=1)
-    assert (middle[body.material == Material.INDICATOR_LEFT_LAMP, 1] > 0).all()
-    assert (middle[body.material == Material.INDICATOR_RIGHT_LAMP, 1] < 0).all()
-    for lamp in (Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP):
-        assert set(np.sign(middle[body.material == lamp, 0])) == {-1.0, 1.0}
-
-
-@cars_and_larger
-def test_wheels_are_in_pairs_inside_the_body(actor_class):
-    shape = vehicle_shape(actor_class)
-    hubs = sorted(wheel.hub_m for wheel in shape.wheels)
-    for right, left in zip(hubs[::2], hubs[1::2], strict=True):
-        assert (right[0], right[2]) == (left[0], left[2])
-        assert right[1] == pytest.approx(-left[1])
-    for wheel in shape.wheels:
-        outer = np.sign(wheel.hub_m[1]) * (wheel.mesh.vertices_m[:, 1] + wheel.hub_m[1])
-        assert 0.8 * shape.width_m / 2 < outer.max() <= shape.width_m / 2 + 1e-6
-        rim = wheel.mesh.vertices_m[wheel.mesh.triangles[wheel.mesh.material == Material.RIM]]
-        assert np.sign(rim[..., 1].mean()) == np.sign(wheel.hub_m[1]), "rims face outward"
-
-
-def test_somebody_who_walks_has_the_size_of_the_parameters_and_swings_arms_and_legs():
-    shape, size = vehicle_shape(ActorClass.PEDESTRIAN), load_vehicle_parameters()[ActorClass.PEDESTRIAN]
-    assert (shape.length_m, shape.width_m, shape.height_m) == (size.length_m, size.width_m, size.height_m)
-    low, high = shape.at_rest.bounds_m
-    assert high[2] == pytest.approx(size.height_m, abs=0.03)
-    assert low[2] == pytest.approx(0.0, abs=0.01)
-    assert (np.abs([low[:2], high[:2]]).max(axis=0) <= np.array([size.length_m, size.width_m]) / 2.0).all()
-    assert sorted(limb.swing for limb in shape.limbs) == [Swing.WALKING_LEG] * 2 + [Swing.ARM] * 2
-    for limb in shape.limbs:
-        leg = limb.swing is Swing.WALKING_LEG
-        lowest = float(limb.mesh.bounds_m[0][2]) + limb.joint_m[2]
-        assert lowest == pytest.approx(0.0, abs=0.01) if leg else 0.6 < lowest < 0.9
-    shape = vehicle_shape(ActorClass.BICYCLE)
-    assert [limb.swing for limb in shape.limbs] == [Swing.PEDALLING_LEG, Swing.PEDALLING_LEG]
-    assert [np.sign(limb.joint_m[1]) for limb in shape.limbs] == [1.0, -1.0]
-    assert all(limb.mesh.bounds_m[1][2] < 0.15 for limb in shape.limbs), "nothing but the hip is above the joint"
-    assert vehicle_shape(ActorClass.MOTORCYCLE).limbs == ()
 
 
 def test_somebody_smaller_is_smaller_in_all_parts():

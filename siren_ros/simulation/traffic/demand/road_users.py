@@ -143,13 +143,13 @@ class RouteChooser:
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
         """The ways to choose from: those that are wide enough and start in the lane.
 
-        Without any, those that meet one condition.
+        Without any, those that meet one condition: a long vehicle leaves its lane, others turn in it slowly.
         """
         ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
         mine = tuple(way for way in ways if lane is None or lane in way.lanes)
         for wide in (self._wide_ways(edge, vehicle_m), tuple(way for way in ways if way.radius_m >= least_m)):
             both = tuple(way for way in wide if way in mine)
-            if both or wide:
+            if both or (wide and (vehicle_m > LONG_VEHICLE_M or not mine)):
                 return both or wide
         return mine or ways
 

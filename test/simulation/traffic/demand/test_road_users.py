@@ -17,6 +17,7 @@ from made_streets import (
     NEAR,
     SOUTH,
     STRAIGHT,
+    TURN,
     A,
     B,
     C,
@@ -197,10 +198,18 @@ def test_a_bend_at_either_end_counts_over_6_m_or_over_the_whole_path(
 
 
 @pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])
-def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(vehicle_m: float, edge: int) -> None:
-    """The right lane leads south alone, round a corner; the left one goes straight on."""
+@pytest.mark.parametrize("hairpin", [False, True])
+def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(
+    vehicle_m: float, edge: int, hairpin: bool
+) -> None:
+    """The right lane leads south alone, round a corner; the left one goes straight on. Cars turn at any corner."""
     roads = streets()
-    roads = replace(roads, connections=(*roads.connections[:STRAIGHT], *roads.connections[STRAIGHT + 1 :]))
+    turn, lanes = roads.connections[TURN], list(roads.lanes)
+    back = lanes[turn.from_lane].centre.points[-1] + np.array([[0.0, 0.0], [1.0, -1.0], [0.0, -2.0]])
+    if hairpin:
+        lanes[turn.via[0]] = replace(lanes[turn.via[0]], centre=Polyline.through(back))
+    ways = (*roads.connections[:STRAIGHT], *roads.connections[STRAIGHT + 1 :])
+    roads = replace(roads, connections=ways, lanes=tuple(lanes))
     chooser = RouteChooser(roads, EdgeGraph.of(roads))
     for seed in range(5):
         assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_RIGHT)[2] == edge

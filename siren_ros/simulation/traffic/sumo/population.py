@@ -8,6 +8,7 @@ import re
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
+from itertools import combinations
 from typing import Final, Generic, TypeAlias, TypeVar
 from xml.sax.saxutils import quoteattr
 
@@ -48,6 +49,25 @@ PEOPLE_MARGIN_M: Final = 15.0
 def nearest_m(point: Point, others: Iterable[Point]) -> float:
     """Distance of a point to the nearest of some others; infinite where there are none."""
     return min((math.hypot(point[0] - x, point[1] - y) for x, y in others), default=math.inf)
+
+
+_OPPOSITE: Final = -math.cos(math.radians(30.0))
+_TURN_PAST_M: Final = 9.6
+"""Distance of two noses within which cars cannot turn past each other: with 5.5 m (turning circle) each is moved aside
+by its width of 2.1 m after 4.8 m."""
+Pose: TypeAlias = tuple[float, float, float]
+
+
+def meet_head_on(one: Pose, other: Pose, length_m: float, width_m: float) -> bool:
+    """Whether two bodies point at each other, too near to turn past. Length and width are the means of both.
+
+    Poses are x, y and yaw of the middle.
+    """
+    apart_m = math.hypot(other[0] - one[0], other[1] - one[1])
+    bearing = math.atan2(other[1] - one[1], other[0] - one[0])
+    off = bearing - one[2], bearing + math.pi - other[2]
+    at_it = all(math.cos(angle) > 0.0 and abs(apart_m * math.sin(angle)) < width_m for angle in off)
+    return at_it and math.cos(other[2] - one[2]) < _OPPOSITE and apart_m < length_m + _TURN_PAST_M
 
 
 class Reserve(Generic[Planned]):
@@ -290,6 +310,8 @@ class SumoPopulation:
                 self._remove(name)
         for name in self._overlapping(self.vehicles, earlier=entering):
             self._remove(name)
+        for name in self._head_on():
+            self._remove(name)
         self._enter_all(entering)
         self.refill(self.emv_starts, self._plan.civilians)
         self._enter_riders(self.emv_starts, 0.0)
@@ -438,6 +460,21 @@ class SumoPopulation:
         x_m, y_m = x_m + 0.5 * stop_m * np.cos(yaw_rad), y_m + 0.5 * stop_m * np.sin(yaw_rad)
         _, leaving, _ = overlapping_pairs(x_m, y_m, yaw_rad, length_m + stop_m, width_m)
         return [bodies[row].name for row in dict.fromkeys(leaving.tolist()) if row >= len(earlier)]
+
+    def _head_on(self) -> list[str]:
+        """Vehicles on junctions that meet another one head-on: of each such pair the one that entered later.
+
+        In the warm-up SUMO lets left turns from opposite sides drive through each other; in the episode they would
+        stand before each other for ever.
+        """
+        poses = {name: self._pose_of(name) for name in self.vehicles if libsumo.vehicle.getLaneID(name).startswith(":")}
+        leaving: dict[str, None] = {}
+        for first, second in combinations(poses, 2):
+            one, other = self.vehicles[first], self.vehicles[second]
+            size = 0.5 * (one.length_m + other.length_m), 0.5 * (one.width_m + other.width_m)
+            if first not in leaving and meet_head_on(poses[first], poses[second], *size):
+                leaving[second] = None
+        return list(leaving)
 
     def _pose_of(self, name: str) -> tuple[float, float, float]:
         """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""

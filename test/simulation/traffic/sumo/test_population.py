@@ -21,6 +21,7 @@ from siren_ros.simulation.traffic.sumo import population as population_module
 from siren_ros.simulation.traffic.sumo.population import (
     Reserve,
     SumoPopulation,
+    meet_head_on,
     type_id,
     vehicle_types_xml,
 )
@@ -348,6 +349,40 @@ def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_be
         assert who_leaves("abcfde") == ["b", *leaves]
         assert who_leaves("abcde", vehicle("f", A_LEFT, 49.5)) == (["c", "b"] if leaves else ["b"])
     assert who_leaves("de") == []
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 130.0])
+@pytest.mark.parametrize(
+    ("ahead_m", "left_m", "yaw_deg", "meet"),
+    [
+        *[(14.0, 0.0, 180.0, True), (14.2, 0.0, 180.0, False), (-14.0, 0.0, 180.0, False), (10.0, 0.0, 0.0, False)],
+        *[(10.0, 1.7, 180.0, True), (10.0, -1.7, 180.0, True), (10.0, 1.9, 180.0, False), (10.0, -1.9, 180.0, False)],
+        *[(10.0, 0.0, 171.0, True), (10.0, 0.0, 169.0, False), (10.0, 3.0, 211.0, False), (10.0, 1.0, 185.0, True)],
+    ],
+)
+def test_two_meet_head_on_where_each_points_at_the_other_too_near_to_turn_past(
+    turned_deg: float, ahead_m: float, left_m: float, yaw_deg: float, meet: bool
+) -> None:
+    """Cars of 4.5 m and 1.8 m: 9.6 m between the noses. Turned by 10° the other one points 1.74 m beside the first."""
+    turn = np.radians(turned_deg)
+    cos, sin, yaw = np.cos(turn), np.sin(turn), turn + np.radians(yaw_deg)
+    one = 3.0, -2.0, float(turn)
+    other = 3.0 + cos * ahead_m - sin * left_m, -2.0 + sin * ahead_m + cos * left_m, float(yaw)
+    assert meet_head_on(one, other, 4.5, 1.8) is meet
+    assert meet_head_on(other, one, 4.5, 1.8) is meet
+
+
+@pytest.mark.parametrize(("across", "leaving"), [(True, ["b"]), (False, [])])
+def test_who_meets_another_one_head_on_in_a_junction_leaves_before_the_episode_begins(
+    streets_sumo: SumoOfStreets, across: bool, leaving: list[str]
+) -> None:
+    """On roads drivers pass each other. b comes towards a, and towards c, which is far behind a."""
+    for name, x_m, angle_deg in (("a", 0.0, 90.0), ("b", 9.0, 270.0), ("c", -20.0, 90.0)):
+        streets_sumo.at[name] = (":j_0_0" if across else "a_0", 5.0, angle_deg, (x_m, 0.0))
+    inside = tuple(vehicle(name, NEAR, 10.0) for name in "abc")
+    traffic = population(inside=inside, emvs=(), stage=(), civilians=0, groups=())
+    traffic.enter_stage()
+    assert streets_sumo.removed == leaving
 
 
 @pytest.mark.parametrize(

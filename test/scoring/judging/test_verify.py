@@ -41,6 +41,7 @@ from siren_ros.scoring.judging.verify import (
     check_stamps,
     check_state_hashes,
     deepest_overlap,
+    near_passes,
     summarise_physics,
     verify_episode,
 )
@@ -533,6 +534,7 @@ def test_every_check_of_a_busy_episode() -> None:
     known = {
         "verdict": told(found.verdict),
         "checks": parts_told(found.checks),
+        "near": [tuple(vars(one).values()) for one in near_passes(busy_record())],
         "others": others,
         "facts": found.facts(),
     }

@@ -9,6 +9,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 
+from pathlib import Path
+
+from known_outputs import assert_known
 from made_training_data import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
@@ -121,3 +124,11 @@ def test_the_box_loss_weighs_cells_and_channels() -> None:
     answer, box = torch.zeros(2, 10), torch.zeros(2, 10)
     box[0, 0], box[1, 9] = 3.0, 10.0
     assert box_loss(answer, box, torch.tensor([1.0, 0.5])).item() == pytest.approx((3.0 + 0.5 * 0.2 * 10.0) / 1.5)
+
+
+def test_losses_and_weights_of_a_short_training(draws) -> None:
+    reports = []
+    run = fit(draws, SIZE, CONFIG, None, lambda progress: reports.append(progress) or True)
+    weights = {name: [values.mean().item(), values.std().item()] for name, values in run.network.named_parameters()}
+    found = {"losses": [(one.step, one.heat, one.box) for one in reports], "weights": weights}
+    assert_known(Path(__file__).parent / "known" / "detection.json", found, digits=2, decimals=3)

@@ -11,6 +11,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 pytest.importorskip("onnx", reason="the extra models is not installed")
 
+from known_outputs import assert_known
 from made_training_data import made_record
 
 from siren_ros.errors import InputError
@@ -242,3 +243,11 @@ def test_variants_train_on_what_they_say_and_can_be_used_as_predictors(data, tmp
     assert np.isfinite(ablations["few"]["test-seed"]["mean"]["siren"])
     with pytest.raises(InputError, match="at least one"):
         train_variant("full", replace(data, files=()), tmp_path, SMALL, fitted_network, lambda _: None)
+
+
+def test_losses_and_weights_of_a_short_training(store) -> None:
+    reports: list[prediction.EpochMeans] = []
+    run = fit(store, CONFIG, reports.append)
+    weights = {name: [values.mean().item(), values.norm().item()] for name, values in run.network.named_parameters()}
+    found = {"means": [list(vars(one).values())[:-1] for one in reports], "weights": weights}
+    assert_known(Path(__file__).parent / "known" / "prediction.json", found, digits=2, decimals=2)

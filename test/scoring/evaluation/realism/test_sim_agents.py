@@ -43,17 +43,6 @@ def test_features_of_a_car_that_comes_up_to_another() -> None:
     assert found["collision_indication"].tolist() == found["offroad_indication"].tolist() == [0.0, 0.0]
 
 
-def test_bodies_that_overlap_and_corners_off_the_road_are_seen() -> None:
-    found = features_of(tracks((0.0, 9.5, 0.0), (3.0, 9.5, 0.0)), BOTH, ROAD)
-    assert found["distance_to_nearest_object"][0, 0] == pytest.approx(-1.0)
-    assert found["collision_indication"].tolist() == [1.0, 1.0]
-    assert found["distance_to_road_edge"][0, 0] == pytest.approx(0.5)
-    assert found["offroad_indication"].tolist() == [1.0, 1.0]
-    met = tracks((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
-    gone = replace(met, present=np.stack((met.present[0], np.zeros(STEPS, dtype=bool))))
-    assert features_of(gone, np.array([True, False]), ROAD)["collision_indication"].tolist() == [0.0]
-
-
 def test_likelihood_of_the_record_under_itself_is_that_of_full_bins() -> None:
     """One of 10 bins holds all of 38 x 2 speeds of both rollouts: (76 + 0.1) / (76 + 1)."""
     logged = tracks((0.0, 0.0, 11.0), (60.0, 0.0, 11.0))
@@ -68,16 +57,6 @@ def test_likelihood_of_the_record_under_itself_is_that_of_full_bins() -> None:
     assert sum(histogram.weight for histogram in TERMS.values()) == pytest.approx(1.0)
 
 
-def test_a_red_line_that_nobody_crossed_costs_its_term_alone() -> None:
-    logged = tracks((0.0, 0.0, 11.0), (60.0, 0.0, 11.0))
-    own = score_sim_agents(logged, [logged], BOTH, ROAD)
-    red = np.zeros(logged.present.shape, dtype=bool)
-    red[:, 7] = True
-    crossing = score_sim_agents(logged, [replace(logged, red_crossed=red)], BOTH, ROAD)
-    assert crossing["traffic_light_violation"] == pytest.approx(0.001 / 1.002)
-    assert {name for name in TERMS if own[name] != crossing[name]} == {"traffic_light_violation"}
-
-
 def test_rollouts_of_another_shape_are_refused() -> None:
     logged = tracks((0.0, 0.0, 10.0))
     for rollouts in ([], [tracks((0.0, 0.0, 10.0), steps=3)]):
@@ -87,19 +66,6 @@ def test_rollouts_of_another_shape_are_refused() -> None:
         score_sim_agents(logged, [logged], np.array([False]), ROAD)
     with pytest.raises(InputError):
         replace(logged, y_m=logged.y_m[:, :-1])
-
-
-def test_kinematics_are_central_differences_and_turns_go_across_pi() -> None:
-    """Speed grows by 2 m/s², and the yaw rate by 0.1 rad/s² from 0.3 rad/s at 3 rad on."""
-    times = 0.1 * np.arange(STEPS)
-    yaw_rad = np.angle(np.exp(1j * (3.0 + 0.3 * times + 0.05 * times**2)))[None]
-    found = features_of(replace(tracks((0.0, 0.0, 0.0)), x_m=(times**2)[None], yaw_rad=yaw_rad), BOTH[:1], ROAD)
-    expected = {"linear_speed": 2.0 * times, "angular_speed": 0.3 + 0.1 * times}
-    expected |= {"linear_acceleration": np.full(STEPS, 2.0), "angular_acceleration": np.full(STEPS, 0.1)}
-    for name, values in expected.items():
-        end = 2 if "acceleration" in name else 1
-        assert found[name][0, end:-end] == pytest.approx(values[end:-end]), name
-        assert np.isnan(found[name][0, [*range(end), *range(-end, 0)]]).all(), name
 
 
 def test_steps_at_which_an_agent_is_absent_do_not_count() -> None:

@@ -146,13 +146,6 @@ def test_a_roadside_suite_stands_at_the_site_or_at_a_place_and_labels_its_pictur
     assert (place.x_m, place.y_m, place.yaw_rad) == (10.0, -4.0, pytest.approx(np.pi / 2))
 
 
-def test_nuscenes_has_its_six_cameras():
-    suite = load_suite("nuscenes")
-    assert suite.lidars[0].channels == 32
-    fields = sorted(round(float(np.degrees(camera.horizontal_fov_rad))) for camera in suite.cameras)
-    assert fields == [70] * 5 + [110]
-
-
 angles = st.floats(-3.0, 3.0)
 
 

@@ -9,10 +9,10 @@ from siren_ros.sensing.camera import ground_light, surface_light
 from siren_ros.sensing.camera.culling import VERTEX
 from siren_ros.sensing.camera.surface_light import LIGHT_GRID_M, LIGHT_HALF_M, Shading, shading_of
 from siren_ros.sensing.look import Look
-from siren_ros.sensing.meshes.mesh import EgoVehicle, Material, Mesh, SemanticClass
+from siren_ros.sensing.meshes.mesh import Material, Mesh, SemanticClass
 from siren_ros.sensing.scene.kerbside import street_lamp, turned
 from siren_ros.sensing.specification import transform
-from siren_ros.simulation.world.actors import ActorClass, Lights
+from siren_ros.simulation.world.actors import ActorClass
 from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
@@ -41,29 +41,6 @@ def test_each_street_lamp_is_found_once_and_lights_the_road_below_it_at_night(bo
     assert middles.shape == (3, 3)
     assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
     assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
-
-
-def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes):
-    renderer = boxes.renderer(boxes.scene(), NIGHT)
-    empty = picture(renderer, boxes.placed())
-    ahead = picture(renderer, boxes.placed((SEDAN, 15.0, 4.0, -np.pi / 2)))
-    assert (road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20))[:, 160:].sum() > 200
-    with_carrier = replace(boxes.placed(), ego=EgoVehicle(0.0, 0.0, 0.0, 4.6, 0))
-    assert (
-        picture(renderer, with_carrier).rgba[150:220, 120:200, :3].mean() > empty.rgba[150:220, 120:200, :3].mean() + 20
-    )
-    assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
-
-
-def test_beacons_colour_the_road_in_turn(boxes):
-    renderer = boxes.renderer(boxes.scene(), NIGHT)
-    blue, red = (next(k for k in range(20) if ground_light.beacon_colour(k)[channel] > 0.5) for channel in (2, 0))
-    placement = boxes.placed((SEDAN, 14.0, 0.0, np.pi), lights=[int(Lights.BEACON)])
-    in_blue, in_red = picture(renderer, placement, blue), picture(renderer, placement, red)
-    beside = (slice(150, 200), slice(60, 110))
-    difference = in_blue.rgba[..., :3][beside].mean(axis=(0, 1)) - in_red.rgba[..., :3][beside].mean(axis=(0, 1))
-    assert difference[2] > 15
-    assert difference[0] < -15
 
 
 def test_rain_falls_over_the_colours_alone(boxes):

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import shapely
 from hand_made_record import crossing
@@ -18,7 +16,7 @@ from siren_ros.sensing.scene.surfaces import SceneConfig
 from siren_ros.sensing.specification import LidarSpec, Mount, map_from_base, transform
 from siren_ros.simulation.roads.maps.map_compiler import compile_map
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import JunctionKind, LaneKind, mirrored_network
+from siren_ros.simulation.roads.road_network import LaneKind, mirrored_network
 from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 GROUND = [
@@ -88,19 +86,6 @@ def test_the_lamps_of_a_crossing_made_by_hand_face_their_approach(scene, network
     assert approaches == {(c.signal_id, c.signal_link) for c in network.connections if c.direction == "s"}
 
 
-def test_the_head_on_the_post_is_the_right_lanes_and_those_on_the_mast_are_each_over_their_own(scene, network):
-    """The driving lanes of an approach are those with the positions 2, on the right, and 3."""
-    by_link = {c.signal_link: c for c in network.connections if c.direction == "s"}
-    on_posts = set()
-    for lamp in scene.signal_lamps:
-        *place, z_m = scene.mesh.vertices_m[scene.mesh.triangles[lamp.start : lamp.stop]].mean(axis=(0, 1))
-        if z_m < 4.0:
-            on_posts.add(lamp.link)
-        else:
-            assert abs(network.lanes[by_link[lamp.link].to_lane].centre.project(place)[1]) < 0.5
-    assert on_posts == {link for link, c in by_link.items() if network.lanes[c.from_lane].position == 2}
-
-
 def test_sidewalks_stand_a_kerb_above_the_road_and_no_ray_falls_through_the_ground(scene, network):
     walks = [lane for lane in network.lanes if lane.kind is LaneKind.SIDEWALK]
     places = np.concatenate([lane.centre.at(np.arange(5.0, 80.0, 3.1)) for lane in walks])
@@ -121,16 +106,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_other_houses(scene, 
         assert getattr(again.mesh, name).tobytes() == getattr(scene.mesh, name).tobytes()
     assert again.signal_lamps == scene.signal_lamps == other.signal_lamps
     assert other.mesh.vertices_m.tobytes() != scene.mesh.vertices_m.tobytes()
-
-
-def test_stop_signs_stand_where_no_signal_does():
-    """The right edge of the approach from the south is at x = 9.5 m, its line at y = −20 m."""
-    scene = static_scene(crossing(JunctionKind.PRIORITY_STOP), seed=0)
-    assert scene.signal_lamps == ()
-    middles = scene.mesh.vertices_m[scene.mesh.triangles[scene.mesh.material == Material.STOP_SIGN]].mean(axis=1)
-    assert len(middles) > 50
-    assert (middles[:, 0] > 9.5).all()
-    assert (np.abs(middles[:, 1] + 22.0) < 10.0).all()
 
 
 def test_a_whole_district(tmp_path):
@@ -161,34 +136,6 @@ def test_far_from_the_origin_pictures_and_sweeps_are_those_at_the_origin(boxes, 
         seen.append((sweep.points.tobytes(), image.rgba.tobytes()))
         assert (image.semantic == SemanticClass.ROAD_LINE).sum() > 50
     assert seen[0] == seen[1]
-
-
-def rails_of(scene):
-    """Outlines in the plane of the faces of crash barriers, which lie between their two heights."""
-    corners = scene.mesh.vertices_m[scene.mesh.triangles]
-    rows = np.isclose(corners[:, :, 2, None], (0.44, 0.75)).any(axis=2).all(axis=1)
-    return shapely.convex_hull(shapely.multipoints(corners[rows, :, :2].astype(float)))
-
-
-def test_out_of_town_rails_stand_beside_the_road_and_no_houses_trees_or_lamps(scene, network):
-    kinds = {LaneKind.SIDEWALK: LaneKind.KERB}
-    lanes = [replace(x, speed_limit_mps=25.0, kind=kinds.get(x.kind, x.kind)) for x in network.lanes]
-    country = static_scene(replace(network, lanes=tuple(lanes)), seed=3)
-    road = shapely.union_all([LineString(x.centre.points) for x in network.lanes if x.kind is LaneKind.DRIVING])
-    corners = country.mesh.vertices_m[country.mesh.triangles][:, :, :2].astype(float)
-    houses, crowns, lamps = (
-        corners[country.mesh.material == kind]
-        for kind in (Material.BUILDING_WALL, Material.FOLIAGE, Material.STREET_LAMP)
-    )
-    assert shapely.distance(shapely.points(houses), road).min(initial=100.0) > 60.0
-    assert shapely.distance(shapely.points(crowns), road).min(initial=100.0) > 8.0
-    assert not len(lamps)
-    rails = rails_of(country)
-    apart_m = shapely.distance(rails, traffic_space(network))
-    assert len(rails) > 500
-    assert apart_m.min() > 0.25
-    assert np.median(apart_m) < 0.8
-    assert not len(rails_of(scene))
 
 
 def test_where_traffic_keeps_left_the_scene_is_the_mirror_image():

@@ -43,13 +43,9 @@ from siren_ros.lab.benchmarks.templates import (
     EpisodeFigures,
     compared_row,
     compared_text,
-    details_of,
-    json_row,
     placebo_levels,
     placebo_row,
-    row_of,
     seeds_of_option,
-    spread_of,
     travel_times_s,
 )
 from siren_ros.running.generation.episode_setup import set_up_episode
@@ -85,21 +81,6 @@ def test_levels_are_compared_by_the_way_in_the_same_time_with_an_interval() -> N
     assert compared_text(lost).endswith("no episode ran")
 
 
-def test_rows_count_what_holds_and_failures_are_named() -> None:
-    episodes = [
-        figures(0, [1.0], holds=True),
-        figures(1, [1.0], failing=("holding: 2 (needs >= 6)",)),
-        EpisodeFigures("S1", 2, error="SUMO teleported"),
-    ]
-    assert row_of("S1", episodes).split()[:3] == ["S1", "1/3", "1"]
-    row = json_row("S1", episodes)
-    assert (row["holds"], row["episodes"], row["failed"], row["arrival_s"]) == ("1/3", 3, 1, None)
-    assert json_row("S1", [EpisodeFigures("S1", 0, error="no site")])["holds"] == "–"
-    lines = list(details_of(episodes))
-    assert any("seed 1" in line and "holding" in line for line in lines)
-    assert any("seed 2: failed, SUMO teleported" in line for line in lines)
-
-
 def test_seeds_are_a_range_or_a_number() -> None:
     assert (seeds_of_option("3:5"), seeds_of_option("7")) == ((3, 4), (7,))
     for text in ("a", "5:5", "1:b"):
@@ -115,19 +96,6 @@ def test_the_placebo_of_a_template_is_every_level_without_its_cause() -> None:
     assert names["S8"] == ["L0", "L1", "L2"]
     row = placebo_row("S2", {"L0": [figures(0, [1.0]), figures(1, [1.0], holds=True)], "L1": [figures(0, [1.0])]})
     assert row.endswith("L0 1/2, L1 0/1")
-
-
-def test_the_spread_of_seeds_is_printed_with_its_standard_deviation() -> None:
-    arrivals = ((6.0, 2), (10.0, 4), (float("nan"), 0))
-    episodes = [
-        replace(figures(seed, [1.0]), realisation=Realisation(arrival_s, queue, 3, 8.0))
-        for seed, (arrival_s, queue) in enumerate(arrivals)
-    ]
-    text = spread_of(episodes)
-    assert "arrival s 8.0 +- 2.0" in text
-    assert "queue 2.0 +- 1.6" in text
-    assert "yielding 3.0 +- 0.0" in text
-    assert "no episode ran" in spread_of([EpisodeFigures("S1", 0, error="failed")])
 
 
 PREDICATE = {"name": "rescue_lane", "thresholds": dict(load_template("S8").predicate.thresholds)}

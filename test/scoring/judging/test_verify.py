@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from busy_record import busy_record
+from busy_record import TURN_RAD, busy_record
 from hand_made_record import (
     CAR_LENGTH_M,
     EMV,
@@ -534,8 +534,20 @@ def test_every_check_of_a_busy_episode() -> None:
     known = {
         "verdict": told(found.verdict),
         "checks": parts_told(found.checks),
-        "near": [tuple(vars(one).values()) for one in near_passes(busy_record())],
+        "near": [[tuple(vars(one).values()) for one in near_passes(aside(shift_m))] for shift_m in range(-6, 7, 2)],
         "others": others,
         "facts": found.facts(),
     }
     assert_known(Path(__file__).parent / "known" / "verify.json", known)
+
+
+def aside(shift_m: float) -> EpisodeRecord:
+    """The busy record, with its people on foot elsewhere on the crossing."""
+    record, way = busy_record(), shift_m * np.array([np.cos(TURN_RAD), np.sin(TURN_RAD)])
+
+    def moved(state: ActorStates, axis: str, by_m: float) -> np.ndarray:
+        return getattr(state, axis) + by_m * np.isin(state.actor_id, record.walker_ids)
+
+    return with_states(
+        record, x_m=lambda state: moved(state, "x_m", way[0]), y_m=lambda state: moved(state, "y_m", way[1])
+    )

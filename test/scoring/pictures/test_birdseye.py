@@ -1,7 +1,6 @@
 """Pictures from above: of an episode and of a site."""
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +29,7 @@ from siren_ros.scoring.pictures.birdseye import (
     save_site_map,
     snapshot_steps,
 )
-from siren_ros.scoring.pictures.plot_parts import LabelPlacer, draw_roads, lane_outline, mode_runs, yielding_actors
+from siren_ros.scoring.pictures.plot_parts import LabelPlacer, draw_roads, lane_outline
 from siren_ros.simulation.roads.road_network import RoadNetwork, mirrored_network
 from siren_ros.simulation.roads.site_finder import places_without_site
 from siren_ros.simulation.scenario.templates import available_templates, load_template
@@ -63,14 +62,6 @@ def _texts(figure):
     return [text.get_text() for text in figure.texts] + [
         text.get_text() for axes in figure.axes for text in axes.texts if text.get_text()
     ]
-
-
-def test_title_verdict_and_labels_are_there(record, record_of):
-    assert "interaction not found" in _texts(draw_episode(record_of(changing=0)))
-    texts = _texts(draw_episode(record))
-    assert "S2 · L2 · seed 0 · straight" in texts
-    assert "interaction verified" in texts
-    assert sum(text.startswith("#") and text.endswith(" s") for text in texts) == 8
 
 
 def test_the_box_holds_the_interaction_and_not_the_whole_map(record):
@@ -115,15 +106,6 @@ def test_with_many_events_each_actor_has_one_label_without_a_time(record):
     labels = [text for text in _texts(draw_episode(replace(record, events=more))) if text.startswith("#")]
     assert times
     assert not any(text.endswith(" s") for text in labels)
-
-
-def test_states_are_cut_into_runs(record):
-    runs = mode_runs(record.track(3))
-    yielding = [Mode.YIELD_REACTING, Mode.YIELD_LANE_CHANGE, Mode.YIELD_KEEP_LANE]
-    assert ([mode for _, _, mode in runs], runs[0][0]) == ([Mode.NOMINAL, *yielding, Mode.NOMINAL], 0)
-    assert runs[-1][1] == record.steps - 1
-    assert all(before[1] + 1 == after[0] for before, after in pairwise(runs))
-    assert yielding_actors(record) == (2, 3, 4, 5)
 
 
 def test_a_lane_outline_has_the_lanes_area(record):

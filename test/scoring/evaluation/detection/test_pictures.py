@@ -10,11 +10,10 @@ import pytest
 from datasets.made_bag import FRONT_M, LIDAR_M, BagSpec, place_of, sweep_of, write_made_bag, yaw_of
 from drawn_figures import shown
 from known_outputs import assert_known
-from made_detections import busy_episodes, columns_ahead, detector_scores, found_boxes, made_frames, truth_boxes
-from matplotlib.collections import LineCollection, PolyCollection
+from made_detections import busy_episodes, columns_ahead, found_boxes, made_frames, truth_boxes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from rosbags.typesys.store import Typestore
 
 from siren_ros.data.episode_source import Need, survey_bag
@@ -199,60 +198,6 @@ def test_matches_are_within_two_metres_and_the_first_of_equal_frames_is_drawn(
     assert drawn(labels, found, "S3", Path("a.png"), monkeypatch)["label, missed"] == (7, [10.0])
     alike = [(4, 10.0), (6, 10.0), (7, 10.0)]
     assert drawn(alike, [(7, 10.0, 0.9)], "S3", tmp_path / "b.png", monkeypatch) == {"label, missed": (4, [10.0])}
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, 2.0])
-def test_a_line_leads_from_the_centre_to_the_front(yaw_rad: float) -> None:
-    """4.5 m long and 1.9 m wide, 10 m east and 5 m north of the sensor."""
-    frame, place = np.zeros(1, dtype=np.intp), np.array([100.0, 50.0])
-    box = found_boxes(frame, np.array([[110.0, 55.0, 1.0]]), np.zeros((1, 2)), np.array([yaw_rad]), np.array([0.456]))
-    axes = Figure().add_subplot()
-    birdseye.draw_boxes(axes, box, place, "false alarm")
-    (outline,) = (one for one in axes.collections if isinstance(one, PolyCollection))
-    (line,) = (one for one in axes.collections if isinstance(one, LineCollection))
-    ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-    assert line.get_segments()[0] == pytest.approx(np.array([[10.0, 5.0], [10.0, 5.0] + 2.25 * ahead]))
-    corners = outline.get_paths()[0].vertices[:4] - (10.0, 5.0)
-    assert np.hypot(*corners.T) == pytest.approx(np.full(4, np.hypot(2.25, 0.95)))
-    assert outline.get_label() == "false alarm: 1"
-    assert [text.get_text() for text in axes.texts] == ["0.46"]
-
-
-def test_the_whole_picture_from_above(monkeypatch: pytest.MonkeyPatch, figures: list[Figure]) -> None:
-    """Frame 5 is drawn: a label that is found by a box, one that is missed, a false alarm."""
-    frames = two_templates()
-    truth = truth_boxes(*columns_ahead([(5, 10.0), (5, 20.0)]))
-    boxes = found_boxes(*columns_ahead([(5, 10.0), (5, 30.0)]), np.array([0.9, 0.456]))
-    scores: Any = SimpleNamespace(name="made", truth=truth, found=boxes, matches=match(truth, boxes))
-    east = frames.episodes[1].vehicle_m[1] + np.array([[7.0, 1.0], [8.0, 2.0]])
-    monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: east)
-    birdseye.draw_worst_frame(scores, frames, "S3", Path("a.png"))
-    (axes,) = figures[0].axes
-    assert axes.get_title().splitlines()[0] == "made: episode1 step 2"
-    returns, sensor = axes.lines
-    assert np.asarray(returns.get_xydata()) == pytest.approx(np.array([[7.0, 1.0], [8.0, 2.0]]))
-    assert np.asarray(sensor.get_xydata()).tolist() == [[0.0, 0.0]]
-    (reach,) = axes.patches
-    assert isinstance(reach, Circle)
-    assert (reach.center, reach.radius) == ((0.0, 0.0), 50.0)
-    (arrow, confidence) = axes.texts
-    # The LiDAR is turned by 60 degrees to the left of the east.
-    assert arrow.xy == pytest.approx((5.0 * np.cos(np.pi / 3.0), 5.0 * np.sin(np.pi / 3.0)))
-    assert (confidence.get_text(), confidence.xy) == ("0.46", pytest.approx((15.0, 15.0 * np.sqrt(3.0))))
-    outlines = [one.get_label() for one in axes.collections if isinstance(one, PolyCollection)]
-    assert outlines == ["label, found: 1", "label, missed: 1", "hit: 1", "false alarm: 1"]
-
-
-def test_a_panel_for_each_template_has_a_line_for_each_distance(figures: list[Figure]) -> None:
-    draw_curves(detector_scores("mine", {"S1": 0.4, "S2": 0.5}), Path("a.png"))
-    first, second = figures[0].axes
-    assert [axes.get_title() for axes in (first, second)] == ["S1: mAP 0.400", "S2: mAP 0.500"]
-    labels = ["0.5 m, AP 0.25", "1 m, AP 0.35", "2 m, AP 0.45", "4 m, AP 0.55"]
-    assert [line.get_label() for line in first.lines] == labels
-    for place, line in enumerate(first.lines):
-        x, y = np.asarray(line.get_xydata()).T
-        assert x == pytest.approx(np.arange(101) / 100.0)
-        assert (y[0], y[-1]) == pytest.approx((1.0, 0.1 * place))
 
 
 def test_everything_that_the_pictures_of_a_busy_episode_show(

@@ -18,7 +18,7 @@ from siren_ros.data.episode_source import Need, in_dataset_order, survey_bag
 from siren_ros.data.interfaces.topics import BOXES, GROUND_TRUTH
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.detection import openpcdet_results
-from siren_ros.scoring.evaluation.detection.boxes import FoundBoxes, quaternions_of_yaw, yaws_of_quaternions
+from siren_ros.scoring.evaluation.detection.boxes import quaternions_of_yaw, yaws_of_quaternions
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of, read_frames
 from siren_ros.scoring.evaluation.detection.openpcdet_results import openpcdet_entries
 from siren_ros.scoring.evaluation.detection.result_files import (
@@ -358,50 +358,6 @@ def test_kitti_boxes_are_in_the_cameras_frame(turned_frames: Frames, tmp_path: P
     else:
         assert np.isnan(found.boxes.velocity_mps).all()
     assert (found.boxes.score[0], found.boxes.label[0]) == (0.8, "car")
-
-
-def one_found() -> FoundBoxes:
-    """A box of frame 6, which has a picture and is a keyframe."""
-    return FoundBoxes(
-        frame=np.array([6]),
-        centre_m=np.array([to_map(6, 21.5, 3.0, -1.35)]),
-        size_m=np.array([[4.2, 1.8, 1.5]]),
-        yaw_rad=np.array([LIDAR_YAW_RAD + 0.3]),
-        velocity_mps=np.array([TURNED @ (6.0, 2.0)]),
-        attribute=np.array([3], dtype=np.uint8),
-        score=np.array([0.8]),
-        label=np.array(["car"]),
-    )
-
-
-def test_what_is_written_has_each_formats_numbers(turned_frames: Frames, tmp_path: Path) -> None:
-    write_kitti(tmp_path / "kitti", one_found(), turned_frames)
-    texts = [path.read_text().split() for path in sorted((tmp_path / "kitti").iterdir())]
-    assert [len(words) for words in texts] == [0, 0, 0, 0, 18, 0]
-    assert texts[4][0] == "Car"
-    expected = [1.5, 1.8, 4.2, -3.0, 1.6, 20.0, -np.pi / 2.0 - 0.3, 0.8, -2.0, 6.0]
-    assert [float(word) for word in texts[4][8:]] == pytest.approx(expected, abs=1e-8)
-
-    write_nuscenes(tmp_path / "x.json", one_found(), turned_frames)
-    results: dict[str, list[dict[str, Any]]] = json.loads((tmp_path / "x.json").read_text())["results"]
-    (box,) = (box for boxes in results.values() for box in boxes)
-    assert list(results) == list(turned_frames.by_token)
-    assert turned_frames.by_token[box["sample_token"]] == 6
-    centre = to_map(6, 21.5, 3.0, -1.35)
-    assert box["translation"] == pytest.approx([centre[0] + 2 * GLOBAL_M[0], centre[1] + 2 * GLOBAL_M[1], centre[2]])
-    assert box["size"] == [1.8, 4.2, 1.5]
-    half = 0.5 * (LIDAR_YAW_RAD + 0.3)
-    assert box["rotation"] == pytest.approx([np.cos(half), 0.0, 0.0, np.sin(half)])
-    assert box["attribute_name"] == "vehicle.parked"
-
-    entries = openpcdet_entries(one_found(), turned_frames, nuscenes=False)
-    assert [len(entry["score"]) for entry in entries] == [0] * 6 + [1, 0]
-    assert entries[6]["boxes_lidar"][0] == pytest.approx([21.5, 3.0, -1.35, 4.2, 1.8, 1.5, 0.3, 6.0, 2.0])
-    keyframes = openpcdet_entries(one_found(), turned_frames, nuscenes=True)
-    assert [turned_frames.by_token[entry["metadata"]["token"]] for entry in keyframes] == [0, 2, 4, 6]
-    # x to the right, y ahead; a heading from x to y.
-    right = keyframes[3]["boxes_lidar"][0]
-    assert right == pytest.approx([-3.0, 21.5, -1.35, 4.2, 1.8, 1.5, 0.3 + np.pi / 2.0, -2.0, 6.0])
 
 
 @pytest.mark.parametrize("yaw_rad", [-3.0, -1.0, 0.0, 0.5, 3.1])

@@ -17,7 +17,6 @@ from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, line_of, p
 from scipy import stats
 
 from siren_ros.base.tables import Measure, text_of
-from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import InputError
 from siren_ros.scoring.evaluation.statistics import holm
 from siren_ros.scoring.evaluation.yielding import metrics as marks
@@ -38,7 +37,6 @@ from siren_ros.scoring.evaluation.yielding.scoring import (
     YieldScores,
     effect_tables,
     effects,
-    group_means,
     pairs_of,
     score_yielding,
     situation_sha256,
@@ -122,55 +120,6 @@ def test_nobody_passed_leaves_no_wake_and_an_emv_that_stands_has_no_scores() -> 
     stands = score_yielding(record_of(arc((0.0, 2.0)), {}))
     assert all(measure.lack == "the EMV did not move" for measure in stands.metrics.values())
     assert stands.drivers == ()
-
-
-def test_means_and_rows_of_episodes() -> None:
-    """Means are over the episodes that have a value; a row says which episode it is, and what is a bound."""
-    record = blocking()
-    passed, scored = (ScoredEpisode.of("a/bag", one, score_yielding(one)) for one in (passing(), record))
-    (means,) = group_means([passed, passed, scored]).values()
-    assert means["compliance"].value == pytest.approx(2.0 / 3.0)
-    assert (means["compliance"].blocks, means["wake_duration_s"].blocks) == (3, 2)
-    assert means["min_pet_s"].valid is False
-    row, (driver,) = scored.row(), scored.driver_rows()
-    about = record.description
-    for found in (row, driver):
-        names = [found[name] for name in ("bag", "template", "level", "seed", "emv")]
-        assert names == ["a/bag", about.template, about.level.name, about.seed, 1]
-    assert (row["map"], row["wake_length_m"]) == (about.map_name, None)
-    assert row["wake_length_m_lack"]
-    assert (row["clearance_time_s_at_least"], row["clearance_time_s_lack"]) == (True, "")
-    assert (row["compliance"], row["compliance_at_least"]) == (0.0, False)
-    assert (driver["passing_gap_m"], driver["compliance"]) == (None, 0.0)
-    assert scored.group == (about.template, about.level.name, about.map_name)
-
-
-def with_two_emvs() -> EpisodeRecord:
-    """The driver of ``passing`` is an EMV as well."""
-    record = passing()
-    actors = {**record.actors, CAR: replace(record.actors[CAR], is_emv=True)}
-    return replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, CAR)))
-
-
-def test_every_emv_of_an_episode_has_a_row_and_tables_of_its_own_and_further_ones_no_effects() -> None:
-    """Each is measured as if it were the only one, and neither is a driver who makes way."""
-    record = with_two_emvs()
-    first, second = two = ScoredEpisode.of_each_emv("a", record)
-    assert [one.row()["emv"] for one in two] == [first.emv, second.emv] == [1, 2]
-    swapped = replace(record, description=replace(record.description, emv_ids=(CAR, EMV)))
-    assert (first.scores, second.scores) == (score_yielding(record), score_yielding(swapped))
-    assert first.scores.metrics["emv_delay_s"] != second.scores.metrics["emv_delay_s"]
-    assert first.scores.drivers == second.scores.drivers == ()
-    assert second.situation_sha256 == first.situation_sha256
-    (alone,) = ScoredEpisode.of_each_emv("b", passing())
-    assert alone.emv == 1
-    assert {row["emv"] for row in alone.driver_rows()} == {1}
-    template = record.description.template
-    captions = [table.caption for table in yield_tables([*two, alone])]
-    assert captions == [f"Yield metrics of {template}", f"Yield metrics of {template}, EMV 2"]
-    assert [table.key for table in yield_tables(two)] == [template, f"{template}_emv2"]
-    (levels,) = pairs_of(two).values()
-    assert [episode.emv for episode in levels.values()] == [1]
 
 
 def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from known_outputs import assert_known
 
 from siren_ros.base.params import plain_files
 from siren_ros.base.params.folders import (
@@ -421,3 +422,50 @@ def test_the_environment_says_where_the_cache_is(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert default_cache_dir() == tmp_path / ".cache" / "siren"
+
+
+VALUES = """
+whole: 7
+below: -3
+hexadecimal: 0x1F
+octal: 017
+grouped: 1_000
+real: 2.5
+infinite: .inf
+none: null
+yes: true
+word: left
+quoted: "7"
+blank: ""
+words: [a, 2, c]
+numbers: [1, 2.5, 3, 4]
+wide: [1, 2.5, 300, 4]
+empty: []
+table: {a: 1}
+tables: [{a: 1}, {b: 2}]
+mixed: [{a: 1}, 5]
+"""
+ANSWERS = {
+    "number": lambda at, key: at.number(key, -2.0, 100.0),
+    "integer": lambda at, key: at.integer(key, 0, 100),
+    "flag": lambda at, key: at.flag(key),
+    "text": lambda at, key: at.text(key),
+    "choice": lambda at, key: at.text(key, ("left", "7"), str),
+    "mapping": lambda at, key: list(at.mapping(key).values),
+    "mappings": lambda at, key: [list(one.values) for one in at.mappings(key)],
+    "four numbers": lambda at, key: at.numbers(key, 4, 0.0, 10.0),
+    "pairs": lambda at, key: at.numbers(key, 2, 0.0, 10.0, times=True),
+    "words": lambda at, key: at.words(key),
+}
+
+
+def test_what_every_reader_says_of_every_value() -> None:
+    found: dict[str, dict[str, object]] = {}
+    for key in (*parse_strict_yaml(VALUES, "a.yaml").values, "absent"):
+        for name, read in ANSWERS.items():
+            at = parse_strict_yaml(f"inside:{VALUES}".replace("\n", "\n  "), "a.yaml").mapping("inside")
+            try:
+                found.setdefault(name, {})[key] = read(at, key)
+            except InputError as error:
+                found.setdefault(name, {})[key] = str(error)
+    assert_known(Path(__file__).parent / "known" / "readers.json", found)

@@ -220,9 +220,10 @@ class StrictMapping:
     def number(self, key: str, low: float, high: float) -> float:
         """A finite number within ``[low, high]``."""
         allowed = f"a number from {low:g} to {high:g}"
-        value = _float(self._scalar(key, ("int", "float"), allowed))
+        text = self._scalar(key, ("int", "float"), allowed)
+        value = _float(text)
         if not low <= value <= high:
-            raise InputError(self.where(key), value, allowed)
+            raise InputError(self.where(key), text if value != value else value, allowed)  # noqa: PLR0124 - NaN
         return value
 
     def integer(self, key: str, low: int, high: int) -> int:

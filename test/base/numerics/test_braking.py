@@ -1,9 +1,12 @@
 """Speeds in bends and before them, in closed form."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from known_outputs import assert_known
 
 from siren_ros.base.numerics import braking
 from siren_ros.base.numerics.geometry import Polyline
@@ -78,3 +81,29 @@ def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed(
     assert speeds == pytest.approx(np.minimum(15.0, np.sqrt(25.0 + 2.0 * 1.5 * np.arange(101.0))))
     assert braking.with_accelerating(np.full(3, 4.0), 5.0, 1.5).tolist() == [4.0, 4.0, 4.0]
     assert braking.bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
+
+
+def test_places_projections_and_speeds_of_a_crooked_way() -> None:
+    """Corners to both sides, one of them sharp, and points around it, before it and behind it."""
+    path = Polyline.through([(3.0, 1.0), (3.0, 1.0), (9.0, 4.0), (12.0, 12.0), (11.0, 20.0), (2.0, 17.0), (-6.0, 30.0)])
+    arc_m = np.linspace(-4.0, path.length_m + 4.0, 9)
+    points = np.column_stack((8.0 * np.sin(np.arange(9.0)) + 5.0, 3.0 * np.arange(9.0)))
+    speeds = braking.bend_speeds_mps(path, 3.0).clip(max=20.0)
+    found = {
+        "length": path.length_m,
+        "at": path.at(arc_m),
+        "heading": path.heading_rad(arc_m),
+        "offset": path.offset_points(arc_m, np.linspace(-2.0, 2.0, 9)),
+        "project": np.column_stack(path.project(points)),
+        "near": np.column_stack(path.project_near(points, 20.0, 6.0)),
+        "cut": [path.cut(*ends).points for ends in ((-2.0, 10.0), (8.0, 30.0), (40.0, 60.0))],
+        "resampled": path.resampled(9.0).points,
+        "joined": Polyline.joined([path.cut(0.0, 10.0), path.cut(10.0, 20.0)]).arc_m,
+        "curvature": braking.curvature_1pm(path, arc_m),
+        "bends": speeds,
+        "braking": braking.with_braking(speeds, 2.0),
+        "squares": np.sqrt(braking.squares_with_braking(speeds**2, 2.0, 1.0)),
+        "accelerating": braking.with_accelerating(speeds, 3.0, 1.5),
+        "following": [braking.safe_following_mps(lead, free, 3.0, 1.2) for lead in (0.0, 8.0) for free in (0.0, 15.0)],
+    }
+    assert_known(Path(__file__).parent / "known" / "ways.json", found)

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 
 
 def shown(figure: Figure) -> list[Any]:
@@ -36,7 +36,7 @@ def _artists(axes: Axes, titles: list[str]) -> Iterator[list[Any]]:
     looks: dict[tuple[Any, ...], list[np.ndarray]] = {}
     for artist in axes.get_children():
         if isinstance(artist, Text):
-            if artist.get_text() not in titles:
+            if isinstance(artist, Annotation) or artist.get_text() not in titles:
                 yield _text(artist)
         elif isinstance(artist, Line2D | Collection) or (isinstance(artist, Patch) and artist is not axes.patch):
             looks.setdefault(_look(artist), []).extend(_places(artist))

@@ -263,7 +263,7 @@ def drawn_figures(task: templates.EpisodeTask) -> EpisodeFigures:
         holds=request.seed != 6,
         failing=("through: 0 (needs >= 1)",) * (request.seed == 6),
         violations=found.violations[: (6 - request.seed) // 2],
-        teleports=request.seed,
+        teleports=2 * request.seed,
     )
 
 

@@ -327,7 +327,7 @@ class SumoPopulation:
         places = self._places() if missing > 0 else {}
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
-            if self._spot_is_free(vehicle, emv_points, places):
+            if self._may_enter(vehicle, emv_points, places):
                 self._enter_all((vehicle,))
                 places[vehicle.name] = self._point_of(vehicle.spot)
                 missing -= 1
@@ -362,9 +362,7 @@ class SumoPopulation:
 
         def enter(rider: PlannedVehicle) -> bool:
             enough = self._riding[rider.actor_class] >= wanted[rider.actor_class]
-            if enough or not self._spot_is_free(rider, (), places):
-                return False
-            if rider.name in self._overlapping(self._near(rider, places), later=(rider,)):
+            if enough or not self._may_enter(rider, (), places):
                 return False
             self._enter_all((rider,))
             places[rider.name] = self._point_of(rider.spot)
@@ -517,6 +515,11 @@ class SumoPopulation:
             waits = x == libsumo.INVALID_DOUBLE_VALUE
             places[name] = self._point_of(vehicle.spot) if waits else (x - offset_x, y - offset_y)
         return places
+
+    def _may_enter(self, vehicle: PlannedVehicle, emv_points: Collection[Point], places: Mapping[str, Point]) -> bool:
+        """Whether a vehicle's place is free, and nobody comes across whom it could not stop for."""
+        free = self._spot_is_free(vehicle, emv_points, places)
+        return free and vehicle.name not in self._overlapping(self._near(vehicle, places), later=(vehicle,))
 
     def _spot_is_free(
         self, vehicle: PlannedVehicle, emv_points: Collection[Point], places: Mapping[str, Point]

@@ -385,29 +385,32 @@ def test_who_meets_another_one_head_on_in_a_junction_leaves_before_the_episode_b
     assert streets_sumo.removed == leaving
 
 
+@pytest.mark.parametrize("kind", [ActorClass.BICYCLE, ActorClass.SEDAN])
 @pytest.mark.parametrize(
     ("speed_mps", "others_mps", "away_m", "refused"),
     [(8.0, 5.0, 0.0, True), (8.0, 0.0, 0.0, False), (6.0, 5.0, 0.0, False), (8.0, 5.0, 100.0, False)],
 )
-def test_no_rider_enters_where_one_of_two_could_not_stop(
-    streets_sumo: SumoOfStreets, speed_mps: float, others_mps: float, away_m: float, refused: bool
+def test_nobody_enters_where_one_of_two_who_cross_could_not_stop(
+    streets_sumo: SumoOfStreets, speed_mps: float, others_mps: float, away_m: float, refused: bool, kind: ActorClass
 ) -> None:
-    """The rider goes south from 5 m before the road on which the car drives: 8 m/s take 5.3 m, 5 m/s 2.1 m."""
+    """Who enters goes south from 5 m before the road on which the car drives: 8 m/s take 5.3 m, 5 m/s 2.1 m."""
     streets_sumo.put("car", A_LEFT, 100.0 - away_m)
     streets_sumo.speed_mps["car"] = others_mps
     x, y = NETWORK.lanes[A_LEFT].centre.at(100.0)
-    kind, body = ActorClass.BICYCLE, {"length_m": 2.0, "width_m": 0.8}
-    rider = replace(vehicle("rider", NEAR, 50.0, actor_class=kind, **body), spot=Spot(NEAR, 50.0, speed_mps))
+    rides, body = kind is ActorClass.BICYCLE, {"length_m": 2.0, "width_m": 0.8}
+    new = replace(vehicle("new", NEAR, 50.0, actor_class=kind, **body), spot=Spot(NEAR, 50.0, speed_mps))
     far = x + 2.0, y + 5.0
     centre = Polyline.through([(far[0], far[1] + 50.0), (far[0], far[1] - 50.0)])
     lanes = list(NETWORK.lanes)
     lanes[NEAR] = replace(lanes[NEAR], centre=centre, width_m=1.5)
-    traffic = SumoPopulation(
-        replace(NETWORK, lanes=tuple(lanes)), replace(PLAN_OF_STREETS, riders=(rider,), riders_kept={kind: 1})
-    )
+    kept = {"riders": (new,), "riders_kept": {kind: 1}} if rides else {"reserve": (new,)}
+    traffic = SumoPopulation(replace(NETWORK, lanes=tuple(lanes)), replace(PLAN_OF_STREETS, **kept))
     traffic.vehicles["car"] = vehicle("car", A_LEFT, 10.0, length_m=4.0)
-    assert traffic.exchange_riders([(float(far[0]) + 51.0, float(far[1]))]) == []
-    assert streets_sumo.added == ([] if refused else ["rider"])
+    if rides:
+        assert traffic.exchange_riders([(float(far[0]) + 51.0, float(far[1]))]) == []
+    else:
+        traffic.refill((), 1)
+    assert streets_sumo.added == ([] if refused else ["new"])
 
 
 def riders(*fronts_m: float) -> dict[str, Any]:

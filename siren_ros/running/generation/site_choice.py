@@ -87,8 +87,8 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
       direction drive ahead of it where no site of the map has a second lane.
     * The junction is so large that who passes at the end of the green is inside when the EMV comes. No signal or stop
       sign right behind it holds up those who pass. Both hold where a map has such a site.
-    * Nobody stands inside before a signal or stop sign right behind, and a row of vehicles fits on a road from which
-      others come across; the latter holds where a map has such a site.
+    * Nobody stands inside before a signal or stop sign right behind. A row of vehicles fits on a road from which others
+      come across, and not all of these are held up behind the junction; both hold where a map has such a site.
     * A stream with which the EMV comes has green for longer at the lines close behind, where they are of one signal.
     * Of those who come across, somebody crosses the EMV's lane, and not only lanes that lead on beside it.
     * Where nobody has to stop, the EMV uses its right only before traffic that the template brings. Of all-way stops,
@@ -113,6 +113,7 @@ def shortcomings(network: RoadNetwork, template: Template) -> dict[Site, tuple[L
         _prefer(found, _HELD_UP, lambda site: _exit_m(network, site) >= LEAST_QUEUE_M)
     if _has_group(template, Placement.CROSSING):
         _prefer(found, _SHORT_SIDE, lambda site: _side_m(network, site) >= _ROW_M)
+        _prefer(found, _HELD_ACROSS, lambda site: any(not _is_held_up(network, index) for index in site.crossing))
     for control in Control:
         _prefer(found, WEAKER, partial(_is_controlled, control))
     if template.site_kind in _NO_SHOULDER:
@@ -306,6 +307,14 @@ def _exit_m(network: RoadNetwork, site: Site) -> float:
     return length_m
 
 
+def _is_held_up(network: RoadNetwork, index: int) -> bool:
+    """Whether a movement leads to a short road that ends at a signal or stop sign."""
+    lane = network.lanes[network.connections[index].to_lane]
+    beside = driving_lanes(network, lane.edge) if lane.length_m < LEAST_QUEUE_M else []
+    ways = (way for other in beside for way in network.connections_from.get(other.index, ()))
+    return any(way.must_stop or way.signal_id is not None for way in ways)
+
+
 def _side_m(network: RoadNetwork, site: Site) -> float:
     """Length of the longest road, without a junction, from which others come across."""
     lanes = {network.connections[index].from_lane for index in site.crossing}
@@ -399,6 +408,9 @@ WEAKER: Final = "a weaker control, and others have a stronger one"
 _ONE_LANE: Final = "one lane leads on, and others have a second one"
 _SMALL: Final = "a junction that vehicles leave before the EMV comes, and others have a larger one"
 _HELD_UP: Final = f"a signal or stop sign less than {LEAST_QUEUE_M:.0f} m behind it, and others have none"
+_HELD_ACROSS: Final = (
+    f"a signal or stop sign less than {LEAST_QUEUE_M:.0f} m behind it for all who come across, and others have none"
+)
 _SHOULDER: Final = "a shoulder, and others have none"
 _SHORT_SIDE: Final = f"less than {_ROW_M:.0f} m of road from which others come across, and others have more"
 _JOINED: Final = "a junction on the way on which vehicles change lanes, and others have none"

@@ -246,6 +246,24 @@ def test_somebody_comes_across_the_lane_that_the_emv_takes(
     assert (Lack("nobody who comes across the lane that the EMV takes") not in lacks) is crossed
 
 
+@pytest.mark.parametrize(
+    ("length_m", "one_leaves", "held_up"),
+    [(14.0, False, True), (8.0, False, True), (16.0, False, False), (14.0, True, False)],
+)
+def test_all_who_come_across_are_held_up_by_lines_close_behind_unless_one_leaves_the_map(
+    town: RoadNetwork, length_m: float, one_leaves: bool, held_up: bool
+) -> None:
+    name, template = "main_w_0..main_w_1", load_template("S4")
+    site = next(site for site in good_sites(town, template) if site.name == name)
+    roads = {town.lanes[town.connections[index].to_lane].edge for index in site.crossing}
+    lanes = {lane for road in roads for lane in town.edges[road].lanes}
+    assert not lanes <= town.connections_from.keys()
+    kept = (way for way in town.connections if one_leaves or way.to_lane in town.connections_from)
+    changed = shortened(replace(town, connections=tuple(kept)), lanes, length_m, lambda way: way.from_lane in lanes)
+    text = Lack("a signal or stop sign less than 15 m behind it for all who come across, and others have none")
+    assert lacks_of(changed, template, name) == ((text,) if held_up else ())
+
+
 def test_a_road_that_ends_at_a_stop_sign_is_no_place_to_clear_a_lane(town: RoadNetwork) -> None:
     template = load_template("S2")
     good, ranked = good_sites(town, template), [site for site, _ in ranked_sites(town, template)]

@@ -55,6 +55,8 @@ _TURN_WEIGHT: Final = 0.35
 go straight on where three lanes lead straight, left and right (typical value of urban turning counts)."""
 _CAR_RADIUS_M: Final = 5.5
 """No vehicle takes a tighter bend than this where there is another way: the turning circle of cars."""
+_STEERED_RADIUS_M: Final = 4.1
+"""Radius of the middle of a car whose outer front wheel is on its turning circle, with a wheelbase of 2.7 m."""
 LONG_VEHICLE_M: Final = 8.0
 """Length from which a vehicle counts as long, so that it avoids tight bends."""
 LONG_VEHICLE_RADIUS_M: Final = 12.5
@@ -143,15 +145,16 @@ class RouteChooser:
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
         """The ways to choose from: those that are wide enough and start in the lane.
 
-        Without any, those that meet one condition: a long vehicle leaves its lane, others turn in it slowly.
+        Without any, those that meet one condition: who is short turns slowly in its lane where it can, others leave it.
         """
         ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
         mine = tuple(way for way in ways if lane is None or lane in way.lanes)
+        slow = tuple(way for way in mine if vehicle_m <= LONG_VEHICLE_M and way.radius_m >= _STEERED_RADIUS_M)
         for wide in (self._wide_ways(edge, vehicle_m), tuple(way for way in ways if way.radius_m >= least_m)):
             both = tuple(way for way in wide if way in mine)
-            if both or (wide and (vehicle_m > LONG_VEHICLE_M or not mine)):
+            if both or (wide and not slow):
                 return both or wide
-        return mine or ways
+        return slow or mine or ways
 
     def _wide_ways(self, edge: int, vehicle_m: float) -> tuple[_Way, ...]:
         """The ways that are wide enough, and lead to others that are."""

@@ -197,17 +197,24 @@ def test_a_bend_at_either_end_counts_over_6_m_or_over_the_whole_path(
         assert tightest_radius_m(Polyline.through(way)) == pytest.approx(radius_m, rel=0.02)
 
 
-@pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])
-@pytest.mark.parametrize("hairpin", [False, True])
-def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(
-    vehicle_m: float, edge: int, hairpin: bool
+@pytest.mark.parametrize(
+    ("vehicle_m", "radius_m", "edge"),
+    [(CAR_M, None, D), (BUS_M, None, C), (CAR_M, 5.0, D), (CAR_M, 4.5, D), (CAR_M, 3.0, C), (BUS_M, 5.0, C)],
+)
+def test_in_a_lane_that_only_turns_tightly_cars_turn_slowly_and_who_cannot_goes_on_from_the_next_lane(
+    vehicle_m: float, radius_m: float | None, edge: int
 ) -> None:
-    """The right lane leads south alone, round a corner; the left one goes straight on. Cars turn at any corner."""
+    """The right lane leads south alone, round a corner; the left one goes straight on. Cars can steer 4.1 m."""
     roads = streets()
     turn, lanes = roads.connections[TURN], list(roads.lanes)
-    back = lanes[turn.from_lane].centre.points[-1] + np.array([[0.0, 0.0], [1.0, -1.0], [0.0, -2.0]])
-    if hairpin:
-        lanes[turn.via[0]] = replace(lanes[turn.via[0]], centre=Polyline.through(back))
+    corner = lanes[turn.from_lane].centre.points[-1]
+    end = lanes[turn.to_lane].centre.points[0]
+    if radius_m is not None:
+        turned = np.linspace(0.0, 0.5 * np.pi, 20)
+        arc = np.column_stack(
+            (end[0] + radius_m * (np.sin(turned) - 1.0), corner[1] + radius_m * (np.cos(turned) - 1.0))
+        )
+        lanes[turn.via[0]] = replace(lanes[turn.via[0]], centre=Polyline.through([corner, *arc, end]))
     ways = (*roads.connections[:STRAIGHT], *roads.connections[STRAIGHT + 1 :])
     roads = replace(roads, connections=ways, lanes=tuple(lanes))
     chooser = RouteChooser(roads, EdgeGraph.of(roads))

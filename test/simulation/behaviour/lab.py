@@ -300,6 +300,14 @@ class Loop:
             hits.extend((step, ids[first[pair]], ids[second[pair]]) for pair in overlap)
         return hits
 
+    def told(self, every=60):
+        """Poses, owners and modes of all actors now and then, and all events."""
+        rows = [
+            [[actor, *pose[:4], Owner(pose[4]).name, Mode(pose[5]).name] for actor, pose in row.items()]
+            for row in self.log[::every]
+        ]
+        return {"rows": rows, "events": [[event.actor_id, event.kind.value, event.detail] for event in self.events]}
+
     def of(self, kind):
         return [event for event in self.events if event.kind.value == kind]
 

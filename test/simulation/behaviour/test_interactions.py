@@ -1,11 +1,18 @@
 """Whole interactions in closed loop: EMV, civilians, vehicle model and a stand-in for SUMO."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from known_outputs import assert_known
 
 from siren_ros.simulation.world.actors import ActorClass, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
+
+
+def known(name, loop):
+    assert_known(Path(__file__).parent / "known" / f"{name}.json", loop.told(), digits=5, decimals=2)
 
 
 def continuous(loop, slack=0.05):
@@ -32,6 +39,7 @@ def test_s2_civilians_leave_the_lane_the_emv_passes_and_all_are_released(lab):
     assert 9.0 < min(yielding) < 16.0
     assert not loop.touching()
     continuous(loop)
+    known("lane_cleared", loop)
 
 
 def test_s1_the_corridor_stays_open_for_a_second_emv(lab):
@@ -53,6 +61,7 @@ def test_s1_the_corridor_stays_open_for_a_second_emv(lab):
     assert min(row[2][3] for row in loop.log) > 1.0
     assert not loop.touching()
     continuous(loop)
+    known("corridor", loop)
 
 
 @pytest.mark.parametrize("later_m", [8.0, -8.0])
@@ -63,6 +72,7 @@ def test_l1_two_emvs_from_crossing_streets_do_not_meet(lab, junction, later_m):
     loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(320)
     assert loop.log[-1][1][0] > 200.0
     assert not loop.touching()
+    known(f"crossing_{later_m:g}", loop)
 
 
 def test_l1_emv_runs_the_red_light_and_lets_a_crossing_vehicle_pass(lab, junction):
@@ -73,6 +83,7 @@ def test_l1_emv_runs_the_red_light_and_lets_a_crossing_vehicle_pass(lab, junctio
     loop = lab.Loop(lab.world_of(junction, lab.L1), cars).run(280)
     assert loop.log[-1][1][0] > 200.0
     assert not loop.touching()
+    known("red_light", loop)
 
 
 def test_l1_emv_changes_to_the_turning_lane_and_turns_right(lab):
@@ -86,3 +97,4 @@ def test_l1_emv_changes_to_the_turning_lane_and_turns_right(lab):
     radius = np.hypot(on_turn[:, 0] - 150.0, on_turn[:, 1] + 10.0)
     assert np.abs(radius - 10.0).max() < 0.5
     continuous(loop)
+    known("turn", loop)

@@ -150,6 +150,18 @@ def test_parked_vehicles_are_seen_and_labelled_though_no_actor_is_there(boxes, t
     ).truth.actor_id.tolist() == [2]
 
 
+def test_of_pictures_made_elsewhere_only_those_with_labels_are_drawn_here(boxes, traffic):
+    drawn, plain = [], replace(CAMERA, name="plain", instance=False)
+
+    def elsewhere(_away, _descriptions, _base, frames):
+        drawn.append([frame.sensor for frame in frames])
+        return (), frames
+
+    suite = SensorSuite("two", (LIDAR,), (plain, CAMERA))
+    seen = SensorRig(suite, NETWORK, 0, scene=boxes.scene(), elsewhere=elsewhere).observe(*traffic, (), 1)
+    assert (drawn, seen.sweeps) == ([["camera_front"]], ())
+
+
 @dataclass(frozen=True)
 class PointerSpec(SensorSpec):
     """A sensor of a user, whose measurement is what it was given."""

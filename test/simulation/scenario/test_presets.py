@@ -48,9 +48,15 @@ def test_drivers_differ_in_their_lane_changes_as_published_but_in_the_paper():
     assert np.exp([drawn.minimum, drawn.maximum]) == pytest.approx([2.5, 13.3])
 
 
+DISTANCE = "{mean: 9.0, std: 0.0, min: 1.0, max: 90.0}"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "shown"),
-    [("never: 0.0", "never: 0.5", "add up to 1"), ("std: 0.0", "std: x", "a number"), ("title", "name", "title")],
+    [
+        *[("never: 0.0", "never: 0.5", "add up to 1"), ("std: 0.0", "std: x", "a number"), ("title", "name", "title")],
+        ("title:", f"rescue_lane: {{at_once: 0.6, late: 0.5, near_m: {DISTANCE}}}\ntitle:", "late"),
+    ],
 )
 def test_mistakes_name_file_and_line(tmp_path, old, new, shown):
     text = (params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8")

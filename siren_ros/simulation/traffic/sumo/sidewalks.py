@@ -63,7 +63,7 @@ class Corners:
     def onward(self, edge: str, entry: frozenset[str]) -> tuple[str, ...]:
         """The streets to which a walk simply leads on from one that was entered at a junction, sorted."""
         here = self._network.edge_by_id[edge]
-        ends = {here.from_junction, here.to_junction} - entry
+        ends = {here.from_junction, here.to_junction}
         beside = {other for other, junction in self._at if junction in ends and other != edge}
         return tuple(sorted(other for other in beside if len(at := self.met_at(edge, other)) == 1 and not at & entry))
 

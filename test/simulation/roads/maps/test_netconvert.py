@@ -4,6 +4,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,15 @@ def test_what_netconvert_says_is_one_short_line_of_plain_characters(tmp_path, mo
     with pytest.raises(MapError, match=f"it said: {said}") as caught:
         run_netconvert([], tmp_path / "out.net.xml", "mymap")
     assert len(str(caught.value)) < 500
+
+
+def test_the_version_is_that_of_the_package_or_the_programs_first_line(tmp_path, monkeypatch):
+    tells = in_place_of_netconvert(tmp_path / "tells", "echo warning >&2; echo netconvert 1.28; echo more")
+    monkeypatch.setattr(netconvert, "netconvert_path", lambda: tells)
+    uncached = netconvert.netconvert_version.__wrapped__
+    assert uncached() == version("eclipse-sumo")
+    monkeypatch.setattr(netconvert, "version", lambda name: version(f"no-{name}"))
+    assert uncached() == "netconvert 1.28"
 
 
 def test_lower_limits_of_the_user_hold(tmp_path):

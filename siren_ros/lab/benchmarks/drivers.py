@@ -57,7 +57,7 @@ def sittings_in(request: EpisodeRequest, drivers: Sequence[str], rulebook: Ruleb
 
 
 def requests_of(
-    templates: Iterable[str], levels: Iterable[str], seeds: Iterable[int], maps: Iterable[str], duration_s: float = 0.0
+    templates: Iterable[str], levels: Iterable[str], seeds: Iterable[int], maps: Iterable[str], duration_s: float
 ) -> list[EpisodeRequest]:
     """Requests for all combinations of the arguments."""
     return [

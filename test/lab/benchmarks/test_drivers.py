@@ -28,7 +28,8 @@ def test_every_driver_sits_in_the_same_episode_and_the_papers_drives_what_is_the
 
 
 def test_an_episode_that_cannot_be_made_is_left_out(tmp_path, capsys) -> None:
-    requests = requests_of(["S2", "S99"], ["L2"], [0], ["town", "other.xodr"])
+    requests = requests_of(["S2", "S99"], ["L2"], [0], ["town", "other.xodr"], 2.5)
+    assert {one.duration_s for one in requests} == {2.5}
     asked = {("S2", ""), ("S99", ""), ("S2", "other.xodr"), ("S99", "other.xodr")}
     assert {(one.template, one.map) for one in requests} == asked
     file = tmp_path / "figures.json"

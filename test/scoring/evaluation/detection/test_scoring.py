@@ -22,7 +22,6 @@ from siren_ros.scoring.evaluation.detection.scoring import (
     counted_people,
     mean_ap_of_episodes,
     score_detector,
-    subsets_of_episodes,
 )
 from siren_ros.scoring.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.scoring.evaluation.detection.tracking import score_tracking
@@ -89,71 +88,6 @@ def test_the_order_of_the_families_is_tested_where_all_are_there() -> None:
     assert list(order) == ["clearance < stop sign", "stop sign < shoulder", "shoulder < red light", "all"]
     assert 0.0 <= order["all"] <= min(order.values()) <= 1.0
     assert _scores(["S1", "S1"]).order == {}
-
-
-def test_kinds_have_rows_where_a_detector_names_them() -> None:
-    frames, found = _episodes(["S1", "S1", "S2"])
-    assert not [row for row in _scores(["S1", "S1", "S2"]).rows if row.kind == "found by name"]
-    truth = frames.truth
-    police = truth.actor_class == ActorClass.POLICE
-    named = np.where(police, "police", "car")
-    score = np.linspace(0.9, 0.5, len(truth))
-    on_each = found.boxes.at(np.zeros(len(truth), dtype=np.intp))
-    exact = replace(on_each, frame=truth.frame, centre_m=truth.centre_m, score=score)
-
-    def rows(label: np.ndarray) -> dict[str, tuple[int, float]]:
-        boxes = replace(found, boxes=replace(exact, label=label))
-        scores = scored_set(frames, boxes)
-        found_by_name = [row for row in scores.rows if row.kind == "found by name"]
-        return {row.group: (row.samples, row.interval.value) for row in found_by_name}
-
-    right = rows(named)
-    assert list(right) == ["car", "ambulance", "fire_truck", "police"]
-    assert right["police"] == (police.sum(), pytest.approx(1.0))
-    assert right["car"] == ((~police).sum(), pytest.approx(1.0))
-    assert right["ambulance"] == (0, 0.0)
-    wrong = rows(np.where(police, "fire_truck", "car"))
-    assert wrong["police"] == (police.sum(), 0.0)
-    assert wrong["car"] == right["car"]
-
-
-def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
-    frames, found = _episodes(["S1", "S1", "S2"])
-    assert subsets_of_episodes(frames, found) == ()
-    looks = [replace(one, look=look, suite="lidar") for one, look in zip(frames.episodes, "rrc", strict=True)]
-    changed = frames_of(looks)
-    rows = subsets_of_episodes(changed, found)
-    assert [(row.group, row.name) for row in rows] == [("weather", "c"), ("weather", "r")]
-    clear = rows[0].labels(changed, changed.truth)
-    assert clear.tolist() == (changed.truth.frame >= 2 * FRAMES).tolist()
-    boxes = found.boxes.at(found.boxes.frame >= 2 * FRAMES)
-    last = replace(found, boxes=replace(boxes, frame=boxes.frame - 2 * FRAMES), scored=found.scored[2 * FRAMES :])
-    alone, scores = scored_set(frames_of(looks[2:]), last), scored_set(changed, found)
-    (row,) = (row for row in scores.rows if row.group == "c")
-    assert row.value == pytest.approx(value_of(alone, "all").value, abs=1e-6)
-    assert row.samples == len(alone.truth)
-
-
-def test_maps_that_a_detector_did_not_learn_have_a_row() -> None:
-    frames, found = _episodes(["S1", "S1", "S2"])
-    maps = [replace(one, map_name=name) for one, name in zip(frames.episodes, ("town", "b", "c"), strict=True)]
-    changed = frames_of(maps)
-    rows = [(row.group, row.name) for row in subsets_of_episodes(changed, found)]
-    assert rows == [("map", "b"), ("map", "c"), ("map", "town")], "nothing is learned"
-    learned = subsets_of_episodes(changed, replace(found, seen=SeenEpisodes(frozenset({"town S1 7", "d S1 7"}))))
-    by_name = {row.name: row.labels(changed, changed.truth).tolist() for row in learned if row.group != "map"}
-    first = (changed.truth.frame < FRAMES).tolist()
-    assert by_name == {"known from the training": first, "new to the detector": [not one for one in first]}
-
-
-def test_episodes_of_the_training_are_counted() -> None:
-    frames, found = _episodes(["S1", "S1", "S2"])
-    assert scored_set(frames, found).seen == {}, "nothing is learned"
-    maps = [replace(one, map_name="town", values="x=1") for one in frames.episodes]
-    seen = SeenEpisodes(frozenset({f"town S1 {frames.episodes[1].seed} x=1.0", f"town S1 {frames.episodes[0].seed}"}))
-    counts = scored_set(frames_of(maps), replace(found, seen=seen)).seen
-    named = {split.value: count for split, count in counts.items() if count}
-    assert named == {"train": 1, "test-seed": 1, "test-template": 1}
 
 
 Place = tuple[int, float]
@@ -227,20 +161,6 @@ def test_people_count_by_their_own_names_and_ranges() -> None:
     assert {ATTRIBUTES[code] for code in (*walkers.attribute, *found.attribute)} == {"pedestrian.standing"}
     riders, found = counted_people(frames, found_set(boxes, frames), ActorClass.BICYCLE)
     assert (len(riders), found.label.tolist()) == (1, ["cyclist"])
-
-
-def test_people_have_rows_of_their_own() -> None:
-    frames, boxes = with_people()
-    scores = scored(frames, boxes)
-    assert list(scores.people) == ["pedestrian", "bicycle"]
-    for name, score in scores.people.items():
-        assert score.mean_average_precision == value_of(scores, name).value == pytest.approx(1.0)
-        assert score.errors["AAE"] == value_of(scores, name, "AAE").value == 0.0
-    (table,) = (table for table in tables_of(scores_as_json([scores])) if table.key == "people")
-    assert [row[1:3] for row in table.rows] == [("pedestrian", 1), ("bicycle", 1)]
-    without = scores_as_json([scored(frames_with(labels((0, 10.0))), detections((0, 10.0)))])
-    assert "people" not in {row["kind"] for row in without["rows"]}
-    assert "people" not in {table.key for table in tables_of(without)}
 
 
 @pytest.mark.parametrize("has_attributes", [True, False])

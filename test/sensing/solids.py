@@ -30,12 +30,6 @@ def open_edges(mesh):
     return sum(count != passed[end, start] for (start, end), count in passed.items())
 
 
-def gap_m2(mesh):
-    """Length of the sum of all area vectors: 0 for a closed surface, also where corners lie on other faces' edges."""
-    a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
-    return float(np.linalg.norm(0.5 * np.cross(b - a, c - a).sum(axis=0)))
-
-
 def by_material(mesh):
     """Triangles, area in m², middle, mean normal and mean colour of each material."""
     area, middle = areas(mesh), mesh.vertices_m.astype(float)[mesh.triangles].mean(axis=1)

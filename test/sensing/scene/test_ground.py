@@ -10,7 +10,6 @@ from known_outputs import assert_known
 from shapely.geometry import Polygon
 
 from siren_ros.base.numerics.geometry import Polyline
-from siren_ros.sensing.meshes.mesh import Material
 from siren_ros.sensing.scene.ground import arrow, ground_mesh, ribbon, road_markings, tiles_of
 from siren_ros.sensing.scene.surfaces import SceneConfig, drawn_centres, road_surfaces
 from siren_ros.simulation.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
@@ -31,44 +30,6 @@ BARE = ground_of(crossing())
 
 def triangles(mesh):
     return np.asarray(mesh.vertices_m[mesh.triangles], dtype=np.float64)
-
-
-def surface_at(mesh, x_m, y_m):
-    """Height and material of the topmost level triangle over a place."""
-    corners = triangles(mesh)
-    level = np.ptp(corners[:, :, 2], axis=1) < 1e-6
-    there = [
-        (float(corners[row, 0, 2]), Material(int(mesh.material[row])))
-        for row in np.flatnonzero(level).tolist()
-        if shapely.contains_xy(Polygon(corners[row, :, :2]).buffer(1e-6), x_m, y_m)
-    ]
-    return max(there)
-
-
-@pytest.mark.parametrize(
-    ("place", "material"),
-    [
-        *[((5.25, -70.0), Material.ASPHALT), ((8.25, -70.0), Material.SHOULDER_ASPHALT)],
-        *[((5.25, -5.0), Material.ASPHALT), ((3.5, -30.0), Material.MARKING_WHITE)],
-        *[((0.15, -70.0), Material.MARKING_YELLOW), ((-60.0, -8.0), Material.GROUND)],
-        ((-60.0, 60.0), Material.GRASS),
-    ],
-)
-def test_every_region_is_plane_and_has_its_material(place, material):
-    assert surface_at(BARE[1], *place) == (pytest.approx(0.0), material)
-
-
-def test_sidewalks_stand_a_kerb_above_the_road(network):
-    """The legs of this crossing have 7 m of lanes, 2 m of shoulder and 2.5 m of sidewalk on each side."""
-    _, mesh = ground_of(network)
-    assert surface_at(mesh, 60.0, 10.5) == (pytest.approx(TOP_M), Material.SIDEWALK)
-    assert surface_at(mesh, 60.0, 9.07) == (pytest.approx(TOP_M), Material.KERB)
-    assert surface_at(mesh, 60.0, 8.0) == (pytest.approx(0.0), Material.SHOULDER_ASPHALT)
-    assert surface_at(mesh, 60.0, 12.0) == (pytest.approx(0.0), Material.GRASS)
-    upright = np.ptp(triangles(mesh)[:, :, 2], axis=1) > 1e-6
-    assert set(mesh.material[upright].tolist()) == {int(Material.KERB)}
-    heights = triangles(mesh)[upright][:, :, 2]
-    assert (heights.min(), heights.max()) == (pytest.approx(0.0), pytest.approx(TOP_M))
 
 
 def test_the_land_is_covered_once_with_a_plane_below():

@@ -83,6 +83,8 @@ def of_movement(network: RoadNetwork, movement: Connection) -> list[object]:
 def of_network(network: RoadNetwork, stride: int) -> dict[str, object]:
     graph = EdgeGraph.of(network)
     roads = [edge for edge in network.edges if not edge.internal][::stride]
+    ways = (f"{way.direction} {way.signal_id is not None:d}{way.must_stop:d}" for way in network.connections)
+    all_kinds = (one.kind for one in network.lanes), (one.kind for one in network.junctions.values()), ways
     cycles = [of_movement(network, one) for one in network.cycle_connections[::stride]]
     return {
         "frame": [network.sumo_offset_m, network.projection, network.origin_lat_lon_deg, network.left_hand],
@@ -100,6 +102,7 @@ def of_network(network: RoadNetwork, stride: int) -> dict[str, object]:
             for edge in roads
         ],
         "endless": graph.endless_edges,
+        "kinds": [sorted(Counter(kinds).items()) for kinds in all_kinds],
         "movements": [of_movement(network, one) for one in network.connections[::stride]],
         "cycle movements": cycles,
         "junctions": [

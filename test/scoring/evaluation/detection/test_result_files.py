@@ -446,9 +446,9 @@ def test_another_frame_or_topic_is_refused(tmp_path: Path, typestore: Typestore)
 
 
 def test_files_of_busy_episodes(tmp_path: Path) -> None:
-    """Every ninth detection as each format has it; an episode that begins behind another one."""
+    """Every seventeenth detection as each format has it; an episode that begins behind another one."""
     frames, boxes = busy_episodes("S1 S2", 9)
-    some = boxes.at(np.arange(len(boxes)) % 9 == 4)
+    some = boxes.at(np.arange(len(boxes)) % 17 == 4)
     write_kitti(tmp_path / "kitti", some, frames)
     write_nuscenes(tmp_path / "boxes.json", some, frames)
     write_nuscenes_tracks(tmp_path / "tracks.json", some, np.arange(len(some)) % 3, frames)

@@ -323,7 +323,7 @@ def test_answers_are_those_of_the_given_models(bags, samples) -> None:
 def test_every_score_of_three_models_with_and_without_errors_of_tracks(noise: str) -> None:
     """Vehicles and people; the submission has some of both."""
     record = busy_record()
-    models = predictors_named(["cv", "idm_stop", "imm"])
+    models = predictors_named(["cv", "idm_stop", "imm"][: 1 if noise else 3])
     samples = [samples_of(record, HistoryWindow(), Population.ALL, people=people) for people in (False, True)]
     keys = [(one.batch.sample_step[::3], one.batch.actor_id[::3], one.future_xy_m[::3, None] + 1.0) for one in samples]
     step, actor, xy_m = (np.concatenate(parts) for parts in zip(*keys, strict=True))

@@ -509,9 +509,7 @@ class CautiousDrivers:
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]
-            brake = vehicle.driver.driving.decel_mps2
-            if caution.wait.brake_mps2 > brake:
-                brake = min(caution.wait.brake_mps2, MOST_BRAKE_MPS2)
+            brake = max(vehicle.driver.driving.decel_mps2, min(caution.wait.brake_mps2, MOST_BRAKE_MPS2))
             if caution.wait.speed_mps < speed + _SUMO_ACCEL_MPS2 * STEP_S:
                 scale = scale_of(int(traffic.lane[row]))
                 speed_mps = scale * max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)

@@ -198,7 +198,7 @@ def test_distances_events_and_actors_of_a_mirror_image():
     assert compare_mirrored([OWN, OWN], [moved, image_of(OWN)]).apart_m == pytest.approx(0.5), "the largest of all"
     assert compare_mirrored([OWN], [OWN]).apart_m == pytest.approx(6.0), "not mirrored"
     other = image_of(step((1.0, 4.0), (3.0, -2.0), events=(replace(EVENT, actor_id=6),)))
-    assert compare_mirrored([OWN], [other]).events_differ
+    assert compare_mirrored([OWN, OWN], [other, image_of(OWN)]).events_differ, "at any of the steps"
     assert compare_mirrored([OWN], [image_of(step((1.0, 4.0), (3.0, -2.0), ids=(1, 6)))]).apart_m == float("inf")
 
 

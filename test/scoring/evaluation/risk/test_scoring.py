@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from evaluation.made_records import Track, moving, record_with
+from scipy import stats
 
 from siren_ros.base.tables import Table
 from siren_ros.errors import InputError
@@ -319,7 +320,9 @@ def test_the_truth_has_no_error_and_a_constant_has_no_rank(small_set):
     constant = dict.fromkeys(small_set.videos, Severity(1.0, 0.0))
     scores = score_severities(small_set, constant)
     truth = [value.least_ttc_s for value in severities_of(small_set).values()]
-    assert scores["least_ttc_s"][0].value == pytest.approx(np.mean(np.abs(np.array(truth) - 1.0)))
+    errors, found = np.abs(np.array(truth) - 1.0), scores["least_ttc_s"][0]
+    half = stats.t.ppf(0.975, 5) * np.std(errors, ddof=1) / np.sqrt(6.0)
+    assert [found.value, found.low, found.high] == pytest.approx(errors.mean() + np.array([0.0, -half, half]))
     assert scores["least_ttc_s"][1] is None
     assert scores["contact_mps"][0].value == 3.5
 

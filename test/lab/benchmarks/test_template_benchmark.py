@@ -264,6 +264,7 @@ def drawn_figures(task: templates.EpisodeTask) -> EpisodeFigures:
         failing=("through: 0 (needs >= 1)",) * (request.seed == 6),
         violations=found.violations[: (6 - request.seed) // 2],
         teleports=2 * request.seed,
+        residual_max_m=1.0 + more,
     )
 
 

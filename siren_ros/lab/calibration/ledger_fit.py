@@ -48,7 +48,7 @@ SPREAD_M: Final = 10.1
 """Deviation of response distances among drivers (Cortes and Stefoni 2023)."""
 LATE_SHARE: Final = 0.1
 FARTHEST: Final = 5.0
-"""Largest distance of a line, in half widths of its published interval; also that of a line without a prediction."""
+"""Largest distance of a line, in half widths of both intervals; also that of a line without a prediction."""
 KEPT_SHARE: Final = 0.5
 """Share of the tries of a round whose distance the next round must not exceed."""
 MOST_SEEDS: Final = 1000
@@ -74,12 +74,19 @@ def halves(lines: Sequence[LedgerLine]) -> tuple[tuple[LedgerLine, ...], tuple[L
 
 
 def distance(results: Sequence[LedgerResult]) -> float:
-    """Mean distance of predicted values from published ones, each in half widths of the published interval."""
-    apart = [
-        abs(one.predicted.value - one.line.value) / (0.5 * (one.line.high - one.line.low)) if one.answered else FARTHEST
-        for one in results
-    ]
+    """Mean distance of predicted values from published ones, each in half widths of both intervals together.
+
+    Without the predicted ones, chance in events that a try's few episodes hardly show would decide which ones are kept.
+    """
+    apart = [_apart(one) if one.answered else FARTHEST for one in results]
     return float(np.mean(np.minimum(np.nan_to_num(apart, nan=FARTHEST), FARTHEST)))
+
+
+def _apart(one: LedgerResult) -> float:
+    tried = one.predicted
+    return float(
+        2.0 * abs(tried.value - one.line.value) / np.hypot(one.line.high - one.line.low, tried.high - tried.low)
+    )
 
 
 def draw_of(values: Try) -> dict[str, Any]:

@@ -35,6 +35,9 @@ def test_distance_counts_half_widths_up_to_the_farthest_and_a_missing_prediction
     assert distance(compare([LINE], [episode(200.0)])) == FARTHEST
     assert distance(compare([LINE], [episode(2.0, samples=0)])) == FARTHEST
     assert distance(compare([LINE, LINE], [episode(3.0)])) == pytest.approx(2.0)
+    told = compare([LINE], [episode(2.0 + far) for far in (0.1, 0.4, 0.7)])
+    width = told[0].predicted.high - told[0].predicted.low
+    assert distance(told) == pytest.approx(0.4 / (0.5 * np.hypot(1.0, width))), "of what a few episodes do not tell"
 
 
 def test_preset_has_the_values_of_its_tries_and_the_seed_chooses_one(tmp_path) -> None:

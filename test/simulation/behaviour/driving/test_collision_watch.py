@@ -277,7 +277,10 @@ def test_for_who_stands_in_the_way_at_an_angle_the_way_that_it_clears_by_stays_f
 def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_at_an_angle_is(turn):
     for other in ((-8.0, 0.0, 0.0, 9.0), (30.0, 0.0, 0.3, 0.5)):
         assert watch(turn, 8.0, other).meetings() is None
-    assert watch(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0)).meetings() is not None
+    # The own vehicle cannot stop before the crossing; the other one can from 13 m/s, by an emergency brake.
+    for speed_mps, conflict in ((13.0, False), (17.0, True)):
+        meeting = watch(turn, 6.0, (-6.0, -12.0, np.radians(40.0), speed_mps)).meetings()
+        assert (meeting is not None) == conflict
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -230,7 +230,7 @@ class _Map:
         behind: dict[int, list[Any]] = {}
         for connection in self._network.connections:
             lane = self._graph.get(connection.from_lane)
-            if lane is not None and not lane.in_junction and (connection.signal_id is not None or connection.must_stop):
+            if lane is not None and not lane.in_junction and connection.has_stop_line:
                 behind.setdefault(connection.from_lane, []).append(connection)
         for index, connections in behind.items():
             lane = self._graph[index]

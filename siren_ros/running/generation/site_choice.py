@@ -302,7 +302,7 @@ def _exit_m(network: RoadNetwork, site: Site) -> float:
     for edge, following in zip(after, (*after[1:], None), strict=True):
         length_m += driving_lanes(network, edge)[-1].length_m
         ways = () if following is None else civilian_movements(network, edge, following)
-        if length_m >= LEAST_QUEUE_M or any(way.must_stop or way.signal_id is not None for way in ways):
+        if length_m >= LEAST_QUEUE_M or any(way.has_stop_line for way in ways):
             break
     return length_m
 
@@ -312,7 +312,7 @@ def _is_held_up(network: RoadNetwork, index: int) -> bool:
     lane = network.lanes[network.connections[index].to_lane]
     beside = driving_lanes(network, lane.edge) if lane.length_m < LEAST_QUEUE_M else []
     ways = (way for other in beside for way in network.connections_from.get(other.index, ()))
-    return any(way.must_stop or way.signal_id is not None for way in ways)
+    return any(way.has_stop_line for way in ways)
 
 
 def _side_m(network: RoadNetwork, site: Site) -> float:
@@ -326,21 +326,22 @@ def _is_left_free(network: RoadNetwork, site: Site, _: Template) -> bool:
     short = [
         way for lane in ends if lane.length_m < QUEUED_CAR_M for way in network.connections_from.get(lane.index, ())
     ]
-    held = any(way.must_stop or way.signal_id is not None for way in short)
+    held = any(way.has_stop_line for way in short)
     return site.kind not in _CROSSED or not held
 
 
 def _flows_on(network: RoadNetwork, site: Site, template: Template) -> bool:
     streams = [group for group in template.demand.groups if group.anchor is GroupAnchor.ARRIVAL and not group.optional]
-    room_m, way_m = QUEUED_CAR_M * sum(group.vehicles for group in streams), 0.0
+    if not streams:
+        return True
+    own, room_m, way_m = network.connections[site.connections[-1]], QUEUED_CAR_M * sum(g.vehicles for g in streams), 0.0
+    longer = {number + 1 for number in own.green_phases} - own.green_phases
     for edge, following in pairwise(site.beyond):
         way_m += driving_lanes(network, edge)[-1].length_m
         if way_m > room_m:
             break
-        own = network.connections[site.connections[-1]]
-        behind = {number + 1 for number in own.green_phases} - own.green_phases
         for way in civilian_movements(network, edge, following)[-1:]:
-            if way.signal_id == own.signal_id and way.alternates and way.green_phases.isdisjoint(behind):
+            if way.signal_id == own.signal_id and way.alternates and way.green_phases.isdisjoint(longer):
                 return False
     return True
 

@@ -82,7 +82,7 @@ class _Painter:
     def must_wait(self, lane: Lane) -> bool:
         """Whether a signal or a stop sign stands at the end of a lane."""
         movements = self.network.connections_from.get(lane.index, ())
-        return any(movement.signal_id is not None or movement.must_stop for movement in movements)
+        return any(movement.has_stop_line for movement in movements)
 
     def dividers(self, edge: Edge) -> Iterator[Polygon]:
         """Dashed lines between driving lanes of the same direction, solid ahead of signals and stop signs."""

@@ -117,6 +117,11 @@ class Connection(Brief):
     yellow_s: float = 0.0
     """Longest yellow of this movement in the signal's programmes; 0 without one."""
 
+    @property
+    def has_stop_line(self) -> bool:
+        """Whether it has a line at which drivers stop: of a signal, or of a stop sign."""
+        return self.must_stop or self.signal_id is not None
+
     def letter_in(self, state: str) -> str:
         """This movement's letter in the state of its signal; empty where the state has none."""
         return state[self.signal_link] if 0 <= self.signal_link < len(state) else ""

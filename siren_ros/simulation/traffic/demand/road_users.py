@@ -145,7 +145,8 @@ class RouteChooser:
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
         """The ways to choose from: those that are wide enough and start in the lane.
 
-        Without any, those that meet one condition: who is short turns slowly in its lane where it can, others leave it.
+        Without any, those that meet one condition: a short vehicle turns slowly in its lane where it can, others leave
+        it.
         """
         ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
         mine = tuple(way for way in ways if lane is None or lane in way.lanes)

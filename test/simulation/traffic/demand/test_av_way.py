@@ -23,27 +23,19 @@ from traffic_helpers import DIMENSIONS, load_map, plan_s2
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError
 from siren_ros.running.generation.episode_setup import set_up_episode
-from siren_ros.simulation.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.simulation.roads.road_network import Lane, LaneKind
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.scenario import GroupAnchor, Placement
 from siren_ros.simulation.traffic.demand.av_way import av_way, choose_av, way_to_lane
-from siren_ros.simulation.traffic.demand.demand import (
-    plan_traffic,
-)
-from siren_ros.simulation.traffic.demand.plan import (
-    Spot,
-)
+from siren_ros.simulation.traffic.demand.demand import plan_traffic
+from siren_ros.simulation.traffic.demand.plan import Spot
 
 STREETS = streets()
 
 
-@pytest.fixture(scope="module", name="network")
-def _network() -> RoadNetwork:
-    return load_map(None)[1]
-
-
 @pytest.fixture(scope="module", name="town")
-def _town(network: RoadNetwork) -> Any:
+def _town() -> Any:
+    network = load_map(None)[1]
     return network, plan_s2(network)[0]
 
 

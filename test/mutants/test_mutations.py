@@ -1,15 +1,12 @@
 """Mutants of a source: operators, places, what counts as noticed, and the report."""
 
 import subprocess
-from collections import Counter
 
 import pytest
-from repository import REPOSITORY
 
 from mutants.baseline import Baseline, baseline_from
 from mutants.mutations import changed_lines, mutants_of, sample
 from mutants.places import changed_lines_since, files_below, folder_of, mirror_of
-from mutants.report import load_equivalents
 
 SOURCE = "def area(a, b):\n    return a * b\n\n\ndef gap(a, b):\n    return a - b if a > b else 0\n"
 
@@ -179,17 +176,3 @@ def test_slow_and_failing_tests_are_left_out():
     assert baseline.left_out == ["three", "two"]
     assert baseline.lines == {"lib/a/code.py": {4: ["one"]}}
     assert baseline.environment == {"OPENBLAS_NUM_THREADS": "1"}
-
-
-EQUIVALENTS = load_equivalents(REPOSITORY / "tools" / "mutants" / "equivalent.yaml")
-
-
-def test_each_change_is_of_a_line_of_its_file_and_has_its_reason() -> None:
-    assert len(EQUIVALENTS) > 10
-    assert max(Counter(EQUIVALENTS).values()) == 1
-    for entry in EQUIVALENTS:
-        lines = {line.strip() for line in (REPOSITORY / entry.file).read_text(encoding="utf-8").splitlines()}
-        assert entry.was in lines, entry
-        assert entry.becomes != entry.was
-        assert entry.why
-    assert load_equivalents(REPOSITORY / "no_such.yaml") == []

@@ -12,10 +12,8 @@ from pathlib import Path
 from mutants.baseline import SLOW_S, Baseline
 from mutants.mutations import Mutant, changed_lines, mutants_below, sample
 from mutants.places import Folder, changed_lines_since, files_below, folder_of, mirror_of
-from mutants.report import Finding, finding, load_equivalents, score_table
+from mutants.report import Finding, finding, score_table
 from mutants.runner import START_S, Fate, Runner, Task
-
-EQUIVALENTS = "tools/mutants/equivalent.yaml"
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -84,13 +82,12 @@ def run_folder(
     baseline = runner.baseline(chosen.tests or [folder.tests], folder.package, chosen.slow)
     for name in baseline.left_out:
         print(f"  left out, since it is slow or fails in a copy: {name}", file=sys.stderr)
-    equivalents = load_equivalents(root / EQUIVALENTS)
     found: list[Finding] = []
 
     def report(fate: Fate) -> None:
         source = (root / fate.mutant.file).read_text(encoding="utf-8")
-        found.append(finding(fate, source, equivalents))
-        if found[-1].verdict == "survived":
+        found.append(finding(fate, source))
+        if fate.outcome == "survived":
             print(found[-1].text(), flush=True)
 
     runner.run([task_of(mutant, baseline) for mutant in mutants], report)

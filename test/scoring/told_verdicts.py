@@ -20,3 +20,15 @@ def parts_told(parts: Iterable[Part]) -> dict[str, list[Any]]:
         ]
         for part in parts
     }
+
+
+def briefly(verdict: Verdict) -> list[list[Any]]:
+    """Of each part its value, whether it holds, and the steps of its first and its last moment."""
+    ends = [(part, [moment.step for moment in part.moments]) for part in verdict.parts]
+    return [[part.value, part.holds, *steps[:1], *steps[1:][-1:]] for part, steps in ends]
+
+
+def told_first(verdicts: dict[str, Verdict]) -> dict[str, Any]:
+    """The first of several verdicts as it is, the others briefly."""
+    first, *others = verdicts
+    return {first: told(verdicts[first]), **{name: briefly(verdicts[name]) for name in others}}

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hand_made_record import (
     with_states,
     without,
 )
+from known_outputs import assert_known
 from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
 from siren_ros.data.recording.episode_record import EpisodeRecord
@@ -158,39 +160,9 @@ def test_who_has_not_noticed_the_siren_changes_lanes_for_a_reason_of_its_own():
     assert order == [[3, 2], [2, 3]], "by the end of the change, and by the pass"
 
 
-def changing(
-    *places: tuple[int, float, list[tuple[float, float]], float],
-    steps: int = 400,
-    emv: np.ndarray = NORTHBOUND,
-    emv_mps: float = 9.0,
-) -> list[tuple[int, bool]]:
-    """Clearings of cars by id: start, points and speed; the EMV drives north in the right lane with its siren on."""
-    vehicles = {EMV: Driven(emv, np.minimum(at_speed(5.0, emv_mps, steps), 225.0))}
-    for actor_id, start_m, points, speed_mps in places:
-        arc_m = np.minimum(at_speed(start_m, speed_mps, steps), 225.0)
-        vehicles[actor_id] = Driven(line(*points), arc_m)
-    return [(item.actor_id, item.passed_step is not None) for item in find_clearings(with_siren(vehicles))]
-
-
-def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_lane_leaves_it_too():
-    assert changing((2, 30.0, LEAVES_LEFT, 6.0)) == [(2, True)]
-    assert changing((2, 24.0, COMES_BACK, 7.0)) == [(2, True)]
-    assert changing((2, 30.0, LEAVES_LEFT, 6.0), (3, 28.0, LEAVES_LEFT, 9.0)) == [(3, False), (2, True)]
-    into = [(LEFT_X_M, -120.0), (LEFT_X_M, -80.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
-    assert changing((2, 25.0, into, 9.0)) == []
-
-
 def mirrored(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """The same about the line between the two lanes."""
     return [(LEFT_X_M + RIGHT_X_M - x, y) for x, y in points]
-
-
-@pytest.mark.parametrize("to_the_right", [False, True])
-def test_a_lane_is_left_to_either_side(to_the_right):
-    points = mirrored(LEAVES_LEFT) if to_the_right else LEAVES_LEFT
-    emv = IN_THE_LEFT_LANE if to_the_right else NORTHBOUND
-    assert changing((2, 30.0, points, 6.0), emv=emv) == [(2, True)]
-    assert changing((2, 30.0, points, 6.0), emv=NORTHBOUND if to_the_right else IN_THE_LEFT_LANE) == []
 
 
 def found_at(points: list[tuple[float, float]], put_at: int = 10**6) -> list[tuple[int, int]]:
@@ -210,63 +182,62 @@ def test_who_is_put_into_the_next_lane_is_clear_of_the_old_one_at_once():
     assert found_at(straight, put_at=40) == [(39, 40)]
 
 
-@pytest.mark.parametrize("over_m", [0.1, 0.5])
-def test_who_swerves_over_the_line_and_back_has_not_left_the_lane(over_m):
-    """The centre is over the line, the body is not clear of the lane, and then the car is back in its middle."""
-    x = (RIGHT_X_M + LEFT_X_M) / 2.0 - over_m
-    swerve = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -85.0), (x, -75.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
-    assert found_at(swerve) == []
+Car = tuple[int, float, list[tuple[float, float]], float]
+"""Id, start in m, points, and speed in m/s."""
 
 
-def test_an_emv_that_passes_in_another_lane_has_not_passed_in_the_cleared_one():
-    """It takes the shoulder next to the lane that the car has left."""
-    beside = line(
-        (RIGHT_X_M, -120.0),
-        (RIGHT_X_M, -96.0),
-        (SHOULDER_X_M, -90.0),
-        (SHOULDER_X_M, -30.0),
-        (RIGHT_X_M, -24.0),
-        (5.25, 110),
-    )
-    slow = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -80.0), (LEFT_X_M, 110.0)]
-    assert changing((2, 30.0, slow, 3.0), emv=beside) == [(2, False)]
-    assert changing((2, 30.0, slow, 3.0)) == [(2, True)]
+def changing(
+    *cars: Car, steps: int = 400, emv: np.ndarray = NORTHBOUND, emv_mps: float = 9.0
+) -> list[list[int | None]]:
+    """Actor, left lane, and the steps of each clearing; the EMV drives north in the right lane with its siren on."""
+    vehicles = {EMV: Driven(emv, np.minimum(at_speed(5.0, emv_mps, steps), 225.0))}
+    for actor_id, start_m, points, speed_mps in cars:
+        vehicles[actor_id] = Driven(line(*points), np.minimum(at_speed(start_m, speed_mps, steps), 225.0))
+    found = find_clearings(with_siren(vehicles))
+    return [[one.actor_id, one.left_lane, one.start_step, one.end_step, one.passed_step] for one in found]
 
 
-def test_an_emv_that_passes_in_the_lane_in_which_the_car_is_then_has_not_passed_it_in_the_cleared_lane():
-    """The car leaves the lane and comes back; the EMV passes it at its side, both in one lane."""
-    back = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -80.0), (LEFT_X_M, -75.0)]
-    back += [(RIGHT_X_M + 0.9, -70.0), (RIGHT_X_M + 0.9, 110.0)]
-    emv = line((RIGHT_X_M - 1.0, -120.0), (RIGHT_X_M - 1.0, 110.0))
-    assert changing((2, 30.0, back, 3.0), emv=emv, emv_mps=6.5) == [(2, False)]
+def lanes(*ends: tuple[float, float, float]) -> list[tuple[float, float]]:
+    """Northwards in the right lane, and at each end from one place to another one over some metres."""
+    points = [(RIGHT_X_M, -120.0)]
+    for x_m, from_m, to_m in ends:
+        points += [(points[-1][0], from_m), (x_m, to_m)]
+    return [*points, (points[-1][0], 110.0)]
 
 
-def test_of_several_changes_the_one_that_the_emv_passes_counts():
-    """The car leaves the right lane; the EMV comes to the left one, which the car leaves too, and passes it there."""
-    there_and_back = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, -66.0)]
-    there_and_back += [(RIGHT_X_M, -58.0), (RIGHT_X_M, 110.0)]
-    emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -96.0), (LEFT_X_M, -90.0), (LEFT_X_M, 110.0))
-    assert changing((2, 30.0, there_and_back, 5.0), emv=emv, emv_mps=7.0) == [(2, True)]
-    stays = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, 110.0)]
-    assert changing((2, 30.0, stays, 5.0), emv=emv, emv_mps=4.0) == [(2, False)]
-
-
-def test_of_several_changes_that_the_emv_never_passes_the_first_counts():
-    """The EMV follows the car into the other lane and back, too slow to pass."""
-    weaving = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, -60.0), (RIGHT_X_M, -52.0)]
-    weaving += [(RIGHT_X_M, 110.0)]
-    emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -100.0), (LEFT_X_M, -92.0), (LEFT_X_M, 110.0))
-    steps = 300
-    vehicles = {EMV: Driven(emv, at_speed(0.0, 4.5, steps)), 2: Driven(line(*weaving), at_speed(30.0, 5.0, steps))}
-    record = with_siren(vehicles)
-    (clearings,) = find_clearings(record)
-    assert clearings.passed_step is None
-    assert record.network.lanes[clearings.left_lane].centre.points[0][0] == RIGHT_X_M
-    assert float(record.track(2).y_m[clearings.start_step]) < -80.0
-
-
-def test_a_pass_before_the_lane_is_clear_is_none():
-    """The car takes 20 s to get over; the EMV squeezes past it while its tail is still in the lane."""
-    slow = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -30.0), (LEFT_X_M, 110.0)]
-    assert changing((2, 30.0, slow, 2.5), emv_mps=4.0) == [(2, False)]
-    assert changing((2, 30.0, slow, 2.5), emv_mps=3.5, steps=700) == [(2, True)]
+def test_who_leaves_which_lane_and_is_passed_there() -> None:
+    """Actor, lane lane (1 right, 2 left), last step in it, first step clear of it, step of the pass."""
+    into = [(LEFT_X_M, -120.0), (LEFT_X_M, -80.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
+    leaves, image = (2, 30.0, LEAVES_LEFT, 6.0), (2, 30.0, mirrored(LEAVES_LEFT), 6.0)
+    middle_m = 0.5 * (RIGHT_X_M + LEFT_X_M)
+    swerves = [lanes((middle_m - over_m, -85.0, -75.0), (RIGHT_X_M, -75.0, -65.0)) for over_m in (0.1, 0.5)]
+    slow = lanes((LEFT_X_M, -89.0, -80.0))
+    on_shoulder = line(*lanes((SHOULDER_X_M, -96.0, -90.0), (RIGHT_X_M, -30.0, -24.0)))
+    beside = lanes((LEFT_X_M, -89.0, -80.0), (RIGHT_X_M + 0.9, -75.0, -70.0))
+    there_and_back = lanes((LEFT_X_M, -89.0, -81.0), (RIGHT_X_M, -66.0, -58.0))
+    weaves = lanes((LEFT_X_M, -89.0, -81.0), (RIGHT_X_M, -60.0, -52.0))
+    to_the_left, follows = line(*lanes((LEFT_X_M, -96.0, -90.0))), line(*lanes((LEFT_X_M, -100.0, -92.0)))
+    long = lanes((LEFT_X_M, -89.0, -30.0))
+    found = {
+        "leaves": changing(leaves),
+        "comes from the left lane and leaves": changing((2, 24.0, COMES_BACK, 7.0)),
+        "a second one that the EMV does not pass": changing(leaves, (3, 28.0, LEAVES_LEFT, 9.0)),
+        "comes into the lane": changing((2, 25.0, into, 9.0)),
+        "to the right": changing(image, emv=IN_THE_LEFT_LANE),
+        "to the right before an EMV in the right lane": changing(image),
+        "to the left before an EMV in the left lane": changing(leaves, emv=IN_THE_LEFT_LANE),
+        **{f"swerves {k}": changing((2, 30.0, swerve, 6.0), emv_mps=5.0) for k, swerve in enumerate(swerves)},
+        "the EMV passes on the shoulder": changing((2, 30.0, slow, 3.0), emv=on_shoulder),
+        "the EMV passes in the lane": changing((2, 30.0, slow, 3.0)),
+        "the EMV passes beside it in one lane": changing(
+            (2, 30.0, beside, 3.0), emv=line((RIGHT_X_M - 1.0, -120.0), (RIGHT_X_M - 1.0, 110.0)), emv_mps=6.5
+        ),
+        "leaves the left lane too and is passed there": changing(
+            (2, 30.0, there_and_back, 5.0), emv=to_the_left, emv_mps=7.0
+        ),
+        "stays in the left lane": changing((2, 30.0, slow, 5.0), emv=to_the_left, emv_mps=4.0),
+        "leaves both, and is not passed": changing((2, 30.0, weaves, 5.0), emv=follows, emv_mps=4.5, steps=300),
+        "is passed with its tail in the lane": changing((2, 30.0, long, 2.5), emv_mps=4.0),
+        "is passed clear of the lane": changing((2, 30.0, long, 2.5), emv_mps=3.5, steps=700),
+    }
+    assert_known(Path(__file__).parent / "known" / "clearings.json", found)

@@ -27,18 +27,14 @@ from siren_ros.base.numerics.units import STEP_NS, STEP_S
 from siren_ros.data.recording.bag_reader import read_episode
 from siren_ros.data.recording.episode_record import EpisodeRecord
 from siren_ros.errors import EpisodeError
-from siren_ros.scoring.judging.verdict import Moment, Part, verdict_of
+from siren_ros.scoring.judging.verdict import Part, verdict_of
 from siren_ros.scoring.judging.verify import (
     CHECKS,
     PhysicsSummary,
     Verification,
     VerifyLimits,
-    check_complete,
-    check_message_counts,
     check_motion,
-    check_owners,
     check_physics,
-    check_stamps,
     check_state_hashes,
     deepest_overlap,
     near_passes,
@@ -53,15 +49,9 @@ def record(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Pa
     return read_episode(write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", duration_s=9.0, lidar=True))
 
 
-def _failing(verification: Verification) -> list[str]:
-    """Names of what fails; that a changed state no longer has its hash is tested on its own."""
-    return [part.name for part in verification.failing if part.name != "wrong_state_hashes"]
-
-
 def test_a_sound_episode_holds(record):
     verification = verify_episode(record)
     assert verification.holds
-    assert _failing(verification) == []
     assert [part.name for part in verification.checks] == list(CHECKS), "the documents list them"
 
 
@@ -75,38 +65,6 @@ def _moved(record: EpisodeRecord, **columns: Callable[[np.ndarray, np.ndarray], 
 
         record = with_states(record, lambda step: step == 100, **{name: column})
     return record
-
-
-def test_a_jump_is_found_with_its_actor_and_step(record):
-    verification = verify_episode(_moved(record, x_m=lambda x, _: x + 0.3))
-    assert _failing(verification) == ["position_jump_m", "speed_error_mps"]
-    (jump,) = [part for part in verification.checks if part.name == "position_jump_m"]
-    assert jump.value == pytest.approx(0.3, abs=0.01)
-    assert jump.detail.startswith("actor 2 at step 100")
-    assert jump.decisive == Moment(100, 2)
-
-
-@pytest.mark.parametrize(
-    ("column", "change", "fault"),
-    [
-        ("yaw_rad", lambda yaw, _: yaw + 0.2, "yaw_jump_rad"),
-        ("vx_mps", lambda v, _: v + 3.0, "speed_error_mps"),
-        ("owner", lambda owner, _: np.full_like(owner, 7), "ownership_faults"),
-    ],
-)
-def test_a_wrong_state_is_found(record, column, change, fault):
-    assert _failing(verify_episode(_moved(record, **{column: change}))) == [fault]
-
-
-@pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
-def test_a_turn_is_held_against_the_tighter_of_steering_and_grip(record, beyond_rad):
-    speed_mps = max(float(record.track(2).speed_mps[step]) for step in (99, 100, 101))
-    by_steering = speed_mps * np.tan(0.7) / (0.5 * record.actors[2].length_m)
-    by_grip = 12.0 / speed_mps
-    assert by_grip < by_steering
-    limit_rad = by_grip * STEP_S + 0.01
-    turned = _moved(record, yaw_rad=lambda yaw, _: yaw + limit_rad + beyond_rad)
-    assert _failing(verify_episode(turned)) == (["yaw_jump_rad"] if beyond_rad > 0.0 else [])
 
 
 def test_a_standing_vehicle_cannot_turn(record):
@@ -145,69 +103,10 @@ def test_an_actor_that_is_away_for_a_while_has_not_jumped():
     assert check_motion(record, VerifyLimits())[0].holds
 
 
-def test_an_actor_that_stands_twice_in_a_step_is_found(record):
-    state = record.states[40]
-    rows = np.array([0, 1, 1, *range(2, len(state))])
-    columns = {name: getattr(state, name)[rows] for name in ACTOR_STATE_DTYPES}
-    doubled = (*record.states[:40], replace(state, **columns), *record.states[41:])
-    assert check_owners(replace(record, states=doubled)).value == 1.0
-
-
-def test_only_rows_that_ros_owns_are_claims(record):
-    first = record.commands["emv_controller"][0]
-    handed_back = replace(first, owner=np.full_like(first.owner, Owner.SUMO))
-    elsewhen = replace(first, step=10**6)
-    for harmless in (handed_back, elsewhen):
-        claims = {**record.commands, "intruder": (harmless,)}
-        assert check_owners(replace(record, commands=claims)).value == 0.0
-    claims = {**record.commands, "intruder": (first,)}
-    assert check_owners(replace(record, commands=claims)).value == (first.owner == Owner.ROS).sum() > 0
-    assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
-
-
-def test_a_teleport_is_found(record):
-    events = (*record.events, Event(7, EventKind.TELEPORT, 3))
-    verification = verify_episode(replace(record, events=events))
-    assert _failing(verification) == ["teleports"]
-    assert verification.failing[0].detail == "actor 3 at step 7"
-
-
-def test_a_large_residual_is_found(record):
-    far = with_states(record, residual_m=lambda state: state.residual_m + 3.0)
-    assert _failing(verify_episode(far)) == ["residual_p99_m", "residual_max_m"]
-    once = with_states(record, lambda step: step == 40, residual_m=lambda state: 5.0 * (state.actor_id == 3))
-    (residual,) = [part for part in verify_episode(once).failing if part.name == "residual_max_m"]
-    assert residual.decisive == Moment(40, 3)
-
-
-def with_topic(record: EpisodeRecord, name: str, **changes: Any) -> EpisodeRecord:
-    """The record with other counts of a topic."""
-    return replace(record, topics={**record.topics, name: replace(record.topics[name], **changes)})
-
-
-@pytest.mark.parametrize("topic", ["/clock", "/siren/events", "/emv/lidar/points"])
-def test_a_lost_message_and_as_many_at_other_steps_are_found(record, topic):
-    whole = record.topics[topic]
-    later = whole.times_ns.copy()
-    later[5] += STEP_NS
-    for times_ns in (np.delete(whole.times_ns, 5), later):
-        part = check_message_counts(with_topic(record, topic, count=len(times_ns), times_ns=times_ns))
-        assert (part.name, part.holds) == ("topics_with_lost_messages", False)
-        assert topic in part.detail
-
-
-def test_a_latched_topic_has_one_message_and_none_is_missing(record):
-    times_ns = np.repeat(record.topics["/siren/map"].times_ns, 2)
-    fault = check_message_counts(with_topic(record, "/siren/map", count=2, times_ns=times_ns))
-    assert fault.detail == "/siren/map has 2 messages instead of 1"
-    topics = {name: topic for name, topic in record.topics.items() if name != "/siren/yield_commands"}
-    assert "/siren/yield_commands is missing" in check_message_counts(replace(record, topics=topics)).detail
-
-
-def test_an_episode_that_was_interrupted_is_not_complete(record):
-    verification = verify_episode(replace(record, outcome=None, complete=False))
-    assert "steps" in _failing(verification)
-    assert "no outcome" in verification.failing[0].detail
+def with_times(record: EpisodeRecord, name: str, times_ns: np.ndarray, **changes: Any) -> EpisodeRecord:
+    """The record with other messages of a topic."""
+    topic = replace(record.topics[name], count=len(times_ns), times_ns=times_ns, **changes)
+    return replace(record, topics={**record.topics, name: topic})
 
 
 def test_states_of_an_unknown_actor_contradict_the_record(record):
@@ -216,60 +115,101 @@ def test_states_of_an_unknown_actor_contradict_the_record(record):
         verify_episode(replace(record, actors=actors))
 
 
-def test_a_state_that_was_changed_afterwards_is_found(record):
-    state = record.states[30]
-    x_m = state.x_m.copy()
-    x_m[0] += 1e-12
-    changed = (*record.states[:30], replace(state, x_m=x_m), *record.states[31:])
-    (fault,) = verify_episode(replace(record, states=changed)).failing
-    assert (fault.name, fault.value, fault.detail) == ("wrong_state_hashes", 1.0, "first at step 30")
-    (missing,) = verify_episode(replace(record, state_hashes={})).failing
-    assert missing.value == record.steps
-
-
-def _colliding(record: EpisodeRecord, speed_mps: float, step: int = 100) -> EpisodeRecord:
-    contact = Event(step, EventKind.COLLISION, 2, 3, detail={"impact_speed_mps": speed_mps})
-    return replace(record, events=(*record.events, contact))
-
-
-def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record):
-    assert _failing(verify_episode(_colliding(record, 1.5))) == []
-    for softer in (80, 120):
-        (impact,) = verify_episode(_colliding(_colliding(record, 2.5), 1.5, softer)).failing
-        assert (impact.name, impact.decisive) == ("impact_speed_mps", Moment(100, 2))
-    drawn = replace(record, description=replace(record.description, preset="realistic"))
-    assert _failing(verify_episode(_colliding(drawn, 2.5))) == []
-
-
-def test_bodies_that_begin_in_each_other_are_found_though_they_were_pushed_apart(record):
-    contact = Event(0, EventKind.COLLISION, 2, 3, detail={"impact_speed_mps": 0.0})
-    later = replace(contact, step=1)
-    assert _failing(verify_episode(replace(record, events=(*record.events, later)))) == []
-    (fault,) = verify_episode(replace(record, events=(*record.events, contact, later))).failing
-    assert (fault.name, fault.value, fault.decisive) == ("contacts_at_start", 1.0, Moment(0, 2))
-
-
-def test_bodies_in_each_other_are_found(record):
-    state = record.states[50]
-    x_m, y_m = state.x_m.copy(), state.y_m.copy()
+def _shaken(record: EpisodeRecord) -> dict[str, EpisodeRecord]:
+    """States that cannot be, and states that just can."""
+    first, state, doubled = record.commands["emv_controller"][0], record.states[40], record.states[50]
+    rows = np.array([0, 1, 1, *range(2, len(state))])
+    twice = replace(state, **{name: getattr(state, name)[rows] for name in ACTOR_STATE_DTYPES})
+    x_m, y_m = doubled.x_m.copy(), doubled.y_m.copy()
     x_m[2], y_m[2] = x_m[1] + 1.0, y_m[1]
-    changed = with_states(record, lambda step: step == 50, x_m=lambda _: x_m, y_m=lambda _: y_m)
-    (overlap,) = [part for part in verify_episode(changed).failing if part.name == "overlap_m"]
-    assert overlap.decisive == Moment(50, int(state.actor_id[1]))
+    other = replace(record.states[30], x_m=record.states[30].x_m + 1e-12 * (np.arange(len(record.states[30])) == 0))
+    # Grip is the tighter limit here: 12 m/s² at the fastest of three steps, and 0.01 rad.
+    grip_rad = 12.0 / max(float(record.track(2).speed_mps[step]) for step in (99, 100, 101)) * STEP_S + 0.01
+
+    def claimed(**changes: object) -> EpisodeRecord:
+        return replace(record, commands={**record.commands, "intruder": (replace(first, **changes),)})
+
+    def every_second(column: str, value: float) -> EpisodeRecord:
+        return with_states(record, lambda step: step % 20 == 0, **{column: lambda state: np.full(len(state), value)})
+
+    return {
+        "nothing": record,
+        "0.3 m aside": _moved(record, x_m=lambda x, _: x + 0.3),
+        "turned": _moved(record, yaw_rad=lambda yaw, _: yaw + 0.2),
+        "turned as far as grip lets it": _moved(record, yaw_rad=lambda yaw, _: yaw + grip_rad - 0.002),
+        "turned farther": _moved(record, yaw_rad=lambda yaw, _: yaw + grip_rad + 0.002),
+        "another velocity": _moved(record, vx_mps=lambda v, _: v + 3.0),
+        "an unknown owner": _moved(record, owner=lambda owner, _: np.full_like(owner, 7)),
+        "twice in a step": replace(record, states=(*record.states[:40], twice, *record.states[41:])),
+        "claims handed back": claimed(owner=np.full_like(first.owner, Owner.SUMO)),
+        "claims at no step": claimed(step=10**6),
+        "claims of two nodes": claimed(),
+        "far residuals": with_states(record, residual_m=lambda state: state.residual_m + 3.0),
+        "a residual": with_states(
+            record, lambda step: step == 40, residual_m=lambda state: 5.0 * (state.actor_id == 3)
+        ),
+        "changed afterwards": replace(record, states=(*record.states[:30], other, *record.states[31:])),
+        "no hashes": replace(record, state_hashes={}),
+        "one in another": with_states(record, lambda step: step == 50, x_m=lambda _: x_m, y_m=lambda _: y_m),
+        "to the left": every_second("lateral_accel_mps2", 4.5),
+        "to the right": every_second("lateral_accel_mps2", -4.5),
+        "braking": every_second("accel_mps2", -4.5),
+        "speeding up": every_second("accel_mps2", 3.0),
+    }
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "name"),
-    [
-        ("lateral_accel_mps2", 4.5, "lateral_accel_p99_9_mps2"),
-        ("lateral_accel_mps2", -4.5, "lateral_accel_p99_9_mps2"),
-        ("accel_mps2", -4.5, "emv_accel_p1_mps2 civilian_accel_p0_5_mps2"),
-        ("accel_mps2", 3.0, "emv_accel_p99_mps2"),
-    ],
-)
-def test_accelerations_that_no_driver_uses_are_found(record, column, value, name):
-    changed = with_states(record, lambda step: step % 20 == 0, **{column: lambda state: np.full(len(state), value)})
-    assert _failing(verify_episode(changed)) == name.split()
+def _told_otherwise(record: EpisodeRecord) -> dict[str, EpisodeRecord]:
+    """Other events, outcomes and topics."""
+    found = {"teleport": replace(record, events=(*record.events, Event(7, EventKind.TELEPORT, 3)))}
+    found["interrupted"] = replace(record, outcome=None, complete=False)
+    drawn = replace(record, description=replace(record.description, preset="realistic"))
+    for name, of, contacts in (
+        ("a soft impact", record, {100: 1.5}),
+        ("a hard impact and a soft one before it", record, {80: 1.5, 100: 2.5}),
+        ("a hard impact and a soft one after it", record, {100: 2.5, 120: 1.5}),
+        ("a hard impact of drawn drivers", drawn, {100: 2.5}),
+        ("a contact at the second step", record, {1: 0.0}),
+        ("a contact at the first step", record, {0: 0.0, 1: 0.0}),
+    ):
+        hits = (Event(step, EventKind.COLLISION, 2, 3, detail={"impact_speed_mps": v}) for step, v in contacts.items())
+        found[name] = replace(of, events=(*record.events, *hits))
+    for planned_s in (0.0, -0.06, 0.06):
+        description = replace(record.description, duration_s=record.steps * STEP_S + planned_s)
+        found[f"{planned_s} s more planned"] = replace(record, description=description)
+    for topic in ("/clock", "/siren/events", "/emv/lidar/points"):
+        times_ns = record.topics[topic].times_ns
+        later = times_ns + STEP_NS * (np.arange(len(times_ns)) == 5)
+        found[f"one less of {topic}"] = with_times(record, topic, np.delete(times_ns, 5))
+        found[f"one later of {topic}"] = with_times(record, topic, later)
+    found["two maps"] = with_times(record, "/siren/map", np.repeat(record.topics["/siren/map"].times_ns, 2))
+    topics = {name: topic for name, topic in record.topics.items() if name != "/siren/yield_commands"}
+    found["no commands"] = replace(record, topics=topics)
+    times_ns = record.topics["/siren/events"].times_ns
+    off_grid = times_ns + (np.arange(len(times_ns)) == 3)
+    for name, stamps_ns, mismatches in (("", times_ns, 2), ("off the grid", off_grid, 0), ("both", off_grid, 1)):
+        found[f"stamps {name}"] = with_times(record, "/siren/events", stamps_ns, stamp_mismatches=mismatches)
+    # A sensor has the period of its shortest interval; one message alone is a latched one.
+    times_ns = record.topics["/emv/lidar/points"].times_ns
+    for name, sweeps_ns in (
+        ("alone", times_ns[:1]),
+        ("twice", np.sort(np.append(times_ns, times_ns[2]))),
+        ("half a period later", np.sort(np.append(times_ns, times_ns[2] + STEP_NS))),
+        ("without the last", times_ns[:-1]),
+        ("without the first", times_ns[1:]),
+    ):
+        found[f"a sweep {name}"] = with_times(record, "/emv/lidar/points", sweeps_ns)
+    return found
+
+
+def test_what_fails_of_a_record_in_which_one_thing_is_wrong(record):
+    """That a changed state no longer has its hash is told where nothing else was changed."""
+    known = {}
+    for name, changed in (_shaken(record) | _told_otherwise(record)).items():
+        parts = parts_told(verify_episode(changed).failing)
+        known[name] = (
+            parts if len(parts) == 1 else {key: of for key, of in parts.items() if key != "wrong_state_hashes"}
+        )
+    assert_known(Path(__file__).parent / "known" / "faults.json", known)
 
 
 def on_a_way(
@@ -322,28 +262,6 @@ def test_a_record_without_moves_has_no_jumps_and_names_nobody():
     assert check_motion(two_steps, VerifyLimits())[0].detail == "actor 2 at step 1"
 
 
-@pytest.mark.parametrize(("planned_s", "holds"), [(0.0, True), (-0.06, True), (0.06, False)])
-def test_a_complete_episode_has_the_steps_of_its_description(record, planned_s, holds):
-    """More by a step than were planned are no fault, a step less is one."""
-    duration_s = record.steps * STEP_S + planned_s
-    part = check_complete(replace(record, description=replace(record.description, duration_s=duration_s)))
-    assert (part.value, part.threshold, part.holds) == (record.steps, round(duration_s / STEP_S), holds)
-
-
-def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_together(record):
-    whole = record.topics["/siren/events"]
-    times_ns = whole.times_ns.copy()
-    times_ns[3] += 1
-    for mismatches, times, detail in (
-        (2, whole.times_ns, "/siren/events: 2"),
-        (0, times_ns, "/siren/events: 1"),
-        (1, times_ns, "/siren/events: 2"),
-    ):
-        wrong = with_topic(record, "/siren/events", times_ns=times, stamp_mismatches=mismatches)
-        part = check_stamps(wrong)
-        assert (part.holds, part.value, part.detail) == (False, 1.0, detail)
-
-
 @pytest.mark.parametrize("way", [(3.0, 4.0), (-3.0, 4.0), (0.0, -5.0)])
 @pytest.mark.parametrize(("beyond_m", "holds"), [(0.04, True), (0.06, False)])
 def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(way, beyond_m, holds):
@@ -353,26 +271,6 @@ def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(way, beyond_m
         record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
         part, _, _ = check_motion(on_a_way(record, direction, (0.0, 0.25 + beyond_m), speeds), VerifyLimits())
         assert (part.holds, part.value) == (holds, pytest.approx(beyond_m))
-
-
-def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record):
-    """Two messages at one time have none; one message alone is a latched one."""
-    whole = record.topics["/emv/lidar/points"]
-    period_ns = int(np.diff(whole.times_ns).min())
-    assert np.diff(whole.times_ns).max() == period_ns
-
-    def faults(times_ns: np.ndarray) -> str:
-        changed = with_topic(record, "/emv/lidar/points", count=len(times_ns), times_ns=times_ns)
-        return check_message_counts(changed).detail
-
-    assert faults(whole.times_ns) == ""
-    assert faults(whole.times_ns[:1]) == ""
-    assert faults(np.sort(np.append(whole.times_ns, whole.times_ns[2]))).endswith("has two messages at one time")
-    halved = np.sort(np.append(whole.times_ns, whole.times_ns[2] + STEP_NS))
-    expected = len(range(0, record.steps * STEP_NS, STEP_NS))
-    assert f"has {len(halved)} messages instead of {expected}" in faults(halved)
-    assert "instead of" in faults(whole.times_ns[:-1])
-    assert "instead of" in faults(whole.times_ns[1:])
 
 
 @pytest.mark.parametrize(

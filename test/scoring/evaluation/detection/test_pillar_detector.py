@@ -80,17 +80,6 @@ def test_features_are_places_and_ways_from_mean_and_middle() -> None:
     assert not np.array_equal(found.points[0, 1], found.points[0, 0])
 
 
-@pytest.mark.parametrize("cell_m", [0.5, 2.0])
-def test_middles_of_cells_of_another_width(cell_m: float) -> None:
-    """A point 0.1 m behind and 0.2 m left of the middle of a cell."""
-    grid = PillarGrid(half_width_m=8.0, cells=round(16 / cell_m), points=4, pillars=50)
-    column, row = round(10 / cell_m), round(4 / cell_m)
-    middle_x, middle_y = (column + 0.5) * cell_m - 8.0, (row + 0.5) * cell_m - 8.0
-    found = pillars_of(_points((middle_x - 0.1, middle_y + 0.2, 0.0)), grid)
-    assert found.cell.tolist() == [row * grid.cells + column]
-    assert found.points[0, 0, -2:] == pytest.approx([-0.1, 0.2], abs=1e-6)
-
-
 def test_pillars_of_the_newest_points_come_first() -> None:
     points = _points((0.5, 0.5, 0.0), (1.5, 0.5, 0.0), (2.5, 0.5, 0.0))
     found = pillars_of(points, replace(GRID, pillars=2))
@@ -178,28 +167,6 @@ def test_classes_without_a_name_of_their_own_are_cars() -> None:
     assert [names[class_of(member)] for member in kinds] == ["car", "car", "ambulance", "police"]
 
 
-POST_M = np.array([20.0, 7.0, 1.0])
-
-
-def _pose(x_m: float, y_m: float, yaw_rad: float) -> Matrix:
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[cos, -sin, 0, x_m], [sin, cos, 0, y_m], [0, 0, 1.0, 1.9], [0, 0, 0, 1.0]])
-
-
-def _seen(pose: Matrix) -> np.ndarray:
-    return (np.linalg.inv(pose) @ [*POST_M, 1.0])[None, :3]
-
-
-def test_the_motion_of_the_vehicle_is_taken_out() -> None:
-    memory = SweepMemory(3)
-    poses = [_pose(1.0 * step, 0.1 * step, 0.05 * step) for step in range(5)]
-    for step, pose in enumerate(poses):
-        memory.add(step, sweep(*_seen(pose)), pose)
-    points = memory.points()
-    assert points[:, :3] == pytest.approx(np.repeat(_seen(poses[-1]), 3, axis=0), abs=1e-5)
-    assert points[:, 4] == pytest.approx([0.0, 0.05, 0.1])
-
-
 def test_returns_of_the_own_vehicle_are_left_out() -> None:
     memory = SweepMemory(2)
     memory.add(0, sweep((3.0, 1.0, 0.0), (3.0, 2.0, 0.0), (-4.0, -1.2, 0.5)), np.eye(4))
@@ -242,24 +209,6 @@ def sweep(*places_m: tuple[float, float, float]) -> np.ndarray:
     points = np.zeros(len(places_m), dtype=[(name, "<f4") for name in ("x", "y", "z", "intensity")])
     points["x"], points["y"], points["z"] = np.array(places_m, dtype=np.float32).reshape(-1, 3).T
     return points
-
-
-def test_a_sweep_from_higher_up_is_lifted_for_the_network_and_its_boxes_put_back() -> None:
-    session = Answers([(5.0, 2.5, 0.25)], [0.9])
-    found = PillarDetector(network(session), SENSOR_HEIGHT_M + HIGHER_M)
-    found.add(0, sweep((5.25, 2.75, -1.0)), np.eye(4))
-    boxes = found.boxes()
-    # Places over the half width of 8 m, heights over 2 m.
-    assert session.asked[0][0, 0, :3] == pytest.approx([5.25 / 8.0, 2.75 / 8.0, (-1.0 + HIGHER_M) / 2.0])
-    assert boxes.centre_m[0] == pytest.approx([5.0, 2.5, 0.25 - HIGHER_M])
-    assert boxes.size_m[0] == pytest.approx([4.5, 1.8, 1.5])
-    assert boxes.yaw_rad[0] == pytest.approx(TURNED_RAD)
-    assert boxes.velocity_mps[0] == pytest.approx([3.0, -4.0])
-    assert boxes.label.tolist() == ["ambulance"]
-    assert boxes.score == pytest.approx([0.9])
-    for step, velocity_mps in ((2, (0.0, 0.0)), (1, (3.0, -4.0))):  # as its boxes say; anew after a step back
-        found.add(step, sweep((5.25, 2.75, -1.0)), np.eye(4))
-        assert found.boxes().velocity_mps[0] == pytest.approx(velocity_mps, abs=1e-6)
 
 
 def test_faint_unreadable_and_overlapping_boxes_are_left_out() -> None:

@@ -14,7 +14,6 @@ from siren_ros.base.tables import Interval, text_of
 from siren_ros.scoring.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes, FoundSet, TruthBoxes, joined
 from siren_ros.scoring.evaluation.detection.frames import Frames, frames_of
 from siren_ros.scoring.evaluation.detection.metrics import ERRORS, devkit_score, devkit_tracking
-from siren_ros.scoring.evaluation.detection.result_files import labels_as_detections
 from siren_ros.scoring.evaluation.detection.scoring import (
     VEHICLE_NAMES,
     DetectorScores,
@@ -232,35 +231,6 @@ def test_each_part_has_its_labels_and_the_share_of_them_that_is_found() -> None:
     ]
 
 
-def test_a_part_counts_all_false_alarms_and_one_by_distance_its_own() -> None:
-    """A false alarm 40 m away is the most confident: the precision rises with the recall to a half.
-
-    Recalls up to 0.1 do not count, nor does precision below 0.1.
-    """
-    truth = labels((0, 10.0))
-    scores = scored(frames_with(truth), detections((0, 40.0), (0, 10.0)))
-    recall = np.arange(11, 101) / 100.0
-    assert part(scores, "nominal").value == pytest.approx(np.maximum(0.5 * recall - 0.1, 0.0).mean() / 0.9)
-    assert part(scores, "0-15 m").value == pytest.approx(1.0)
-
-
-def test_frames_labels_and_detections_of_each_template() -> None:
-    truth = labels((0, 10.0), (1, 10.0), (6, 10.0))
-    scores = scored(frames_with(truth), detections((0, 10.0), (6, 12.5), (7, 10.0)))
-    assert scores.frames == {"S1": 4, "S2": 4}
-    found = {name: (one.labels, one.detections) for name, one in scores.templates.items()}
-    assert found == {"S1": (2, 1), "S2": (1, 2)}
-    assert (len(scores.truth), len(scores.found)) == (3, 3)
-    # Half of the labels of S1 are found: precision 1 from recall 0.11 to 0.5.
-    first, second = (scores.templates[name].mean_average_precision for name in ("S1", "S2"))
-    assert first == pytest.approx(40 / 90)
-    # Of S2 the one label, at 4 m alone; at recall 1 the false alarm has halved the precision.
-    assert second == pytest.approx((89 + (0.5 - 0.1) / 0.9) / 90 / 4)
-    assert value_of(scores, "all").value == pytest.approx((first + second) / 2)
-    nds = np.mean([scores.templates[name].nds for name in ("S1", "S2")])
-    assert value_of(scores, "all", "NDS").value == pytest.approx(nds)
-
-
 def test_a_family_has_a_row_where_all_of_its_templates_are_there() -> None:
     """S1 and S2 are one; S3 alone is not the other."""
     truth = labels((0, 10.0), (4, 10.0), (8, 10.0))
@@ -288,24 +258,6 @@ def test_an_interval_is_students_over_the_episodes() -> None:
     assert value_of(scores, "all") == ap
     held = part(scores, "nominal").interval
     assert (held.low, held.high) == pytest.approx((ap.low, ap.high))
-
-
-def test_a_template_that_one_episode_holds_all_labels_of_has_no_interval() -> None:
-    """Without it nothing is left to find."""
-    frames = frames_with(labels((0, 10.0), (0, 20.0)), ["S1"] * 6)
-    ap = value_of(scored(frames, detections((0, 10.0), (4, 30.0))), "S1")
-    assert (ap.blocks, ap.bounded) == (6, False)
-
-
-def test_labels_as_detections_are_those_with_a_return_the_nearer_the_surer() -> None:
-    truth = labels((0, 10.0), (0, 20.0), (6, -30.0))
-    truth.lidar_points[:] = (1, 0, 7)
-    found = labels_as_detections(frames_with(truth))
-    assert found.frame.tolist() == [0, 6]
-    # Of the LiDAR's place in the plane.
-    assert found.score == pytest.approx([1.0 / 1.1, 1.0 / 1.3])
-    assert found.label.tolist() == ["car", "car"]
-    assert found.centre_m == pytest.approx(truth.centre_m[[0, 2]])
 
 
 def test_the_map_of_each_episode_is_that_of_the_episode_alone() -> None:

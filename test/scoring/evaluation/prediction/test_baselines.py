@@ -84,20 +84,6 @@ def test_no_vehicle_drives_backwards_or_through_a_leader_that_it_can_stop_behind
         assert (gap + leader * times - travelled > 0.0).all()
 
 
-def test_the_first_steps_by_hand() -> None:
-    """Two steps of a tenth of a second behind a leader at 5 m/s, 20 m ahead."""
-    speed, travelled, expected = 8.0, 0.0, []
-    for step in range(2):
-        gap = 20.0 + 5.0 * 0.1 * step - travelled
-        desired_gap = 2.0 + speed * 1.5 + speed * (speed - 5.0) / (2.0 * np.sqrt(3.0))
-        acceleration = 1.5 * (1.0 - (speed / 13.0) ** 4 - (desired_gap / gap) ** 2)
-        travelled += 0.1 * speed + 0.005 * acceleration
-        speed += 0.1 * acceleration
-        expected.append(travelled)
-    travelled_m = travelled_by(8.0, 13.0, 20.0, 5.0, times_s=np.array([0.1, 0.2]))
-    assert travelled_m == pytest.approx(expected)
-
-
 def test_a_vehicle_that_stops_within_a_step_goes_as_far_as_braking_takes_it() -> None:
     """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
     acceleration = idm_acceleration(0.3, 13.0, 0.5, 0.3)
@@ -131,12 +117,6 @@ def leaders_in(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, tupl
     return {actor: (float(gap_m[row]), float(speed_mps[row])) for actor, row in sample.items()}
 
 
-def predicted(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, np.ndarray]:
-    """What the model predicts at the first frame, by actor."""
-    batch, sample = first_frame(tracks, network)
-    return {actor: MODEL.predict(batch).xy_m[row, 0] for actor, row in sample.items()}
-
-
 def test_the_leader_is_the_nearest_in_the_same_lane(straight_road) -> None:
     tracks = {
         1: moving(10.0, -5.25, 4.0),
@@ -159,13 +139,6 @@ def test_the_leader_may_be_beyond_a_junction(crossroads) -> None:
     assert np.isinf(leaders[3][0])
 
 
-def test_on_a_free_lane_the_limit_and_the_offset_are_kept(straight_road) -> None:
-    paths = predicted({1: moving(0.0, -4.5, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
-    for actor, speed, y_m in ((1, 13.89, -4.5), (2, 20.0, -1.75)):
-        assert np.diff(paths[actor][:, 0], prepend=3.0 * speed) == pytest.approx(np.full(25, 0.2 * speed))
-        assert paths[actor][:, 1] == pytest.approx(np.full(25, y_m))
-
-
 @pytest.mark.parametrize(
     ("kind", "speed_mps", "after_5_s_m"),
     [(ActorClass.PEDESTRIAN, 1.4, 7.0), (ActorClass.BICYCLE, 4.0, 20.0)],
@@ -175,20 +148,6 @@ def test_people_without_a_motor_keep_their_speed(straight_road, kind, speed_mps,
     batch = samples_of(record, HistoryWindow(), Population.ALL, people=True).batch
     path_m = MODEL.predict(batch).xy_m[0, 0] - batch.xy_m[0]
     assert path_m[-1] == pytest.approx((after_5_s_m, 0.0), abs=0.05)
-
-
-def test_it_stops_behind_a_standing_vehicle(straight_road) -> None:
-    paths = predicted({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
-    assert 66.0 - 4.6 - 10.0 < paths[1][-1, 0] < 66.0 - 4.6
-
-
-def test_it_follows_the_bend_that_it_is_on(crossroads) -> None:
-    on_path = Track(np.tile((10.0, 4.2857, 0.0, 0.0, 0.5), (201, 1)))
-    answer = predicted({1: on_path}, crossroads)[1]
-    along, left = crossroads.lanes[4].centre.project(answer)
-    assert np.allclose(left, 0.0, atol=0.1)
-    assert along[0] < 14.0
-    assert along[-1] > 27.0
 
 
 def test_no_samples_no_answer(straight_road) -> None:
@@ -233,18 +192,18 @@ def test_off_the_lanes_the_limit_is_that_of_a_town(straight_road, speed_mps, des
     assert way == pytest.approx(travelled[:, None] * np.array([np.cos(-2.0), np.sin(-2.0)]))
 
 
-@pytest.mark.parametrize(("away_m", "seen"), [(249.9, True), (250.1, False)])
-def test_along_the_lanes_leaders_are_seen_up_to_the_range(straight_road, away_m, seen) -> None:
-    tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
-    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(away_m - 4.6 if seen else np.inf)
-
-
 @pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
 @pytest.mark.parametrize("y_m", [-5.25, 500.0])
 def test_a_vehicle_alongside_leads_where_its_centre_is_ahead(straight_road, y_m, ahead_m, led) -> None:
     """In a lane and off all lanes."""
     tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
     assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(ahead_m - 4.6 if led else np.inf)
+
+
+def predicted(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, np.ndarray]:
+    """What the model predicts at the first frame, by actor."""
+    batch, sample = first_frame(tracks, network)
+    return {actor: MODEL.predict(batch).xy_m[row, 0] for actor, row in sample.items()}
 
 
 def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road) -> None:
@@ -350,20 +309,6 @@ def test_ctra_stays_on_a_circle(radius_m, speed_mps) -> None:
     assert xy_m == pytest.approx(radius_m * np.stack((np.cos(angle), np.sin(angle)), axis=-1), abs=1e-3)
 
 
-def test_ca_leaves_the_circle_along_its_tangent() -> None:
-    xy_m = make_ca().predict(circling(20.0, 6.0)).xy_m[0, 0]
-    assert xy_m == pytest.approx(np.stack((np.full(25, 20.0), 6.0 * TIMES_S), axis=-1), abs=1e-6)
-
-
-def test_a_vehicle_that_brakes_stops() -> None:
-    batch = one(NOWHERE, 0.0, 0.0, 8.0, -2.0)
-    now = batch.speed_mps[0]
-    assert 0.0 < now < 4.0
-    away_m = make_ctra().predict(batch).xy_m[0, 0, :, 0] - batch.xy_m[0, 0]
-    assert away_m[-1] == pytest.approx(now**2 / 4.0, abs=1e-2)
-    assert (np.diff(away_m) >= 0.0).all()
-
-
 def test_each_vehicle_of_a_batch_has_the_way_of_its_own_state(straight_road) -> None:
     """Three vehicles, two frames, all on straight ways: east aside of the centre line, west, and off the lanes."""
     tracks = {1: (3.0, -5.0, 5.0, 0.4, 0.0), 2: (280.0, 1.5, 9.0, -0.6, np.pi), 4: (50.0, 40.0, 6.0, 0.9, 0.7)}
@@ -387,16 +332,6 @@ def test_each_vehicle_of_a_batch_has_the_way_of_its_own_state(straight_road) -> 
             way_m = mps * now_s + 0.5 * mps2 * now_s**2 + (mps + mps2 * now_s) * TIMES_S + mps2 * gained_s2
             places = np.stack((x_m + way_m * np.cos(yaw), y_m + way_m * np.sin(yaw)), axis=-1)
             np.testing.assert_allclose(answer.xy_m[row, 0], places, atol=3e-3, err_msg=f"{make.__name__} of {key}")
-
-
-def test_braking_ends_in_a_stop_unless_it_decays_before(straight_road) -> None:
-    """At 2 m/s and −2 m/s²: constant braking stops after 1 m; decayed braking takes 2 m/s off in all time."""
-    batch = one(straight_road, 10.0, -5.0, 8.0, -2.0)
-    assert batch.speed_mps[0] == pytest.approx(2.0)
-    ends_m = [
-        float(make().predict(batch).xy_m[0, 0, -1, 0] - batch.xy_m[0, 0]) for make in (make_ca_lane, make_decay_lane)
-    ]
-    assert ends_m == pytest.approx([1.0, 10.0 - 2.0 * (4.0 + np.exp(-5.0))], abs=1e-2)
 
 
 def blom_and_bar_shalom(imm: Imm, measured: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:

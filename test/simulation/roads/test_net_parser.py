@@ -200,16 +200,6 @@ def test_junction_kinds(word, kind):
     assert network.junctions["j"].kind is kind
 
 
-def test_edges_know_their_street_junctions_and_lanes(network):
-    edge = network.edge_by_id["in"]
-    assert (edge.name, edge.from_junction, edge.to_junction, edge.internal) == ("Main Street", "a", "j", False)
-    assert [network.lanes[index].position for index in edge.lanes] == [0, 1, 2, 3, 4]
-    inside = network.edge_by_id[":j_0"]
-    assert (inside.from_junction, inside.to_junction, inside.internal) == ("j", "j", True)
-    assert [edge.index for edge in network.edges] == list(range(len(network.edges)))
-    assert all(network.edges[lane.edge].lanes[lane.position] == lane.index for lane in network.lanes)
-
-
 def test_crossing_outline_is_the_lane_widened_or_the_outline_the_net_states(network):
     (outline,) = network.crossings
     assert sorted(map(tuple, outline)) == [(96.0, -4.0), (96.0, 4.0), (100.0, -4.0), (100.0, 4.0)]

@@ -36,7 +36,6 @@ from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import NO_LANE, JunctionKind, LaneKind
 from siren_ros.simulation.roads.routing import (
     comes_from_the_side,
-    crossing_connections,
     edges_in_lane,
     is_plain_joint,
     movement_path,
@@ -45,38 +44,6 @@ from siren_ros.simulation.roads.routing import (
     road_lane_of,
     same_direction_connections,
 )
-
-
-def movement(town, from_lane, to_lane):
-    ends = town.lane_by_id[from_lane].index, town.lane_by_id[to_lane].index
-    return next(c for c in town.connections if (c.from_lane, c.to_lane) == ends)
-
-
-def approaches(town, indices):
-    movements = [town.connections[index] for index in indices]
-    return {(town.edges[town.lanes[c.from_lane].edge].edge_id, c.direction) for c in movements}
-
-
-def test_straight_on_is_crossed_by_both_sides_and_by_the_oncoming_left_turn(town):
-    crossing = crossing_connections(town, movement(town, "main_e_2_3", "main_e_3_2"))
-    assert approaches(town, crossing) == {("east_n_0", "s"), ("east_n_0", "l"), ("east_s_1", "s"), ("main_w_0", "l")}
-    assert crossing_connections(town, movement(town, "main_e_2_2", "east_s_2_2")) == (), "a right turn"
-
-
-def test_crossing_is_mutual(town):
-    for index, connection in enumerate(town.connections):
-        for other in crossing_connections(town, connection):
-            if town.lanes[connection.from_lane].civilian_allowed:
-                assert index in crossing_connections(town, town.connections[other])
-
-
-def test_a_movement_path_joins_the_lane_ends(town):
-    for connection in town.connections:
-        path = movement_path(town, connection)
-        start = town.lanes[connection.from_lane].centre.points[-1]
-        end = town.lanes[connection.to_lane].centre.points[0]
-        assert np.linalg.norm(path.points[0] - start) < 0.1
-        assert np.linalg.norm(path.points[-1] - end) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -166,20 +133,6 @@ def test_the_leftmost_of_several_lanes_is_one_for_driving(town):
     assert not any(routing.is_leftmost_of_several(town, lane) for edge in single for lane in edge.lanes)
 
 
-def test_a_path_that_starts_on_the_shoulder_stays_on_it_round_the_turn_and_others_never_use_it(town):
-    lanes = routing.route_path(town, edges(town, "main_w_1 main_w_2 west_n_1"), town.lane_by_id["main_w_1_1"].index)
-    outside = [town.lanes[index].kind for index in lanes if town.lanes[index].kind is not LaneKind.INTERNAL]
-    assert outside == [LaneKind.SHOULDER] * 3
-    lanes = routing.route_path(town, edges(town, "main_w_1 main_w_2 west_n_1"), town.lane_by_id["main_w_1_2"].index)
-    assert LaneKind.SHOULDER not in {town.lanes[index].kind for index in lanes}
-
-
-def test_connections_between_are_ordered_from_the_right(town):
-    edge, ahead = edges(town, "main_w_2 main_w_3")
-    lanes = [town.lanes[connection.from_lane].position for connection in routing.connections_between(town, edge, ahead)]
-    assert lanes == [1, 2, 3]
-
-
 def graph_of(lengths_m, *ways):
     """Edges by their lengths, and which of them follow which; no shapes."""
     ahead = [tuple(sorted(b for a, b in ways if a == edge)) for edge in range(len(lengths_m))]
@@ -252,17 +205,6 @@ def test_a_lane_change_takes_the_middle_half_of_its_edge_along_half_a_cosine(fir
     share = np.clip((x + 310.0 - 50.0) / 100.0, 0.0, 1.0)
     assert y == pytest.approx(start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share)), abs=1e-6)
     assert (x[0], x[-1]) == pytest.approx((-310.0, -110.0))
-
-
-def test_the_centre_of_a_path_joins_lanes_changes_and_ways_across_junctions():
-    """A change on the second edge; the ways across the junctions count as they are."""
-    centre = routing.path_centre(NETWORK, (A_LEFT, 10, B_LEFT, B_RIGHT, 11, C_RIGHT))
-    for x, y in (
-        *[(-310.0, -1.75), (-110.0, -1.75), (-100.0, -1.75), (-76.0, -1.75)],
-        *[(-50.0, -3.5), (-24.0, -5.25), (10.0, -5.25)],
-    ):
-        assert centre.project([x, y])[1] == pytest.approx(0.0, abs=0.02)
-    assert tuple(centre.points[-1]) == pytest.approx((220.0, -5.25))
 
 
 def test_a_route_is_as_long_as_its_edges_and_the_straight_lines_between_them():

@@ -1,6 +1,4 @@
 from dataclasses import replace
-from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,14 +20,13 @@ from made_streets import (
     N,
     streets,
 )
-from map_networks import network_of_map
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import MapError
 from siren_ros.simulation.roads import site_finder
 from siren_ros.simulation.roads.net_parser import parse_road_network
 from siren_ros.simulation.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes, route_path
+from siren_ros.simulation.roads.routing import EdgeGraph
 from siren_ros.simulation.roads.sites import (
     REQUIREMENTS,
     Control,
@@ -48,30 +45,6 @@ LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">
 
 
 IN_TOWN = [kind for kind in SiteKind if kind is not SiteKind.MOTORWAY_STRETCH]
-
-
-@pytest.fixture(scope="module", params=["town", "district"])
-def network(request):
-    return request.getfixturevalue(request.param)
-
-
-@pytest.mark.parametrize("kind", IN_TOWN)
-def test_every_kind_is_found_best_first_with_a_route_for_a_whole_episode(network, kind):
-    sites = site_finder.find_sites(network, kind)
-    assert sites
-    assert all(site.kind is kind for site in sites)
-    assert [site.score for site in sites] == sorted((site.score for site in sites), reverse=True)
-    site = site_finder.require_site(network, kind)
-    assert site == sites[0]
-    graph = EdgeGraph.of(network)
-    assert site.route[site.site_position] == site.site_edge
-    assert network.lanes[site.approach_lane].edge == site.site_edge
-    lanes = route_path(network, site.route, driving_lanes(network, site.route[0])[0].index)
-    assert network.lanes[lanes[-1]].edge == site.route[-1]
-    assert graph.route_length_m(site.route) >= 500.0
-    before = site.route[: site.site_position + (0 if kind is SiteKind.MULTI_LANE_ROAD else 1)]
-    assert graph.route_length_m([*before, site.route[len(before)]]) - graph.length_m[site.route[len(before)]] >= 150.0
-    assert graph.route_length_m(site.route[site.site_position + 1 :]) >= 100.0
 
 
 @pytest.mark.parametrize("kind", IN_TOWN)
@@ -250,18 +223,6 @@ def test_a_short_queue_is_no_site():
         assert len(list(queued_approaches(EdgeGraph.of(ends[-1])))) == count
 
 
-def test_roads_of_two_lanes():
-    first, second = multi_lane_roads(GRAPH)
-    assert (first.stretch, first.route, first.site_position, first.site_edge) == ((A, B), (A, B, C), 0, A)
-    assert (first.approach_lane, first.length_m) == (A_LEFT, pytest.approx(310.0))
-    assert first.connections == (STRAIGHT, STRAIGHT_LEFT)
-    assert first.score == pytest.approx(4.0 + WHOLE_M / 700.0 + 2.0 * WHOLE_M / 700.0)
-    assert (second.stretch, second.route, second.connections) == ((C,), (A, B, C), ())
-    assert second.score == pytest.approx(4.0 * 200.0 / 250.0 + 2.0 + WHOLE_M / 700.0 + 2.0 * WHOLE_M / 700.0)
-    assert (first.name, second.name) == ("a..b", "c")
-    assert all(site.junction is None for site in (first, second))
-
-
 def test_on_a_road_the_emv_takes_the_leftmost_lane_that_leads_on():
     """The left lane only turns off at the end, or nowhere."""
     turns = replace(NETWORK, connections=tuple(way for way in NETWORK.connections if way.from_lane != B_LEFT))
@@ -309,25 +270,6 @@ def test_a_turn_along_a_shoulder():
     assert site.length_m == pytest.approx(200.0)
     across_m = np.hypot(14.75, 14.75)
     assert site.score == pytest.approx((2.0 * 100.0 / 150.0 + 1.0 + (200.0 + across_m) / 700.0) + 2.0 + 2.0)
-
-
-def test_a_shoulder_may_go_on_before_the_turn():
-    """Another 60 m of shoulder, and then 40 m, lead straight to the first one; 150 m are longer than what counts."""
-    network = crossing()
-    lanes, edges, connections = list(network.lanes), list(network.edges), list(network.connections)
-    ahead = 0
-    for number, (start, end) in enumerate((((8.25, -180.0), (8.25, -120.0)), ((8.25, -220.0), (8.25, -180.0)))):
-        index = len(lanes)
-        lanes.append(replace(lanes[0], index=index, edge=len(edges), centre=Polyline.through([start, end])))
-        edges.append(Edge(len(edges), f"more{number}", (index,), "x", "y", internal=False))
-        connections.append(Connection(index, ahead, (), "s", None, -1, must_stop=False, junction="x"))
-        ahead = index
-    longer = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=tuple(connections))
-    (site,) = shoulder_turns(EdgeGraph.of(longer))
-    assert site.length_m == pytest.approx(200.0 + 100.0)
-    left = replace(connections[-2], direction="l")
-    (site,) = shoulder_turns(EdgeGraph.of(replace(longer, connections=(*connections[:-2], left, connections[-1]))))
-    assert site.length_m == pytest.approx(200.0)
 
 
 def graph_of(shapes, ways, width=1):
@@ -427,26 +369,6 @@ def test_two_directions_of_a_street_are_a_reversal():
     edges = tuple(Edge(k, name, (k,), start, end, internal=False) for k, (name, start, end) in enumerate(ends))
     network = replace(NETWORK, edges=edges)
     assert [is_reversal(network, 0, other) for other in (1, 2, 3)] == [True, False, False]
-
-
-def test_motorway_stretches_are_as_long_as_nobody_joins_or_leaves():
-    motorway = network_of_map(Path("motorway"))
-    lanes = {}
-    for site in site_finder.find_sites(motorway, SiteKind.MOTORWAY_STRETCH):
-        graph = EdgeGraph.of(motorway)
-        lanes[site.name] = {len(driving_lanes(motorway, edge)) for edge in site.stretch}
-        for edge, way in pairwise(site.stretch):
-            assert graph.successors[edge] == (way,)
-            assert graph.predecessors[way] == (edge,)
-        assert site.approach_lane == driving_lanes(motorway, site.site_edge)[-1].index
-        assert site.junction is None
-        assert site.length_m == pytest.approx(graph.route_length_m(site.stretch))
-    assert lanes["e_b_off..e_b_on"] == {2}
-    assert lanes["e_c..e_c_on"] == {3}
-    assert lanes["w_d"] == {4}
-    assert sum(len(counts) for counts in lanes.values()) == len(lanes) == 10
-    others = site_finder.places_without_site(motorway, SiteKind.MOTORWAY_STRETCH)
-    assert {place.lacking for place in others} == {"one driving lane"}
 
 
 @pytest.mark.parametrize("length_m", [440.0, 460.0])

@@ -13,22 +13,6 @@ from siren_ros.simulation.roads.road_network import LaneKind
 from siren_ros.simulation.roads.sites import bridges, middle_of_site, overlaps
 
 
-def test_the_middle_of_a_junction_is_that_of_its_outline():
-    network = crossing()
-    middle = middle_of_site(network, {"junction": "J"})
-    assert middle is not None
-    assert middle == pytest.approx([network.junctions["J"].x_m, network.junctions["J"].y_m], abs=5.0)
-
-
-def test_the_middle_of_a_road_is_half_way_along_it():
-    network = crossing()
-    lane = next(lane for lane in network.lanes if lane.kind is LaneKind.DRIVING)
-    edge = network.edges[lane.edge]
-    lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind is not LaneKind.SIDEWALK]
-    middle = middle_of_site(network, {"stretch": [edge.edge_id]})
-    assert middle == pytest.approx(np.mean([lane.centre.at(0.5 * lane.length_m) for lane in lanes], axis=0), abs=0.01)
-
-
 def test_a_junction_without_an_outline_has_its_own_place():
     network = crossing()
     for points in (0, 2):

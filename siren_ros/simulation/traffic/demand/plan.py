@@ -59,6 +59,11 @@ _FAST_GAP_S: Final = 2.0
 one."""
 
 
+ENGINE_SPEED_MPS: Final = 80.0 / 3.6
+"""Speed up to which every class has the acceleration of ``params/drivers``: the one of lorries on a motorway."""
+_PROFILE_STEP_MPS: Final = 2.5
+
+
 def least_gap_m(limit_mps: float) -> float:
     """Least gap before and behind a vehicle that is put on a lane with a speed limit."""
     return max(PLACEMENT_GAP_M, _FAST_GAP_S * limit_mps if limit_mps > TOWN_LIMIT_MPS else 0.0)
@@ -72,6 +77,17 @@ class ClassDriving:
     decel_mps2: float
     min_gap_m: float
     max_speed_mps: float
+    engine_mps2: float = math.inf
+    """Acceleration that the engine gives at ``ENGINE_SPEED_MPS``: of faster drivers, that of the class."""
+
+    @property
+    def acceleration_profile(self) -> tuple[tuple[float, float], ...]:
+        """Speeds and the acceleration at each, falling at constant power; empty where the engine limits nothing."""
+        if math.isinf(self.engine_mps2):
+            return ()
+        speeds = np.arange(0.0, self.max_speed_mps + _PROFILE_STEP_MPS, _PROFILE_STEP_MPS)
+        power = self.engine_mps2 * ENGINE_SPEED_MPS / np.maximum(speeds, 0.1)
+        return tuple(zip(speeds.tolist(), np.minimum(power, self.accel_mps2).tolist(), strict=True))
 
 
 _SAME: Final = TruncatedNormal(1.0, 0.0, 1.0, 1.0)
@@ -101,6 +117,7 @@ class DriverPopulation:
             else replace(
                 driving,
                 accel_mps2=driving.accel_mps2 * traffic.accel_factor,
+                engine_mps2=driving.accel_mps2 if traffic.accel_factor > 1.0 else math.inf,
                 decel_mps2=driving.decel_mps2 * traffic.decel_factor,
                 min_gap_m=driving.min_gap_m * traffic.gap_factor,
             )

@@ -204,10 +204,17 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     }
     if ridden:
         numbers["actionStepLength"] = _RIDER_STEP_S
+    elif profile := driving.acceleration_profile:
+        speeds, most = zip(*profile, strict=True)
+        texts |= {"speedTable": _numbers(speeds), "maxAccelProfile": _numbers(most)}
     if vehicle.lane_change_s is not None:
         numbers["lcAccelLat"] = vehicle.sideways[1]
     numbers |= _MODEL_PARAMETERS.get(driver.car_following, {})
     return texts | {name: f"{value:.6g}" for name, value in numbers.items()}
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.6g}" for value in values)
 
 
 _RED_LIGHT_SPEED_MPS: Final = 5.56

@@ -302,6 +302,12 @@ def test_factors_scale_the_driving_of_civilians_and_the_headway_of_all() -> None
         assert scaled.classes[kind] == (before if kind.is_emergency else changed)
     assert scaled.traffic == traffic
     assert usual.by(TrafficDrivers()) == usual
+    lorry = usual.by(TrafficDrivers(accel_factor=1.6)).classes[ActorClass.TRUCK]
+    profile = dict(lorry.acceleration_profile)
+    assert (min(profile), profile[0.0], profile[12.5]) == (0.0, 1.6 * 1.3, 1.6 * 1.3)
+    assert profile[20.0] == pytest.approx(1.3 * 22.222 / 20.0, rel=1e-4), "constant power"
+    assert max(profile) >= lorry.max_speed_mps
+    assert not scaled.classes[ActorClass.TRUCK].acceleration_profile, "slower than the engine"
 
 
 def speeds(head: JamHead, *times_s: float) -> list[float]:

@@ -94,6 +94,18 @@ def test_sumo_accelerates_sideways_as_fast_as_the_driver_who_changes_lanes_faste
     assert usual.get("lcAccelLat") is None
 
 
+def test_faster_drivers_accelerate_at_speed_by_what_the_engine_gives() -> None:
+    car = PLAN_IN_TOWN.background[0]
+    quick = replace(
+        car.driver, driving=replace(car.driver.driving, accel_mps2=4.0, engine_mps2=2.0, max_speed_mps=24.0)
+    )
+    fast, usual = fromstring(vehicle_types_xml([replace(car, driver=quick), car], EmergencyLevel.L2))
+    speeds, most = ([float(word) for word in fast.get(name).split()] for name in ("speedTable", "maxAccelProfile"))
+    assert speeds == [2.5 * number for number in range(11)]
+    assert most == pytest.approx([4.0] * 5 + [44.444 / speed for speed in speeds[5:]], rel=1e-4)
+    assert usual.get("maxAccelProfile") is usual.get("speedTable") is None
+
+
 def test_two_wheels_have_sumos_own_classes() -> None:
     """A cyclist keeps right, does not overtake and wishes for an own speed."""
     sedan = next(vehicle for vehicle in PLAN_IN_TOWN.background if vehicle.actor_class is ActorClass.SEDAN)

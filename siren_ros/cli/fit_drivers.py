@@ -7,8 +7,10 @@ import numpy as np
 
 from siren_ros.base.tables import Row, Table
 from siren_ros.cli.options import add_processes, check_numbers, processes_of
-from siren_ros.errors import EXIT_OK, InputError, write_text
+from siren_ros.errors import EXIT_OK, write_text
 from siren_ros.lab.calibration.ledger_fit import (
+    CANDIDATES,
+    LEAST_TRIES,
     PRIORS,
     TEMPLATES_OF_A_TRY,
     draw_of,
@@ -26,14 +28,13 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Adds the description and the options of the command."""
     verb.description = (
         "Fits drivers to every other published figure of the ledger by approximate Bayesian computation: tries from "
-        "wide priors are simulated, the nearest ones are kept and varied. The tries that are left become the draws of "
-        "a preset. `siren evaluate realism` then says how far episodes with it are from the figures that were held "
-        f"out. A try takes {2 * len(TEMPLATES_OF_A_TRY)} episodes."
+        "wide priors are simulated, an emulator learns from them what the values do to each figure, and values drawn "
+        "by their likelihood become the draws of a preset. `siren evaluate realism` then says how far episodes with it "
+        f"are from the figures that were held out. A try takes {2 * len(TEMPLATES_OF_A_TRY)} episodes."
     )
     verb.add_argument("--base", default="realistic", metavar="PRESET", help="what is not fitted (default realistic)")
-    verb.add_argument("--rounds", type=int, default=3, metavar="N", help="rounds of the sequence (default 3)")
-    verb.add_argument("--tries", type=int, default=24, metavar="N", help="tries that a round keeps (default 24)")
-    verb.add_argument("--most", type=int, default=150, metavar="N", help="no round begins after N tries (default 150)")
+    verb.add_argument("--tries", type=int, default=100, metavar="N", help="tries to simulate (default 100)")
+    verb.add_argument("--draws", type=int, default=24, metavar="N", help="draws of the preset (default 24)")
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
     verb.add_argument("--out", type=Path, required=True, metavar="FILE.yaml", help="write the preset to this file")
     add_processes(verb)
@@ -42,20 +43,18 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fits, prints the values that are left, and writes the preset."""
-    check_numbers(arguments, {"rounds": (1, 100), "tries": (2, 10_000), "most": (2, 10**6), "seed": (0, MAX_SEED)})
-    database = arguments.out.with_suffix(".db")
-    if database.exists():
-        raise InputError("out", str(arguments.out), f"a name next to which there is no {database.name} of another fit")
+    ranges = {"tries": (LEAST_TRIES, 10_000), "draws": (2, 10_000), "seed": (0, MAX_SEED)}
+    check_numbers(arguments, ranges)
     fitted, held_out = halves(read_ledger())
     load_preset(arguments.base)
     with simulated_tries(arguments.base, processes_of(arguments)) as simulate:
-        numbers = arguments.rounds, arguments.tries, arguments.seed, arguments.most
-        draws, limits = fit_to_ledger(fitted, simulate, *numbers, database)
+        numbers = arguments.tries, arguments.draws, arguments.seed
+        draws, effective = fit_to_ledger(fitted, simulate, *numbers)
     names = [line.line_id for line in fitted]
     text = preset_text(f"{arguments.base}, fitted to published figures", [*map(draw_of, draws)], arguments.base, names)
-    how = f"siren fit-drivers --base {arguments.base} --rounds {arguments.rounds} --tries {arguments.tries}"
+    how = f"siren fit-drivers --base {arguments.base} --tries {arguments.tries}"
     head = (
-        f"# Made by `./env --with realism {how} --most {arguments.most} --seed {arguments.seed}`; do not edit.\n"
+        f"# Made by `./env --with realism {how} --draws {arguments.draws} --seed {arguments.seed}`; do not edit.\n"
         f"# Fitted to {len(fitted)} lines of params/realism/ledger.yaml; {len(held_out)} are held out. What is not\n"
         f"# under `draws` is of the preset {arguments.base}, with its sources and assumptions.\n"
     )
@@ -63,6 +62,5 @@ def run(arguments: argparse.Namespace) -> int:
     quantiles = {name: np.percentile([draw[name] for draw in draws], (5, 50, 95)) for name in PRIORS}
     rows: tuple[Row, ...] = tuple((name, *PRIORS[name], *map(float, quantiles[name])) for name in PRIORS)
     table = Table("fit", "", ("value", "prior from", "to", "5 %", "median", "95 %"), rows, spec=".2f")
-    reached = ", ".join(f"{limit:.2f}" for limit in limits)
-    print("\n".join([*table.text(), f"greatest distance of each round: {reached}"]))
+    print("\n".join([*table.text(), f"{effective:.0f} of {CANDIDATES} candidates are about as likely as the draws"]))
     return EXIT_OK

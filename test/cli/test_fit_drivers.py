@@ -3,13 +3,6 @@
 from pathlib import Path
 
 
-def test_a_fit_does_not_go_on_in_the_database_of_another_one(tmp_path: Path, siren) -> None:
-    (tmp_path / "mine.db").touch()
-    told = siren(["fit-drivers", "--out", str(tmp_path / "mine.yaml")], 2).err
-    assert "mine.db of another fit" in told
-    assert not (tmp_path / "mine.yaml").exists()
-
-
 def test_unknown_presets_and_numbers_that_make_no_fit_are_named(tmp_path: Path, siren) -> None:
     words = ["fit-drivers", "--out", str(tmp_path / "mine.yaml")]
     assert "nobody" in siren([*words, "--base", "nobody"], 2).err

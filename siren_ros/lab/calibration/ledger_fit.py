@@ -1,13 +1,16 @@
-"""Fits a preset of drivers to half of the published figures, by approximate Bayesian computation.
+"""Fits a preset of drivers to half of the published figures, by approximate Bayesian computation with an emulator.
 
-A try draws values from wide priors, simulates episodes with them, and compares what they show with the published
-figures. Sequential Monte Carlo keeps the nearest tries and draws anew around them (Toni et al., J. R. Soc. Interface 6
-(2009) 187), as pyABC implements it. The tries that are left become the draws of a preset, so that its episodes differ
-by as much as the figures leave open. The other half of the figures is not looked at: it says what the fit is worth.
+A try draws values from wide priors, simulates a few episodes with them, and notes what they show for each published
+figure. Few episodes tell little of one try, so that the nearest tries would be kept by chance; a Gaussian process over
+all tries separates what the values do from that chance (Wilkinson, "Accelerating ABC methods using Gaussian processes",
+AISTATS 2014). Figures for which it predicts left-out tries no better than their mean would be met by chance alone, and
+do not count. Values drawn by their likelihood become the draws of a preset, so that its episodes differ by as much as
+the figures leave open. The other half of the figures is not looked at: it says what the fit is worth.
 """
 
 import logging
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -17,13 +20,15 @@ from typing import Any, Final
 
 import numpy as np
 import yaml
+from scipy.special import ndtri
+from scipy.stats import t as student_t
 
-from siren_ros.base.numerics.arrays import chances, random_stream
+from siren_ros.base.numerics.arrays import Floats, chances, random_stream
 from siren_ros.base.params.parameters import FILES_ON_DISK
 from siren_ros.base.processes.process_pool import ProcessPool, side_by_side
 from siren_ros.errors import InputError, SirenError
 from siren_ros.running.generation.closed_loop import simulated
-from siren_ros.scoring.evaluation.realism.ledger import SHARE, LedgerLine, LedgerResult, compare
+from siren_ros.scoring.evaluation.realism.ledger import SHARE, LedgerLine, shown_value
 from siren_ros.scoring.evaluation.realism.quantities import RealismEpisode
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 
@@ -47,10 +52,15 @@ TEMPLATES_OF_A_TRY: Final = ("S1", "S2", "S3")
 SPREAD_M: Final = 10.1
 """Deviation of response distances among drivers (Cortes and Stefoni 2023)."""
 LATE_SHARE: Final = 0.1
-FARTHEST: Final = 5.0
-"""Largest distance of a line, in half widths of both intervals; also that of a line without a prediction."""
-KEPT_SHARE: Final = 0.5
-"""Share of the tries of a round whose distance the next round must not exceed."""
+FREEDOM: Final = 4.0
+"""Degrees of freedom of Student's distribution of published values about predicted ones: single figures that no drivers
+meet do not decide alone (Lange, Little and Taylor, J. Am. Stat. Assoc. 84 (1989) 881)."""
+CANDIDATES: Final = 2**15
+"""Number of values from the priors that are weighed."""
+LEAST_TRIES: Final = 20
+"""With fewer tries that show it, a line does not count."""
+_FOLDS: Final = 10
+"""Parts of the tries that are left out in turn."""
 MOST_SEEDS: Final = 1000
 """Episodes of the fit have smaller seeds, so that those from here on stay unseen."""
 
@@ -71,22 +81,6 @@ def halves(lines: Sequence[LedgerLine]) -> tuple[tuple[LedgerLine, ...], tuple[L
         line for line in answerable[::2] if line.statistic != SHARE and not line.samples.startswith("rescue_lane")
     )
     return fitted, tuple(line for line in answerable if line not in fitted)
-
-
-def distance(results: Sequence[LedgerResult]) -> float:
-    """Mean distance of predicted values from published ones, each in half widths of both intervals together.
-
-    Without the predicted ones, chance in events that a try's few episodes hardly show would decide which ones are kept.
-    """
-    apart = [_apart(one) if one.answered else FARTHEST for one in results]
-    return float(np.mean(np.minimum(np.nan_to_num(apart, nan=FARTHEST), FARTHEST)))
-
-
-def _apart(one: LedgerResult) -> float:
-    tried = one.predicted
-    return float(
-        2.0 * abs(tried.value - one.line.value) / np.hypot(one.line.high - one.line.low, tried.high - tried.low)
-    )
 
 
 def draw_of(values: Try) -> dict[str, Any]:
@@ -156,50 +150,98 @@ def measured(request: EpisodeRequest) -> RealismEpisode:
     return RealismEpisode.of(simulated(request))
 
 
+def values_of(place: Floats) -> dict[str, float]:
+    """The values at a place of the unit cube, whose sides are the priors."""
+    return {name: low + (high - low) * float(at) for (name, (low, high)), at in zip(PRIORS.items(), place, strict=True)}
+
+
 def fit_to_ledger(
-    lines: Sequence[LedgerLine], simulate: Simulate, rounds: int, tries: int, seed: int, most: int, database: Path
-) -> tuple[list[dict[str, float]], list[float]]:
+    lines: Sequence[LedgerLine], simulate: Simulate, tries: int, draws: int, seed: int
+) -> tuple[list[dict[str, float]], float]:
     """Fit the priors' values to the lines.
 
     Args:
         lines: The lines that count.
         simulate: Simulates a try.
-        rounds: Number of rounds of the sequence.
-        tries: Number of tries that each round keeps.
+        tries: Number of tries.
+        draws: Number of values to return.
         seed: Of all random numbers.
-        most: No round begins after so many tries in all.
-        database: SQLite file in which pyABC keeps all rounds.
 
     Returns:
-        The tries that the last round keeps, as many as it has, each as often as its weight says; and the greatest
-        distance of each round.
+        Values, each as often as it is likely; and the effective number of weighed candidates that they stand for.
 
     Raises:
-        InputError: pyABC is missing.
+        InputError: scikit-learn is missing.
+    """
+    _emulator()  # refuses before the tries, which take long
+    stream = random_stream(seed, "fit/tries")
+    places, shown = np.empty((tries, len(PRIORS))), np.empty((tries, len(lines)))
+    for place, values in zip(places, shown, strict=True):
+        place[:] = stream.random(len(PRIORS))
+        episodes = simulate(values_of(place), int(stream.integers(MOST_SEEDS)))
+        values[:] = [shown_value(line, episodes) for line in lines]
+    candidates = stream.random((CANDIDATES, len(PRIORS)))
+    weights = likelihoods(lines, places, shown, candidates)
+    kept = np.searchsorted(chances(weights), (np.arange(draws) + 0.5) / draws)
+    return [values_of(candidates[row]) for row in kept], float(weights.sum() ** 2 / (weights**2).sum())
+
+
+def likelihoods(lines: Sequence[LedgerLine], places: Floats, shown: Floats, candidates: Floats) -> Floats:
+    """How likely the published values are with each candidate, up to a factor.
+
+    Args:
+        lines: The lines that count.
+        places: (tries, priors): places of the tries in the unit cube.
+        shown: (tries, lines): what each try shows; NaN where it shows nothing.
+        candidates: (candidates, priors): places that are weighed.
+
+    Returns:
+        (candidates,): 1 at the most likely one.
+
+    Raises:
+        InputError: scikit-learn is missing.
+    """
+    emulator = _emulator()
+    from sklearn.exceptions import ConvergenceWarning  # noqa: PLC0415 - an extra
+    from sklearn.model_selection import KFold, cross_val_predict  # noqa: PLC0415 - an extra
+
+    folds = KFold(_FOLDS, shuffle=True, random_state=0)
+    total = np.zeros(len(candidates))
+    for line, values in zip(lines, shown.T, strict=True):
+        known = np.isfinite(values)
+        spread = float(np.std(values[known])) if known.any() else 0.0
+        if known.sum() < LEAST_TRIES or not spread:
+            _LOG.warning("%s: %d tries show it, so that it does not count", line.line_id, known.sum())
+            continue
+        middle = float(np.mean(values[known]))
+        standard = (values[known] - middle) / spread
+        with warnings.catch_warnings():
+            # a bound of the kernel says that a prior does not matter to this line, or that chance does not
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            left_out = cross_val_predict(emulator, places[known], standard, cv=folds)
+            if np.mean((left_out - standard) ** 2) >= 1.0:
+                _LOG.warning("%s: the values do not tell what tries show, so that it does not count", line.line_id)
+                continue
+            emulator.fit(places[known], standard)
+        mean, deviation = emulator.predict(candidates, return_std=True)
+        # the deviation of a new try holds its chance, which that of the mean does not
+        of_mean = np.maximum(deviation**2 - emulator.kernel_.k2.noise_level, 0.0)
+        published = (line.high - line.low) / (2.0 * ndtri(0.975))
+        scale = np.sqrt(published**2 + spread**2 * of_mean)
+        total += student_t.logpdf(line.value, FREEDOM, middle + spread * mean, scale)
+    return np.exp(total - total.max())
+
+
+def _emulator() -> Any:
+    """A Gaussian process over the unit cube, with a length for each prior and with chance.
+
+    Raises:
+        InputError: scikit-learn is missing.
     """
     try:
-        import pyabc  # noqa: PLC0415 - an extra
+        from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: PLC0415 - an extra
+        from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel  # noqa: PLC0415 - an extra
     except ModuleNotFoundError as error:
-        raise InputError("package", "pyabc", "./env --with realism siren fit-drivers …") from error
-    seeds = random_stream(seed, "fit/seeds")
-
-    def model(values: Try) -> dict[str, float]:
-        episodes = simulate(values, int(seeds.integers(MOST_SEEDS)))
-        return {"distance": distance(compare(lines, episodes)) if episodes else FARTHEST}
-
-    np.random.seed(seed)  # noqa: NPY002 - pyABC draws from numpy's global generator
-    prior = pyabc.Distribution(**{name: pyabc.RV("uniform", low, high - low) for name, (low, high) in PRIORS.items()})
-    search = pyabc.ABCSMC(
-        model,
-        prior,
-        lambda simulated, _: simulated["distance"],
-        tries,
-        eps=pyabc.QuantileEpsilon(initial_epsilon=FARTHEST, alpha=KEPT_SHARE),
-        sampler=pyabc.sampler.SingleCoreSampler(),
-    )
-    search.new(f"sqlite:///{database}", {"distance": 0.0})
-    history = search.run(max_nr_populations=rounds, max_total_nr_simulations=most)
-    kept, weights = history.get_distribution(m=0, t=history.max_t)
-    rows = np.searchsorted(chances(weights), (np.arange(len(kept)) + 0.5) / len(kept))
-    limits = [float(limit) for limit in history.get_all_populations().query("t >= 0")["epsilon"]]
-    return [{name: float(kept[name].iloc[row]) for name in PRIORS} for row in rows.tolist()], limits
+        raise InputError("package", "scikit-learn", "./env --with realism siren fit-drivers …") from error
+    kernel = ConstantKernel() * RBF(np.ones(len(PRIORS)), (0.1, 100.0)) + WhiteKernel()
+    return GaussianProcessRegressor(kernel, random_state=0)

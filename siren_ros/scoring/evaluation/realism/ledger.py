@@ -145,22 +145,33 @@ def compare(lines: Sequence[LedgerLine], episodes: Sequence[RealismEpisode]) -> 
     """
     if not episodes:
         raise InputError("bags", "none", "at least one episode")
-    own = [episode for episode in episodes if episode.at_own_level]
-    nominal = [episode for episode in episodes if episode.level == "L0"]
     fitted_to = {line for episode in episodes for line in episode.fitted_to}
-    results = (_result(line, own, nominal) for line in lines)
+    results = (_result(line, episodes) for line in lines)
     return tuple(replace(result, fitted=result.line.line_id in fitted_to) for result in results)
 
 
-def _result(line: LedgerLine, own: Sequence[RealismEpisode], nominal: Sequence[RealismEpisode]) -> LedgerResult:
-    if line.cannot:
-        return LedgerResult(line, NOTHING, 0, CANNOT, line.cannot)
+def shown_value(line: LedgerLine, episodes: Sequence[RealismEpisode]) -> float:
+    """The line's statistic of what the episodes show, however little that is; NaN if they show nothing."""
+    blocks = _blocks(line, episodes)
+    return float(STATISTICS[line.statistic](np.concatenate(blocks))) if blocks else math.nan
+
+
+def _blocks(line: LedgerLine, episodes: Sequence[RealismEpisode]) -> list[Floats]:
+    """The line's samples of each episode that has any."""
+    own = [episode for episode in episodes if episode.at_own_level]
+    nominal = [episode for episode in episodes if episode.level == "L0"]
     if line.samples == TIME_SAVED:
         blocks = _time_saved(own, nominal)
     else:
         chosen = [*own, *(one for one in nominal if one not in own)] if line.samples in ORDINARY else own
         blocks = [episode.samples[line.samples] for episode in chosen]
-    blocks = [samples for samples in blocks if len(samples)]
+    return [samples for samples in blocks if len(samples)]
+
+
+def _result(line: LedgerLine, episodes: Sequence[RealismEpisode]) -> LedgerResult:
+    if line.cannot:
+        return LedgerResult(line, NOTHING, 0, CANNOT, line.cannot)
+    blocks = _blocks(line, episodes)
     count = sum(map(len, blocks))
     if count < (1 if line.statistic == SHARE else _LEAST_SAMPLES):
         wanted = "episodes at L0 and at the template's own level" if line.samples == TIME_SAVED else "more episodes"

@@ -27,6 +27,7 @@ from siren_ros.scoring.evaluation.realism.ledger import (
     compare,
     ledger_table,
     read_ledger,
+    shown_value,
     sources_table,
     unanswered_table,
     verdict_counts,
@@ -143,6 +144,15 @@ def test_each_statistic_is_that_of_all_samples() -> None:
     expected = {"mean": 6.0, "median": 5.0, "sd": 33.0**0.5, "p10": 1.0, "p50": 5.0, "p90": 9.0, "p95": 15.0}
     lines = [replace(LINE, samples="following_gap_m", statistic=name) for name in expected]
     assert [one.predicted.value for one in compare(lines, episodes)] == pytest.approx([*expected.values()])
+    assert [shown_value(line, episodes) for line in lines] == pytest.approx([*expected.values()])
+
+
+def test_what_episodes_show_counts_however_little_it_is() -> None:
+    single = [episode({"standing_gap_m": [1.5]}), episode({})]
+    assert shown_value(LINE, single) == 1.5
+    assert compare([LINE], single)[0].verdict == CANNOT
+    assert np.isnan(shown_value(LINE, [episode({})]))
+    assert np.isnan(shown_value(LINE, []))
 
 
 def _street() -> RoadTracks:

@@ -205,6 +205,9 @@ class _GroupPlanner:
         speed = group.speed_mps * (1.0 + self.traffic.speed_spread * rng.uniform(-1.0, 1.0))
         pace = min(speed, self.network.lanes[row.chain.lanes[-1]].speed_limit_mps)
         spacing = max(spacing, row.headway_s * pace - length)
+        driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
+        if group.standing and not row.headway_s:  # nobody stops nearer than at the own standing distance
+            spacing = max(spacing, driver.driving.min_gap_m)
         nearest = group.anchor is GroupAnchor.ARRIVAL
         last = nearest and (row.chain.lanes, row.forwards) not in self._reached_m
         place = self._place(row, group.first_gap_m, spacing, length, nearest=nearest)
@@ -220,7 +223,6 @@ class _GroupPlanner:
         if group.placement is Placement.SAME_DIRECTION:
             # On the way to another lane drivers of a stream would change in front of the EMV.
             edges = self._in_lane(row, edges)
-        driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
         # A driver who keeps a longer distance than the one at which it starts would brake at once.
         headway_s = max((spacing - driver.driving.min_gap_m) / speed, LEAST_HEADWAY_S)
         driver = replace(driver, tau_s=min(driver.tau_s, headway_s))

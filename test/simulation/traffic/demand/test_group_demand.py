@@ -424,6 +424,16 @@ def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:
     assert fronts_m(planned(queue, traffic=traffic, seed=1).vehicles)[1:] != fronts_m(vehicles)[1:]
 
 
+@pytest.mark.parametrize("standing", [True, False])
+def test_nobody_stands_nearer_than_the_own_standing_distance(standing: bool) -> None:
+    """Standing distances of these four are 1.6 m, 2.5 m, 3.1 m and 1.3 m."""
+    queue = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, 4, standing=standing), spacing_m=2.0)
+    vehicles = planned(queue, traffic=replace(CONFIG, spacing_spread=0.0)).vehicles
+    asked_m = [max(2.0, vehicle.driver.driving.min_gap_m if standing else 0.0) for vehicle in vehicles]
+    assert (max(asked_m) > 3.0) == standing
+    assert -np.diff(fronts_m(vehicles)) - CAR_M == pytest.approx(asked_m[1:])
+
+
 @pytest.mark.parametrize("line_m", [130.0, 140.0, 300.0])
 def test_queues_in_lanes_that_grow_out_of_one_lane_keep_their_spacing_in_it(line_m: float) -> None:
     """One lane fans out into two before the line; between 100 and 120 m is its junction."""

@@ -45,8 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Fits, prints the values that are left, and writes the preset."""
     ranges = {"tries": (LEAST_TRIES, 10_000), "draws": (2, 10_000), "seed": (0, MAX_SEED)}
     check_numbers(arguments, ranges)
-    fitted, held_out = halves(read_ledger())
-    load_preset(arguments.base)
+    fitted, others = halves(read_ledger())
+    of_base = load_preset(arguments.base).fitted_to
+    held_out = [line for line in others if line.line_id not in of_base]
     with simulated_tries(arguments.base, processes_of(arguments)) as simulate:
         numbers = arguments.tries, arguments.draws, arguments.seed
         draws, effective = fit_to_ledger(fitted, simulate, *numbers)
@@ -55,8 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
     how = f"siren fit-drivers --base {arguments.base} --tries {arguments.tries}"
     head = (
         f"# Made by `./env --with realism {how} --draws {arguments.draws} --seed {arguments.seed}`; do not edit.\n"
-        f"# Fitted to {len(fitted)} lines of params/realism/ledger.yaml; {len(held_out)} are held out. What is not\n"
-        f"# under `draws` is of the preset {arguments.base}, with its sources and assumptions.\n"
+        f"# Fitted to {len(fitted)} lines of params/realism/ledger.yaml; {len(held_out)} are held out. "
+        f"{arguments.base} is of {len(of_base)}.\n"
+        f"# What is not under `draws` is of the preset {arguments.base}, with its sources and assumptions.\n"
     )
     write_text(arguments.out, head + text)
     quantiles = {name: np.percentile([draw[name] for draw in draws], (5, 50, 95)) for name in PRIORS}

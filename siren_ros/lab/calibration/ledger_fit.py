@@ -108,7 +108,7 @@ def preset_text(title: str, draws: Sequence[Mapping[str, Any]], base: str, fitte
     content = yaml.safe_load(FILES_ON_DISK.read("preset", "presets", base).text)
     content |= {"title": title, "draws": [_rounded(draw) for draw in draws]}
     if fitted_to:
-        content["fitted_to"] = [*fitted_to]
+        content["fitted_to"] = [*dict.fromkeys((*content.get("fitted_to", ()), *fitted_to))]
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
 

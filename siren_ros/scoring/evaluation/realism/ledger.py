@@ -19,6 +19,7 @@ from siren_ros.scoring.evaluation.realism.quantities import (
     MEAN,
     MEDIAN,
     ORDINARY,
+    ROADS,
     SAMPLES,
     SPREAD,
     RealismEpisode,
@@ -73,6 +74,8 @@ class LedgerLine:
     """Name of the predicted samples; empty where a study cannot answer."""
     statistic: str = "mean"
     cannot: str = ""
+    road: str = ""
+    """One of ``ROADS`` if it was measured on such roads and drivers do otherwise elsewhere; empty for any."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,7 @@ def _line(entry: StrictMapping) -> LedgerLine:
         samples,
         entry.text("statistic", STATISTICS) if asks else "mean",
         "" if asks else entry.text("cannot"),
+        entry.text("road", ROADS) if entry.has("road") else "",
     )
     entry.finish()
     return line
@@ -158,8 +162,9 @@ def shown_value(line: LedgerLine, episodes: Sequence[RealismEpisode]) -> float:
 
 def _blocks(line: LedgerLine, episodes: Sequence[RealismEpisode]) -> list[Floats]:
     """The line's samples of each episode that has any."""
-    own = [episode for episode in episodes if episode.at_own_level]
-    nominal = [episode for episode in episodes if episode.level == "L0"]
+    there = [episode for episode in episodes if line.road in ("", episode.road)]
+    own = [episode for episode in there if episode.at_own_level]
+    nominal = [episode for episode in there if episode.level == "L0"]
     if line.samples == TIME_SAVED:
         blocks = _time_saved(own, nominal)
     else:

@@ -126,12 +126,7 @@ def time_to_site_s(scene: RealismScene) -> Floats:
 
 
 def moved(scene: RealismScene) -> Floats:
-    """Whether each driver whom the EMV met from behind changed its lateral position before the EMV had passed.
-
-    In a motorway's jam they have done so long before: that is the rescue lane.
-    """
-    if scene.in_rescue_lane:
-        return np.empty(0)
+    """Whether each driver whom the EMV met from behind changed its lateral position before the EMV had passed."""
     return np.array([float(shifted(one, YieldThresholds.shift_m).any()) for one in scene.near if one.passed_row >= 0])
 
 
@@ -168,9 +163,7 @@ def return_distance_m(scene: RealismScene) -> Floats:
 
 
 def crossed_against_signal(scene: RealismScene) -> Floats:
-    """Whether each driver ahead of the EMV drove over a red line before the EMV had passed; a motorway has none."""
-    if scene.in_rescue_lane:
-        return np.empty(0)
+    """Whether each driver ahead of the EMV drove over a red line before the EMV had passed."""
     red = {(one.actor_id, one.enter_step) for one in scene.traversals if signal_letter(scene.record, one) in RED}
     found = []
     for one in scene.near:
@@ -277,6 +270,12 @@ def rescue_lane_formed(scene: RealismScene) -> Floats:
 
 
 _FORMED: Final = 0.9
+
+
+def rescue_lane_unasked(scene: RealismScene) -> Floats:
+    """Whether a rescue lane was formed, and at most a tenth of its drivers waited for the EMV."""
+    late = rescue_lane_late(scene)
+    return rescue_lane_formed(scene) * float(not len(late) or late.mean() <= 1.0 - _FORMED)
 
 
 def rescue_lane_stop(scene: RealismScene) -> Floats:
@@ -400,6 +399,7 @@ SAMPLES: Final[Mapping[str, Callable[[RealismScene], Floats]]] = {
     "time_in_situations": time_in_situations,
     "lane_change_s": lane_change_s,
     "rescue_lane_formed": rescue_lane_formed,
+    "rescue_lane_unasked": rescue_lane_unasked,
     "rescue_lane_stop": rescue_lane_stop,
     "rescue_lane_late": rescue_lane_late,
     "rescue_lane_forgotten": rescue_lane_forgotten,
@@ -415,6 +415,11 @@ ORDINARY: Final = (*TRAFFIC, "lane_change_s")
 """Samples of traffic that no siren is near; those of episodes at L0 count too."""
 
 
+STREET: Final = "street"
+MOTORWAY: Final = "motorway"
+ROADS: Final = (STREET, MOTORWAY)
+
+
 @dataclass(frozen=True)
 class RealismEpisode:
     """Samples of one episode."""
@@ -426,6 +431,8 @@ class RealismEpisode:
     samples: Mapping[str, Floats]
     fitted_to: tuple[str, ...] = ()
     """Lines of the ledger to which the preset of its drivers was fitted."""
+    road: str = STREET
+    """One of ``ROADS``."""
 
     @classmethod
     def of(cls, record: EpisodeRecord) -> Self:
@@ -435,4 +442,5 @@ class RealismEpisode:
         situation = (described.template, described.map_name, str(described.seed), described.pinned)
         samples = {name: measure(scene) for name, measure in SAMPLES.items()}
         fitted_to = load_preset(described.preset, described.files).fitted_to
-        return cls(level, level == own_level(described.template), situation, samples, fitted_to)
+        road = MOTORWAY if scene.in_rescue_lane else STREET
+        return cls(level, level == own_level(described.template), situation, samples, fitted_to, road)

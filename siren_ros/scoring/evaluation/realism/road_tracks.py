@@ -257,7 +257,8 @@ QUEUE: Final = 3
 def discharge_headways_s(tracks: RoadTracks) -> Floats:
     """Times between the fronts of a queue's vehicles at the place where its first one stood, from the fourth one on.
 
-    A queue is a chain of standing vehicles, each the next one ahead of the other; it needs no stop line.
+    A queue is a chain of standing vehicles, each the next one ahead of the other; it needs no stop line. Only vehicles
+    count that pass the place without another stop, as at green: at a stop sign each one waits there.
     """
     chains: dict[int, list[int]] = {}
     for frame in tracks.frames():
@@ -272,10 +273,11 @@ def discharge_headways_s(tracks: RoadTracks) -> Floats:
         stood = int(np.flatnonzero(first.speed_mps < STANDING_MPS)[-1])
         heading = np.array([np.cos(first.yaw_rad[stood]), np.sin(first.yaw_rad[stood])])
         place = np.array([first.x_m[stood], first.y_m[stood]]) + 0.5 * first.length_m[stood] * heading
-        times = [_passing_s(of[other], place, heading, float(first.time_s[stood])) for other in chain]
-        passed = [time for time in times if time is not None]
-        if len(passed) == len(times):
-            headways += np.diff(passed)[QUEUE - 1 :].tolist()
+        passings = [_passing(of[other], place, heading, float(first.time_s[stood])) for other in chain]
+        passed = [passing for passing in passings if passing is not None]
+        if len(passed) == len(passings):
+            times, speeds = np.array(passed).T
+            headways += np.diff(times)[QUEUE - 1 :][speeds[QUEUE:] >= MOVES_MPS].tolist()
     return np.array([value for value in headways if value > 0.0])
 
 
@@ -290,16 +292,24 @@ def _queues(frame: RoadTracks) -> Iterator[list[int]]:
         yield frame.track_id[chain].tolist()
 
 
-def _passing_s(track: RoadTracks, place: Floats, heading: Floats, after_s: float) -> float | None:
-    """Time at which a vehicle's front passes a line across a heading; None if it does not."""
+def _passing(track: RoadTracks, place: Floats, heading: Floats, after_s: float) -> tuple[float, float] | None:
+    """Time and speed at which a vehicle's front passes a line across a heading; None if its track does not show it."""
     fronts = np.stack((track.x_m, track.y_m), axis=-1) - place
     front_m = fronts @ heading + 0.5 * track.length_m
     over = np.flatnonzero((front_m[1:] > 0.0) & (front_m[:-1] <= 0.0) & (track.time_s[1:] >= after_s))
     if not len(over):
         return None
     row = int(over[0])
+    since = min(max(int(np.searchsorted(track.time_s, after_s, "right")) - 1, 0), row)
+    if np.diff(track.time_s[since : row + 2]).max() > _UNSEEN_S:
+        return None
     share = -front_m[row] / (front_m[row + 1] - front_m[row])
-    return float(track.time_s[row] + share * (track.time_s[row + 1] - track.time_s[row]))
+    time_s = float(track.time_s[row] + share * (track.time_s[row + 1] - track.time_s[row]))
+    return time_s, float(track.speed_mps[row])
+
+
+_UNSEEN_S: Final = 1.0
+"""A track with a longer hole, as it has while a siren is near, is of no ordinary discharge."""
 
 
 def moving_speeds_mps(tracks: RoadTracks) -> Floats:

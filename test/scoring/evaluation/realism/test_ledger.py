@@ -147,6 +147,14 @@ def test_each_statistic_is_that_of_all_samples() -> None:
     assert [shown_value(line, episodes) for line in lines] == pytest.approx([*expected.values()])
 
 
+def test_a_line_of_one_kind_of_road_is_compared_with_episodes_there() -> None:
+    slow, fast = gaps(2.0, 2.0, 2.0), [replace(one, road="motorway") for one in gaps(4.0, 4.0, 4.0)]
+    lines = [replace(LINE, road=road) for road in ("street", "motorway", "")]
+    assert [round(one.predicted.value, 6) for one in compare(lines, [*slow, *fast])] == [2.0, 4.0, 3.0]
+    assert [shown_value(line, slow) for line in lines] == pytest.approx([2.0, np.nan, 2.0], nan_ok=True)
+    assert {line.road for line in read_ledger()} == {"street", ""}
+
+
 def test_what_episodes_show_counts_however_little_it_is() -> None:
     single = [episode({"standing_gap_m": [1.5]}), episode({})]
     assert shown_value(LINE, single) == 1.5

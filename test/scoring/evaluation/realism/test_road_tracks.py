@@ -103,8 +103,23 @@ def test_queue_discharges_from_the_fourth_vehicle_on() -> None:
         waits, at_m = 60 + 20 * place, -6.0 * place - 3.0 * (place == 4)
         arcs.append(np.concatenate((np.full(waits, at_m), at_m + 0.6 * np.arange(250 - waits))))
     arcs[4][:60] -= 0.05 * np.minimum(np.arange(60, 0, -1), 20)
-    headways = road_tracks.discharge_headways_s(lane(*arcs, last_m=10.0))
+    tracks = lane(*arcs, last_m=10.0)
+    headways = road_tracks.discharge_headways_s(tracks)
     assert headways == pytest.approx([3.0, 3.0], abs=0.05)  # 2 s later, and 6 m more at 6 m/s
+    # the fourth one waits until 12 s, and passes the place at 15 s
+    for middle_s, hole_s, seen in ((15.0, 0.8, 2), (15.0, 1.4, 0), (10.0, 1.4, 0), (18.0, 1.4, 2)):
+        hidden = (tracks.track_id == 3) & (np.abs(tracks.time_s - middle_s) < 0.5 * hole_s)
+        assert len(road_tracks.discharge_headways_s(tracks.select(~hidden))) == seen, (middle_s, hole_s)
+
+
+@pytest.mark.parametrize(("speed_mps", "counts"), [(3.5, True), (2.5, False)])
+def test_vehicles_that_pass_the_place_slowly_do_not_discharge(speed_mps: float, counts: bool) -> None:
+    """Five vehicles as at a stop sign: each comes to the place at this speed and goes on as slowly, 4 s apart."""
+    rolls = [
+        np.concatenate((np.full(20 + 40 * k, -6.0 * k), -6.0 * k + 0.1 * speed_mps * np.arange(380 - 40 * k)))
+        for k in range(5)
+    ]
+    assert len(road_tracks.discharge_headways_s(lane(*rolls))) == (2 if counts else 0)
 
 
 def test_speed_of_a_noisy_track_is_that_of_its_way_in_a_second() -> None:

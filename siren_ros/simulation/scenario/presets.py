@@ -95,7 +95,7 @@ class DriverPreset:
     pedestrian_distance_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
     """Distance to an EMV with a siren at which a pedestrian waits at the kerb, or hurries over a crossing."""
     rescue_at_once: float = 1.0
-    """Share of the drivers in a motorway's jam who form the rescue lane unasked."""
+    """Share of the motorway's jams whose drivers form the rescue lane unasked."""
     rescue_late: float = 0.0
     """Share of those who form it only when an EMV with a siren comes; the others do not, unless they yield to it."""
     rescue_near_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)

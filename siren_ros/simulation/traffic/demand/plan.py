@@ -381,12 +381,21 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
     And with the distances at which pedestrians heed one, the share of motorcyclists who filter behind one, and the time
     that each driver takes for a lane change.
 
-    Each driver has draws of its own, whatever else is drawn.
+    Each driver has draws of its own, whatever else is drawn, but for the rescue lane: a jam's drivers do as those ahead
+    of them, so that one draw says what they all do.
     """
     attentive, oncoming, filtering = preset.attention.civilians, preset.oncoming, preset.filtering
 
     def among(share: float, stream: str, index: int) -> bool:
         return share >= 1.0 or (share > 0.0 and bool(random_stream(seed, stream, index).random() < share))
+
+    unasked = 0.0 if preset.rescue_at_once >= 1.0 else random_stream(seed, "rescue_lane").random()
+    late = unasked - preset.rescue_at_once < preset.rescue_late
+
+    def rescue_m(purpose: str, index: int) -> float:
+        if unasked < preset.rescue_at_once:
+            return math.inf
+        return preset.rescue_near_m.draw(random_stream(seed, f"rescue_lane/{purpose}", index)) if late else 0.0
 
     def drawn(purpose: str) -> tuple[PlannedVehicle, ...]:
         return tuple(
@@ -394,7 +403,7 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
                 vehicle,
                 attentive=among(attentive, f"attention/{purpose}", index),
                 oncoming_share=oncoming.speed_share if among(oncoming.share, f"oncoming/{purpose}", index) else 1.0,
-                rescue_m=_rescue_m(preset, seed, purpose, index) if plan.duty else vehicle.rescue_m,
+                rescue_m=rescue_m(purpose, index) if plan.duty else vehicle.rescue_m,
                 lane_change_s=_lane_change_s(preset, seed, purpose, index),
             )
             for index, vehicle in enumerate(getattr(plan, purpose))
@@ -417,16 +426,6 @@ def with_responses(plan: TrafficPlan, preset: DriverPreset, seed: int) -> Traffi
 def _lane_change_s(preset: DriverPreset, seed: int, purpose: str, index: int) -> float | None:
     drawn = preset.lane_change_log_s
     return None if drawn is None else math.exp(drawn.draw(random_stream(seed, f"lane_change/{purpose}", index)))
-
-
-def _rescue_m(preset: DriverPreset, seed: int, purpose: str, index: int) -> float:
-    if preset.rescue_at_once >= 1.0:
-        return math.inf
-    rng = random_stream(seed, f"rescue_lane/{purpose}", index)
-    share = rng.random() - preset.rescue_at_once
-    if share < 0.0:
-        return math.inf
-    return preset.rescue_near_m.draw(rng) if share < preset.rescue_late else 0.0
 
 
 def with_emv_drivers(plan: TrafficPlan, sumo: SumoEmvDriver) -> TrafficPlan:

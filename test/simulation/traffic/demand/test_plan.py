@@ -148,16 +148,24 @@ def test_the_share_is_met_and_the_emv_is_not_drawn() -> None:
 
 
 def test_drivers_in_a_jam_form_the_rescue_lane_at_once_late_or_not() -> None:
-    preset = load_preset("realistic")
-    reach_m = np.array([car.rescue_m for car in with_responses(replace(plan(2000), duty=True), preset, 3).background])
-    assert 0.37 < np.mean(np.isinf(reach_m)) < 0.43
-    assert 0.12 < np.mean(reach_m == 0.0) < 0.18
-    late_m = reach_m[np.isfinite(reach_m) & (reach_m > 0.0)]
+    """All drivers of a jam do the same; those who are late do so at distances of their own."""
+    preset, jam = load_preset("realistic"), replace(plan(2, 3), duty=True)
+    reach_m = np.array(
+        [
+            [car.rescue_m for car in (*of.groups, *of.background)]
+            for of in (with_responses(jam, preset, k) for k in range(2000))
+        ]
+    )
+    unasked, forgotten = np.isinf(reach_m).all(axis=1), (reach_m == 0.0).all(axis=1)
+    assert 0.37 < unasked.mean() < 0.43
+    assert 0.12 < forgotten.mean() < 0.18
+    late_m = reach_m[~unasked & ~forgotten]
+    assert late_m.std(axis=1).min() > 0.0
     assert 30.0 <= late_m.min() < 60.0
     assert 95.0 < late_m.mean() < 105.0
     assert 150.0 < late_m.max() <= 200.0
-    for unasked in (with_responses(plan(9), preset, 3), with_responses(replace(plan(9), duty=True), responding(), 3)):
-        assert all(np.isinf(car.rescue_m) for car in unasked.background)
+    usual = [with_responses(plan(9), preset, 3), with_responses(replace(plan(9), duty=True), responding(), 3)]
+    assert all(np.isinf(car.rescue_m) for one in usual for car in one.background)
 
 
 def test_lane_changes_take_each_driver_a_time_of_its_own_and_no_other_draw_changes() -> None:

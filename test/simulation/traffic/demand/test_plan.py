@@ -153,12 +153,12 @@ def test_drivers_in_a_jam_form_the_rescue_lane_at_once_late_or_not() -> None:
     reach_m = np.array(
         [
             [car.rescue_m for car in (*of.groups, *of.background)]
-            for of in (with_responses(jam, preset, k) for k in range(2000))
+            for of in (with_responses(jam, preset, k) for k in range(600))
         ]
     )
     unasked, forgotten = np.isinf(reach_m).all(axis=1), (reach_m == 0.0).all(axis=1)
-    assert 0.37 < unasked.mean() < 0.43
-    assert 0.12 < forgotten.mean() < 0.18
+    assert 0.34 < unasked.mean() < 0.46
+    assert 0.10 < forgotten.mean() < 0.20
     late_m = reach_m[~unasked & ~forgotten]
     assert late_m.std(axis=1).min() > 0.0
     assert 30.0 <= late_m.min() < 60.0

@@ -4,6 +4,7 @@ One civilian becomes the AV under test where an episode has one.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress, pairwise
@@ -86,12 +87,20 @@ def plan_traffic(
     factory = VehicleFactory(network, drivers, dimensions)
     emv = template.emv
     headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
-    starts = following_starts(network, site, emv, headway_m)
-    needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + EMV_ROUTE_SLACK_S)
-    way = starts[0].route
-    route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
-    starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
-    return _Planner(network, site, starts, template, seed, factory, drivers.traffic).plan()
+
+    def planner_from(start_m: float) -> _Planner:
+        starts = following_starts(network, site, replace(emv, start_m=start_m), headway_m)
+        needed_m = starts[0].front_m + emv.speed_mps * (template.duration_s + EMV_ROUTE_SLACK_S)
+        way = starts[0].route
+        route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
+        starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
+        return _Planner(network, site, starts, template, seed, factory, drivers.traffic)
+
+    planner = planner_from(emv.start_m)
+    if planner.groups.late_s > 0.0:  # from farther back the EMV meets the stream that comes in time
+        with suppress(MapError):
+            planner = planner_from(emv.start_m - planner.groups.late_s * emv.speed_mps)
+    return planner.plan()
 
 
 NEIGHBOURHOOD_M: Final = 150.0
@@ -131,10 +140,15 @@ class _Planner:
     def _start(self) -> EmvStart:
         return self._starts[0]
 
-    def plan(self) -> TrafficPlan:
-        groups = plan_groups(
+    @cached_property
+    def groups(self) -> GroupPlan:
+        """The vehicles of the template's groups."""
+        return plan_groups(
             self._network, self._site, self._start, self._template, self._seed, self._factory, self._traffic
         )
+
+    def plan(self) -> TrafficPlan:
+        groups = self.groups
         emvs = self._emvs(groups, self._starts)
         crossing, crossed = self._crossing((*emvs, *groups.vehicles))
         groups = self._without_queues_before(crossing, groups)

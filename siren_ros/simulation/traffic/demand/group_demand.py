@@ -74,6 +74,8 @@ class GroupPlan:
     """Number of vehicles that are not counted in the background volume."""
     heads: tuple[str, ...] = ()
     """Name of the foremost vehicle of each row in the groups that fill every lane."""
+    late_s: float = 0.0
+    """Time by which a stream's light turns yellow before step 0, or its last vehicle comes late at its top speed."""
 
 
 def plan_groups(
@@ -102,6 +104,9 @@ def plan_groups(
     red_before_s = template.signal.red_before_arrival_s if template.signal else 0.0
     held_up = site.kind is SiteKind.STOP_JUNCTION and any(vars(template.demand.people).values())
     most = max(int(template.duration_s / _RIDERS_TURN_S) - 1, 1) if held_up else template.demand.background_vehicles
+    if any(group.anchor is GroupAnchor.ARRIVAL and not group.optional for group in template.demand.groups):
+        yellow_s = max((network.connections[way].yellow_s for way in site.connections), default=0.0)
+        planner.late_s = max(yellow_s + red_before_s - arrival_s, 0.0)
     for asked in template.demand.groups:
         leads = held_up and asked.placement is Placement.EMV_LANE
         group = replace(asked, vehicles=min(asked.vehicles, most)) if leads else asked
@@ -130,7 +135,7 @@ def plan_groups(
         _check_room(group, len(rows), placed // len(rows) if every else placed)
         if group.placement is Placement.CROSSING:
             planner.keep_crossing_free(rows)
-    jam = on_top, tuple(heads.values())
+    jam = on_top, tuple(heads.values()), planner.late_s
     return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing), *jam)
 
 
@@ -187,6 +192,7 @@ class _GroupPlanner:
     through: tuple[int, ...]
     """Edges from the site's on to some way behind it."""
     foremost_m: float = 0.0
+    late_s: float = 0.0
     crossing_stage: list[LaneInterval] = field(default_factory=list)
     _reached_m: dict[tuple[tuple[int, ...], bool], tuple[float, float]] = field(default_factory=dict)
     """Rear and front of the last vehicle in each row of lanes and direction of growth."""
@@ -255,6 +261,8 @@ class _GroupPlanner:
         if emv_follows(self.start, row):
             return speeds.minimum
         wanted_m, way_m = (row.most_m - place_m for place_m in (row.anchor_m + group.first_gap_m, rear_m))
+        if not group.optional:
+            self.late_s = max(self.late_s, way_m / speeds.maximum - wanted_m / group.speed_mps)
         return min(max(group.speed_mps * way_m / max(wanted_m, 1.0), speeds.minimum), speeds.maximum)
 
     def _classes(self, group: DemandGroup, row: GroupRow) -> Shares:

@@ -423,6 +423,31 @@ def test_the_signal_turns_red_before_the_emv_arrives() -> None:
     assert (timing.platoon, timing.beside) == ((), ("near0", "near1"))
 
 
+def test_the_emv_starts_farther_back_where_the_light_would_be_yellow_from_the_beginning() -> None:
+    """It comes to the line after 15.8 s at 10 m/s, whatever its light. The road begins 160 m behind its start."""
+    stream = group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=1)
+    ways = tuple(replace(way, yellow_s=6.0) for way in STREETS.connections)
+    for red_s, optional, front_m in ((9.7, 0, 160.0), (11.0, 0, 148.0), (11.0, 1, 160.0), (60.0, 0, 160.0)):
+        network = replace(STREETS, connections=ways)
+        traffic = on_streets(replace(stream, optional=bool(optional)), network=network, signal=SignalDemand(red_s))
+        assert traffic.emvs[0].spot.front_m == pytest.approx(front_m, abs=0.3)
+
+
+def test_the_emv_starts_farther_back_where_its_stream_cannot_start_in_time_in_front_of_a_junction() -> None:
+    """The line is at 310 m, and a junction from 200 m to 210 m: at none of these speeds the stream comes late."""
+    leads_s, fronts_m = [], []
+    for speed_mps in np.arange(6.0, 8.0, 0.1):
+        stream = group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=1)
+        traffic = on_streets(replace(stream, speed_mps=speed_mps), signal=SignalDemand(4.0))
+        (last,), (emv,), signal = traffic.groups, traffic.emvs, traffic.signal
+        assert signal is not None
+        before_m = 310.0 - last.spot.front_m - (210.0 if last.route[0] == "b" else 0.0)
+        leads_s.append(signal.emv_from_s - before_m / last.spot.speed_mps)
+        fronts_m.append(emv.spot.front_m)
+    assert min(leads_s) > 0.5, "from its own place it is 0.6 s to 1.1 s ahead"
+    assert min(fronts_m) < 158.0 < max(fronts_m) == pytest.approx(160.0)
+
+
 def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(monkeypatch: pytest.MonkeyPatch) -> None:
     """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
     near(monkeypatch, NEIGHBOURHOOD_AFTER_M=50.0)

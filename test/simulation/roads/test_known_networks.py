@@ -54,6 +54,7 @@ def _networks(town, district, cache):
         "crossing": (crossing, 1), "bends": (by_file["bends.xodr"], 1), "signs": (by_file["signs.osm"], 2),
         "district": (district, 9), "town": (town, 11),
         "motorway": (parse_road_network(compile_map(Path("motorway"), cache).read_bytes()), 6),
+        "city": (parse_road_network(compile_map(Path("city"), cache).read_bytes()), 17),
     }  # fmt: skip
 
 
@@ -116,7 +117,7 @@ def of_network(network: RoadNetwork, stride: int) -> dict[str, object]:
     }
 
 
-@pytest.mark.parametrize("name", ["crossing", "bends", "signs", "district", "town", "motorway"])
+@pytest.mark.parametrize("name", ["crossing", "bends", "signs", "district", "town", "motorway", "city"])
 def test_networks(networks, name: str) -> None:
     assert_known(KNOWN / f"{name}.json", of_network(*networks[name]), digits=5, decimals=3)
 

@@ -20,7 +20,7 @@ from siren_ros.simulation.roads.maps.map_formats import (
     with_stated_limits,
 )
 from siren_ros.simulation.roads.net_parser import parse_road_network
-from siren_ros.simulation.roads.road_network import JunctionKind, mirrored_network, right_hand_image
+from siren_ros.simulation.roads.road_network import mirrored_network, right_hand_image
 
 LANES = """<lane id="{0}_0" index="0" speed="13.89" width="6" type="sidewalk"/>
 <lane id="{0}_1" index="1" disallow="all" speed="1.39" width="0.6" type="shoulder"/>
@@ -61,15 +61,6 @@ def patches(*roads, junction_type="priority"):
 def lane_patches(net_xml, *, for_people=False):
     edges = opendrive_patches(net_xml, b"<OpenDRIVE/>", "map.xodr", for_people=for_people)["--edge-files"]
     return {lane.get("index"): dict(lane.attrib) for lane in fromstring(edges).find("edge").iterfind("lane")}
-
-
-def test_permissions_by_lane_type_and_width():
-    lanes = lane_patches(net())
-    assert set(lanes) == {"0", "1", "2", "4"}
-    assert (lanes["0"]["allow"], float(lanes["0"]["speed"])) == ("pedestrian", 1.39)
-    assert lanes["1"] == {"index": "1", "disallow": "all"}
-    assert (lanes["2"]["allow"], float(lanes["2"]["speed"])) == ("emergency", 13.89)
-    assert lanes["4"] == {"index": "4", "disallow": "all"}
 
 
 def test_cycle_lanes_are_open_where_there_are_cyclists():
@@ -245,23 +236,6 @@ def stopping(network, junction):
 @pytest.fixture(scope="module")
 def signs(tmp_path_factory):
     return compiled(tmp_path_factory.mktemp("maps"), SIGNS.read_text(encoding="utf-8"))
-
-
-def test_signs_limits_and_one_way_streets_are_those_of_the_map(signs):
-    """Stop signs bind their approaches, and at the junction itself all; a give-way sign binds who comes to it."""
-    net_of_signs, network = signs
-    kinds = JunctionKind.PRIORITY_STOP, JunctionKind.ALL_WAY_STOP
-    assert [network.junctions[name].kind for name in ("10", "13")] == [*kinds]
-    assert stopping(network, "10") == {"101#0", "-101#1"}
-    assert stopping(network, "13") == {"101#1", "103#0", "-103#1"}
-    priority = {edge.get("id"): int(edge.get("priority") or 0) for edge in fromstring(net_of_signs).iterfind("edge")}
-    assert priority["102"] < min(priority[edge] for edge in ("-102", "100#0", "-100#1"))
-    limits = {network.edges[lane.edge].edge_id: lane.speed_limit_mps for lane in network.lanes if lane.civilian_allowed}
-    assert limits["100#1"] == pytest.approx(50.0 / 3.6, abs=0.01)
-    assert limits["101#0"] == pytest.approx(30.0 / 3.6, abs=0.01)
-    assert limits["102"] == pytest.approx(20.0 * 0.44704, abs=0.05)
-    assert "104" in network.edge_by_id
-    assert "-104" not in network.edge_by_id
 
 
 def test_where_traffic_keeps_left_the_map_has_the_same_roads_and_signs_on_the_other_side(tmp_path, signs):
@@ -487,20 +461,6 @@ def test_its_network_is_the_mirror_image(tmp_path):
     assert shown[0] == shown[1]
     for lane_of_image, own in zip(image.lanes, right.lanes, strict=True):
         np.testing.assert_allclose(lane_of_image.centre.points, own.centre.points, atol=0.011)
-
-
-def test_numbers_of_lanes_and_what_lies_to_the_left_change_their_signs():
-    root = fromstring(mirrored_opendrive(DRIVE.encode()))
-    assert root.find("road").get("rule") == "LHT"
-    section = root.find("road/lanes/laneSection")
-    assert [side.tag for side in section] == ["left", "center", "right"]
-    assert [x.get("id") for x in section.iter("lane")] == ["3", "2", "1", "0", "-1", "-2"]
-    geometry = root.find("road/planView/geometry")
-    assert (geometry.get("x"), geometry.get("y"), geometry.get("hdg")) == ("10", "-20", "-0.3")
-    assert root.find(".//arc").get("curvature") == "-0.01"
-    assert root.find(".//laneOffset").get("a") == "-0.5"
-    assert root.find(".//signal").get("t") == "6"
-    assert dict(root.find(".//validity").attrib) == {"fromLane": "1", "toLane": "2"}
 
 
 def test_the_image_of_the_image_is_the_map():

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 from defusedxml.ElementTree import fromstring
-from made_district import write_district
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
 
 from siren_ros.base.numerics.geometry import Polyline
@@ -220,19 +218,6 @@ def shapes_of(path, rest=""):
     return {lane.attrib["id"]: points_of(lane.attrib["shape"]) for lane in net.iter("lane")}
 
 
-def test_a_turn_drawn_as_a_straight_line_in_two_parts_becomes_nearly_a_circle():
-    shapes = shapes_of("0,0,1 4,4,2", "4,4,2 10,10,3")
-    curve = shapes[":J_0_0"]
-    assert shapes[":J_1_0"][0] == pytest.approx(curve[-1])
-    assert (len(curve), len(shapes[":J_1_0"])) == (7, 11), "the parts keep their shares"
-    curve = np.concatenate((curve, shapes[":J_1_0"][1:]))
-    assert (curve[0], curve[-1]) == (pytest.approx([0.0, 0.0, 1.0]), pytest.approx([10.0, 10.0, 3.0]))
-    assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
-    heading = np.arctan2(*np.diff(curve[:, :2], axis=0).T[::-1])
-    assert np.abs(heading[[0, -1]] - [0.0, np.pi / 2.0]).max() < 0.06
-    assert np.diff(curve[:, 2]) == pytest.approx(2.0 / 16.0), "heights stay linear"
-
-
 @pytest.mark.parametrize(("long_m", "cut_m"), [(50.0, 6.0), (7.0, 0.0)])
 def test_a_lane_ends_before_the_begin_of_the_next_one(long_m, cut_m):
     """No vehicle follows a path that leads back by metres; a lane that is too short for the cut stays."""
@@ -316,51 +301,6 @@ def test_ten_degrees_at_either_end_are_a_corner_but_for_short_paths(path, mended
 def test_numbers_are_written_to_a_tenth_of_a_millimetre():
     assert text_of(np.array([[1.0, -2.5, 0.12344], [10.0, 0.0, 100.0]])) == "1,-2.5,0.1234 10,0,100"
     assert points_of("1,2,3 4,5").tolist() == [[1.0, 2.0], [4.0, 5.0]]
-
-
-NET_LANE_SHAPES = b"""<?xml version="1.0" encoding="UTF-8"?>
-<net version="1.20" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="net.xsd">
-  <location netOffset="0,0" convBoundary="0,0,100,100" origBoundary="0,0,1,1" projParameter="!"/>
-  <edge id="alike" from="a" to="b"><lane id="alike_0" index="0" speed="9" length="77" shape="0,0 100,0"/>
-    <lane id="alike_1" index="1" speed="9" length="77" shape="0,3 102,3"/></edge>
-  <edge id="unlike" from="a" to="b"><lane id="unlike_0" index="0" speed="9" length="60" shape="0,0 40,0"/>
-    <lane id="unlike_1" index="1" speed="9" length="60" shape="0,3 86,3"/></edge>
-  <edge id="bend" from="a" to="b"><lane id="bend_0" index="0" speed="9" length="60" shape="0,0 92,0"/>
-    <lane id="bend_1" index="1" speed="9" length="60" shape="0,3 100,3"/>
-    <lane id="bend_2" index="2" speed="9" length="60" shape="0,6 108,6"/></edge>
-  <edge id="walked" from="a" to="b">
-    <lane id="walked_0" index="0" allow="pedestrian" speed="1" length="60" shape="0,0 80,0"/>
-    <lane id="walked_1" index="1" speed="9" length="60" shape="0,3 100,3"/></edge>
-  <edge id=":b_w0" function="walkingarea">
-    <lane id=":b_w0_0" index="0" allow="pedestrian" speed="1" length="5" shape="0,0 3,0 3,3"/></edge>
-</net>"""
-
-
-def lengths_of(net):
-    return {lane.attrib["id"]: float(lane.attrib["length"]) for lane in fromstring(net).iter("lane")}
-
-
-def test_lengths_are_those_of_the_shapes():
-    """But for the lanes of one edge that are nearly as long: places side by side on them are so for SUMO, too."""
-    assert lengths_of(mended_lanes(NET_LANE_SHAPES)) == {
-        "alike_0": 101.0, "alike_1": 101.0, "unlike_0": 40.0, "unlike_1": 86.0,
-        "bend_0": 100.0, "bend_1": 100.0, "bend_2": 100.0, "walked_0": 100.0, "walked_1": 100.0, ":b_w0_0": 5.0,
-    }  # fmt: skip
-    nets = [fromstring(net) for net in (NET_LANE_SHAPES, mended_lanes(NET_LANE_SHAPES))]
-    for item in (item for net in nets for item in net.iter("lane")):
-        del item.attrib["length"]
-    before, after = ([(item.tag, item.attrib) for item in net.iter()] for net in nets)
-    assert before == after, "nothing else changes"
-
-
-@pytest.mark.parametrize("sides", [8, 24])
-def test_a_polygon_becomes_nearly_a_circle(sides):
-    angle = np.linspace(0.0, np.pi, sides)
-    points = rounded(20.0 * np.stack((np.cos(angle), np.sin(angle)), axis=-1))
-    radius = np.hypot(points[:, 0], points[:, 1])
-    assert 20.0 * np.cos(np.pi / (sides - 1) / 2.0) - 0.01 < radius.min() <= radius.max() <= 20.0 + 1e-9
-    heading = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
-    assert np.abs(np.diff(heading)).max() < 0.08
 
 
 def test_a_corner_is_passed_closely_and_the_ends_stay():
@@ -581,19 +521,6 @@ def test_a_net_with_corners_keeps_them_and_loses_the_outlines_of_crossings(cache
     assert compile_map(None, cache, for_people=True) == town
 
 
-def test_opendrives_crosswalks_are_the_crossings_as_wide_as_their_lanes(cache):
-    """One in each street of the two junctions that have some: four and three."""
-    path = write_district(cache)
-    plain, peopled = (kinds(path, cache, for_people=asked) for asked in (False, True))
-    assert LaneKind.CROSSING not in plain
-    assert peopled.pop(LaneKind.CROSSING) == path.read_text(encoding="utf-8").count('type="crosswalk"') == 7
-    assert peopled == plain
-    network = parse_road_network(compile_map(path, cache, for_people=True).read_bytes())
-    lengths_m = [lane.length_m for lane in network.lanes if lane.kind is LaneKind.CROSSING]
-    areas_m2 = [shapely.Polygon(outline).area for outline in network.crossings]
-    assert areas_m2 == pytest.approx([4.0 * length_m for length_m in lengths_m], rel=0.02)
-
-
 FILES = {
     "--edge-files": b"""<edges>
     <edge id="a" type="arterial" numLanes="2"><lane index="0" allow="pedestrian"/><lane index="1"/></edge>
@@ -625,44 +552,3 @@ def test_lanes_and_movements_shift_and_those_of_cyclists_are_added():
         *[("a", "b", "1", "1", ""), ("a", "c", "1", "1", "")],
     ]
     assert movements(files["--tllogic-files"]) == [("a", "b", "2", "2", "3"), ("a", "b", "1", "1", "3")]
-
-
-@pytest.fixture(scope="module")
-def nets(cache):
-    return [parse_road_network(compile_map(name, cache).read_bytes()) for name in (None, Path("city"))]
-
-
-def test_the_city_has_the_lanes_and_movements_of_the_town_and_cycle_lanes(nets):
-    town, city = nets
-    kinds = [[lane.kind for lane in net.lanes if lane.kind is not LaneKind.INTERNAL] for net in nets]
-    assert sorted(kinds[1]) == sorted([*kinds[0], *[LaneKind.CYCLE] * kinds[1].count(LaneKind.CYCLE)])
-    assert kinds[1].count(LaneKind.CYCLE) == 32
-
-    def ways(net):
-        named = [(net.lanes[c.from_lane], net.lanes[c.to_lane], c.signal_link) for c in net.connections]
-        return sorted(
-            (net.edges[a.edge].edge_id, net.edges[b.edge].edge_id, len(net.edges[a.edge].lanes) - a.position, link)
-            for a, b, link in named
-        )
-
-    assert ways(city) == ways(town)
-    assert not town.cycle_connections
-
-
-def test_cyclists_can_go_wherever_cars_can_from_a_cycle_lane(nets):
-    _, city = nets
-
-    def ways(connections):
-        return {(city.lanes[c.from_lane].edge, city.lanes[c.to_lane].edge, c.signal_link) for c in connections}
-
-    cars, cyclists = ways(city.connections), ways(city.cycle_connections)
-    assert cyclists <= cars, "with the signal of their direction"
-    cycle = [lane for lane in city.lanes if lane.kind is LaneKind.CYCLE]
-    wide = {lane.edge for lane in cycle}
-    assert {way[:2] for way in cyclists} == {way[:2] for way in cars if wide & {*way[:2]}}
-    for lane in cycle:
-        assert not lane.civilian_allowed
-        assert not lane.emergency_allowed
-        right = city.neighbour(lane, -1)
-        assert right is not None
-        assert right.kind is LaneKind.SIDEWALK

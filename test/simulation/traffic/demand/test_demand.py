@@ -12,9 +12,6 @@ from made_streets import (
     B_LEFT,
     C_LEFT,
     CONFIG,
-    FAR,
-    LIMIT_MPS,
-    NEAR,
     group,
     same_drivers,
     signal_site,
@@ -26,21 +23,17 @@ from traffic_helpers import DIMENSIONS, MAPS, load_map, named_map, plan_of, plan
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import set_up_episode
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph, civilian_movements, driving_lanes
+from siren_ros.simulation.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.simulation.roads.site_finder import require_site
 from siren_ros.simulation.scenario.episode import EpisodeRequest
 from siren_ros.simulation.scenario.paper import EmergencyLevel
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement, SignalDemand, StartReference
 from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand import demand
-from siren_ros.simulation.traffic.demand import plan as plan_module
 from siren_ros.simulation.traffic.demand.demand import (
-    EMV_ROUTE_SLACK_S,
     plan_traffic,
     sharing_junction_paths,
 )
-from siren_ros.simulation.traffic.demand.emv_start import bound_s_of, emv_start, start_m_of, unhindered_arrival_s
-from siren_ros.simulation.traffic.demand.group_demand import ROUTE_SLACK_S, ROUTE_SPEED_MPS
 from siren_ros.simulation.traffic.demand.plan import (
     LaneInterval,
     PlannedVehicle,
@@ -80,55 +73,12 @@ def test_same_seed_same_plan_at_every_level_other_seed_other_plan(network: RoadN
     assert plan_traffic(network, s2(network)[1], other, 3, load_drivers(), DIMENSIONS) == traffic
 
 
-def test_routes_follow_the_roads_and_begin_at_the_spot(network: RoadNetwork) -> None:
-    onward = {
-        (network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge)
-        for connection in network.connections
-    }
-    for vehicle in everyone(plan(network)):
-        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
-        lane = network.lanes[vehicle.spot.lane]
-        assert edges[0] == lane.edge
-        assert all(pair in onward for pair in pairwise(edges))
-        assert lane.kind is LaneKind.DRIVING
-        assert lane.civilian_allowed
-        assert 0.0 < vehicle.spot.front_m <= lane.length_m
-
-
-def test_the_part_of_the_first_edge_behind_the_emv_is_no_part_of_its_way(
-    network: RoadNetwork, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[float] = []
-
-    def noted(
-        _factory: object, route: tuple[int, ...], _site: object, needed_m: float, _rng: object
-    ) -> tuple[int, ...]:
-        asked.append(needed_m)
-        return route
-
-    monkeypatch.setattr(demand, "long_enough_route", noted)
-    traffic, template = plan_s2(network, seed=2)
-    least_m = template.emv.speed_mps * (template.duration_s + EMV_ROUTE_SLACK_S)
-    assert asked == pytest.approx([traffic.emvs[0].spot.front_m + least_m])
-
-
 def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
     traffic = plan(network)
     for vehicle in traffic.reserve:
         assert vehicle.spot.front_m >= vehicle.length_m, "with its whole length on its lane"
         for area in traffic.stage:
             assert area.lane != vehicle.spot.lane or not area.from_m <= vehicle.spot.front_m <= area.to_m
-
-
-def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -> None:
-    template = load_template("S2")
-    vehicles = [vehicle for seed in range(4) for vehicle in plan(network, seed).reserve]
-    factors = np.array([vehicle.driver.speed_factor for vehicle in vehicles]) / template.demand.speed_factor
-    assert factors.mean() == pytest.approx(1.0, abs=0.03)
-    assert factors.std() == pytest.approx(0.1, abs=0.03)
-    for actor_class, share in template.demand.classes:
-        drawn = np.mean([vehicle.actor_class is actor_class for vehicle in vehicles])
-        assert drawn == pytest.approx(share, abs=0.08)
 
 
 def gaps_m(vehicles: Iterable[PlannedVehicle]) -> list[float]:
@@ -148,57 +98,14 @@ def test_every_template_has_its_volume_and_distinct_places(map_name: str, name: 
     assert len(traffic.groups) + len(near) == template.demand.background_vehicles
     assert len(traffic.groups) + len(traffic.background) == traffic.civilians
     assert len({vehicle.name for vehicle in everyone(traffic)}) == len(everyone(traffic))
+    assert [vehicle for vehicle in everyone(traffic) if vehicle.is_emv] == [*traffic.emvs]
     assert all(gap_m > 0.4 for gap_m in gaps_m((*traffic.emvs, *traffic.groups)))
-
-
-def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
-    traffic, template, site = plan_of("S3", network)
-    start = emv_start(network, site, start_m_of(network, site, template.emv))
-    arrival_s = unhindered_arrival_s(network, start, template.emv, bound_s_of(site, template))
-    last = traffic.groups[0]
-    lane = network.lanes[last.spot.lane]
-    assert lane.index in {network.connections[index].from_lane for index in site.connections}
-    assert lane.index != site.approach_lane
-    group = template.demand.groups[0]
-    lead_s = arrival_s - (lane.length_m - last.spot.front_m) / group.speed_mps
-    assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / group.speed_mps, abs=0.3)
-    edges = {network.lanes[vehicle.spot.lane].edge for vehicle in traffic.groups}
-    assert edges <= set(site.route[: site.site_position + 1])
-    assert traffic.signal is not None
-    assert template.signal is not None
-    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
 
 
 def test_a_signal_that_is_never_red_for_the_emv_is_left_alone(network: RoadNetwork) -> None:
     """At the end of S2's road, which may have one."""
     steady = tuple(replace(way, alternates=False) for way in network.connections)
     assert plan_s2(replace(network, connections=steady))[0].signal is None
-
-
-def test_the_signals_at_the_end_of_the_road_of_s2_and_behind_it_turn_red_behind_the_emv(network: RoadNetwork) -> None:
-    traffic, template = plan_s2(network)
-    (emv,), signal, demand = traffic.emvs, traffic.signal, template.signal
-    assert signal is not None
-    assert demand is not None
-    edges = [network.edge_by_id[edge].index for edge in emv.route]
-    lengths_m = [driving_lanes(network, edge)[-1].length_m for edge in edges]
-    arrivals_s = (np.cumsum(lengths_m) - emv.spot.front_m) / template.emv.speed_mps
-    links = [
-        {(way.signal_id, way.signal_link) for way in civilian_movements(network, *pair)} for pair in pairwise(edges)
-    ]
-    assert traffic.signals_behind
-    at_end = edges.index(s2(network)[1].stretch[-1])
-    movement = civilian_movements(network, *edges[at_end : at_end + 2])[-1]
-    assert (signal.signal_id, signal.link) == (movement.signal_id, movement.signal_link)
-    assert signal.red_from_s == pytest.approx(arrivals_s[at_end] - demand.red_before_arrival_s, abs=3.0)
-    assert signal.red_from_s > arrivals_s[at_end] + 10.0
-    for timing in traffic.signals_behind:
-        place = next(n for n, link in enumerate(links) if (timing.signal_id, timing.link) in link)
-        assert timing.red_from_s == pytest.approx(arrivals_s[place] - demand.red_before_arrival_s, abs=3.0)
-        assert timing.red_from_s > signal.red_from_s
-    ids = [timing.signal_id for timing in (signal, *traffic.signals_behind)]
-    assert len(set(ids)) == len(ids)
-    assert plan_of("S1", network)[0].signals_behind == ()
 
 
 def test_a_stream_passes_signals_behind_a_junction_where_it_has_no_room_before_them(
@@ -243,17 +150,6 @@ def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_wa
     assert sharing_junction_paths(network, [LaneInterval(way.from_lane, 0.0, 5.0)]) == []
 
 
-def test_routes_lead_through_the_episode_or_to_the_end_of_the_map(network: RoadNetwork) -> None:
-    traffic, template = plan_s2(network)
-    needed_m = ROUTE_SPEED_MPS * (template.warm_up_s + template.duration_s + ROUTE_SLACK_S)
-    graph = EdgeGraph.of(network)
-    vehicles = (*traffic.groups, *traffic.background, *traffic.reserve)
-    routes = [[network.edge_by_id[edge].index for edge in vehicle.route] for vehicle in vehicles]
-    enough = [graph.route_length_m(edges) >= needed_m or not graph.successors[edges[-1]] for edges in routes]
-    assert len(enough) > 50
-    assert all(enough), "nobody vanishes in the middle of the map"
-
-
 CITY = load_map(Path("city"))[1]
 RIDERS = {"demand.people.cyclists": 8.0, "demand.people.motorcycles": 3.0}
 
@@ -268,39 +164,6 @@ def test_riders_change_nothing_else(network: RoadNetwork) -> None:
     plain = plan_traffic(network, site, template, 0, load_drivers(), DIMENSIONS)
     assert plain.riders == ()
     assert everyone(with_riders(network)) == everyone(plain)
-
-
-@pytest.mark.parametrize(("name", "uncrossed"), [("S5", True), ("S6", True), ("S4", False)])
-def test_no_pedestrian_crosses_where_drivers_stop_and_go(name: str, uncrossed: bool) -> None:
-    traffic, _, site = plan_of(name, CITY)
-    assert traffic.uncrossed == (site.junction if uncrossed else "")
-
-
-def test_with_riders_as_many_lead_the_emv_as_take_turns_in_the_episode() -> None:
-    template = load_template("S5").with_values({"demand.leaders.vehicles": 5.0})
-    site = require_site(CITY, template.site_kind)
-    leaders = []
-    for values in ({}, RIDERS, {"duration_s": 30.0, **RIDERS}):
-        traffic = plan_traffic(CITY, site, template.with_values(values), 0, load_drivers(), DIMENSIONS)
-        leaders.append(sum(vehicle.name.startswith("leaders") for vehicle in traffic.groups))
-    assert leaders == [5, 3, 2]
-
-
-def test_there_are_riders_of_each_kind_with_enough_in_reserve(network: RoadNetwork) -> None:
-    traffic = with_riders(network)
-    assert traffic.riders_kept == {ActorClass.BICYCLE: 8, ActorClass.MOTORCYCLE: 3}
-    kinds = [rider.actor_class for rider in traffic.riders]
-    assert (kinds.count(ActorClass.BICYCLE), kinds.count(ActorClass.MOTORCYCLE)) == (88, 33)
-    assert len({rider.name for rider in traffic.riders}) == 121
-    for rider in traffic.riders:
-        stage = [area for area in traffic.stage if area.lane == rider.spot.lane]
-        assert not any(area.from_m <= rider.spot.front_m for area in stage), "nor ahead of its vehicles"
-        driving = load_drivers().classes[rider.actor_class]
-        assert replace(rider.driver.driving, min_gap_m=driving.min_gap_m) == driving
-    cycled = {lane.edge for lane in network.lanes if lane.kind is LaneKind.CYCLE}
-    cyclists = (rider for rider in traffic.riders if rider.actor_class is ActorClass.BICYCLE)
-    starts = {network.lanes[rider.spot.lane].edge for rider in cyclists}
-    assert not starts & {*s2(network)[1].stretch} - cycled, "none on the road to the site"
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -340,8 +203,7 @@ def edges_of(traffic: TrafficPlan, network: RoadNetwork = STREETS) -> set[str]:
 
 def on_streets(*groups: DemandGroup, count: int = 1, network: RoadNetwork = STREETS, **changed: Any) -> TrafficPlan:
     template = template_with(*groups)
-    crossing = {"crossing": 1, "crossing_after_s": changed.pop("after_s")} if "after_s" in changed else {}
-    emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0, **crossing)
+    emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
     template = replace(template, emv=emv, **changed)
     return plan_traffic(network, signal_site(), template, 3, replace(same_drivers(), traffic=CONFIG), DIMENSIONS)
 
@@ -368,38 +230,6 @@ def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups() -> 
     free = on_streets(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1, standing=True)).stage
     assert LaneInterval(B_LEFT, 0.0, pytest.approx(100.0)) in free
     assert LaneInterval(A_LEFT, 0.0, pytest.approx(200.0)) in free
-
-
-def test_volumes_and_steps() -> None:
-    traffic = on_streets(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
-    assert (len(traffic.groups), len(traffic.background), len(traffic.reserve)) == (3, 7, 40)
-    assert (traffic.civilians, traffic.warm_up_steps) == (10, 100)
-
-
-def test_background_traffic_can_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
-    monkeypatch.setattr(demand, "PLACEMENT_GAP_M", 6.0)
-    monkeypatch.setattr(plan_module, "PLACEMENT_GAP_M", 6.0)
-    traffic = on_streets()
-    for vehicle in (*traffic.background, *traffic.reserve):
-        lane = STREETS.lanes[vehicle.spot.lane]
-        free_m = min(6.0, lane.length_m - vehicle.spot.front_m)
-        assert vehicle.spot.speed_mps == pytest.approx(min(0.7 * LIMIT_MPS, np.sqrt(2.0 * 2.5 * free_m)))
-        assert vehicle.length_m <= vehicle.spot.front_m <= lane.length_m
-
-
-def test_background_vehicles_keep_their_gaps_on_a_full_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Vehicles of one lane are 9 m apart or more, on either side."""
-    template = template_with()
-    crowded = replace(template.demand, background_vehicles=22)
-    monkeypatch.setattr(demand, "RESERVE_FACTOR", 0.0)
-    vehicles = on_streets(demand=crowded).background
-    by_lane: dict[int, list[float]] = {}
-    for vehicle in vehicles:
-        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle.spot.front_m)
-    assert max(map(len, by_lane.values())) > 2
-    for fronts in by_lane.values():
-        assert (np.diff(sorted(fronts)) >= 9.0 + 4.6).all()
 
 
 def test_the_signal_turns_red_before_the_emv_arrives() -> None:
@@ -471,17 +301,6 @@ def test_the_streets_around_have_a_density_of_their_own(monkeypatch: pytest.Monk
         assert traffic.civilians == 2 + around
 
 
-def test_groups_ahead_are_counted_from_the_foremost_emv_and_the_others_keep_their_headway() -> None:
-    """6.2 m of length and 2 s at 10 m/s."""
-    traffic = on_streets(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
-    assert [emv.spot.front_m for emv in traffic.emvs] == pytest.approx([160.0, 133.8, 107.6])
-    assert {emv.spot.lane for emv in traffic.emvs} == {A_LEFT}
-    assert LaneInterval(A_LEFT, pytest.approx(107.6 - 6.2 - 25.0), pytest.approx(200.0)) in traffic.stage
-    first = traffic.emvs[0]
-    assert (first.route, first.driver.speed_factor) == (("a", "b", "c"), pytest.approx(10.0 / LIMIT_MPS))
-    assert traffic.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
-
-
 def test_a_lane_is_near_the_emvs_way_where_its_middle_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """The side road ends 12 m from the way, and its middle is 62 m away."""
     for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
@@ -496,23 +315,3 @@ def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_s
     for spacing_m, wide in ((59.0, False), (61.0, True)):
         near(monkeypatch, BACKGROUND_SPACING_M=spacing_m)
         assert ({"m", "n"} <= edges_of(on_streets())) is wide
-
-
-def test_the_emv_of_a_plan_starts_at_that_speed() -> None:
-    """The queue reaches back over K to the road on which the EMV starts at 160 m; a short one leaves it its 10 m/s."""
-    for vehicles, limited in ((14, True), (4, False)):
-        traffic = on_streets(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))
-        (emv,) = traffic.emvs
-        spots = [vehicle.spot for vehicle in traffic.groups]
-        rear_m = min({A_LEFT: 0.0, B_LEFT: 210.0}[spot.lane] + spot.front_m - 4.6 for spot in spots)
-        expected_mps = min((5.0 * (rear_m - 160.0 - 4.0)) ** 0.5, 10.0)
-        assert (expected_mps < 10.0) is limited
-        assert emv.spot.speed_mps == pytest.approx(expected_mps)
-
-
-@pytest.mark.parametrize(("after_s", "lane", "front_m"), [(-2.0, FAR, 170.0), (-6.0, NEAR, 10.0)])
-def test_the_emv_that_crosses_comes_so_long_before_the_first_one(after_s: float, lane: int, front_m: float) -> None:
-    """That one comes after 15 s, and both drive 10 m/s; NEAR has 100 m, and before it 200 m lead there."""
-    crossing = on_streets(after_s=after_s).emvs[-1]
-    assert (crossing.name, crossing.spot.lane) == ("crossing_emv0", lane)
-    assert crossing.spot.front_m == pytest.approx(front_m, abs=1.0)

@@ -1,7 +1,5 @@
 """Vehicles, their sizes and their routes; pedestrians."""
 
-from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,20 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_streets import (
-    A_LEFT,
     A_RIGHT,
     B_LEFT,
     B_RIGHT,
-    C_LEFT,
-    NEAR,
-    SOUTH,
     STRAIGHT,
     TURN,
     A,
     B,
     C,
     D,
-    N,
     same_drivers,
     streets,
 )
@@ -35,10 +28,8 @@ from siren_ros.simulation.dynamics.vehicle_model import load_vehicle_parameters
 from siren_ros.simulation.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.simulation.roads.routing import EdgeGraph, connections_between, driving_lanes, route_path
 from siren_ros.simulation.scenario.episode import EpisodeRequest
-from siren_ros.simulation.traffic.demand import road_users
-from siren_ros.simulation.traffic.demand.plan import PlannedWalker, Spot, load_drivers
+from siren_ros.simulation.traffic.demand.plan import PlannedWalker, load_drivers
 from siren_ros.simulation.traffic.demand.road_users import (
-    PACE_MPS,
     WIDEST_M,
     RouteChooser,
     VehicleFactory,
@@ -79,21 +70,6 @@ def starts(network: RoadNetwork, graph: EdgeGraph) -> list[Lane]:
     return [lane for edge in edges for lane in driving_lanes(network, edge)]
 
 
-def test_a_route_leaves_the_map_early_only_where_there_is_no_other_way(
-    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
-) -> None:
-    endless, ended = graph.endless_edges, 0
-    for number, lane in enumerate(starts(network, graph)):
-        route = chooser.draw((lane.edge,), 900.0, np.random.default_rng(number), CAR_M, lane.index, lasting_m=500.0)
-        if graph.route_length_m(route) < 500.0:
-            ended += 1
-            left = next(place for place, edge in enumerate(route) if edge not in endless)
-            onward = {graph.network.lanes[way.to_lane].edge for way in network.connections_from.get(lane.index, ())}
-            ways = onward if left == 1 else set(graph.successors[route[left - 1]]) if left else set()
-            assert not ways & endless
-    assert ended < 0.25 * len(starts(network, graph))
-
-
 def test_every_route_can_be_driven_lane_by_lane_and_is_long_enough(
     network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
 ) -> None:
@@ -110,68 +86,6 @@ def test_every_route_can_be_driven_lane_by_lane_and_is_long_enough(
                 assert np.linalg.norm(lane.centre.points[-1] - ahead.centre.points[0]) < 0.1
         driven = dict.fromkeys(lane.edge for lane in lanes if lane.kind is LaneKind.DRIVING)
         assert list(driven) == list(dict.fromkeys(route))
-
-
-def test_the_first_way_is_one_of_the_lanes_own(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
-    for number, lane in enumerate(starts(network, graph)):
-        following = chooser.draw((lane.edge,), 5000.0, np.random.default_rng(number), CAR_M, lane.index)[1]
-        targets = [network.lanes[way.to_lane] for way in network.connections_from.get(lane.index, ())]
-        if any(target.civilian_allowed for target in targets):
-            assert following in {target.edge for target in targets}
-
-
-def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The road south ends in a corner of 5 m towards the east and is the only other way from B."""
-    roads = streets()
-    corner = Polyline.through([(10.0, -120.0), (10.0, -125.0), (15.0, -125.0)])
-    way_on = Polyline.through([(15.0, -125.0), (215.0, -125.0)])
-    last = roads.lanes[SOUTH]
-    edges, lanes = len(roads.edges), len(roads.lanes)
-    bent = replace(
-        roads,
-        lanes=(
-            *roads.lanes,
-            replace(last, index=lanes, lane_id="e_0", edge=edges, centre=way_on),
-            replace(last, index=lanes + 1, lane_id=":S_0", edge=edges + 1, centre=corner, kind=LaneKind.INTERNAL),
-        ),
-        edges=(
-            *roads.edges,
-            replace(roads.edges[D], index=edges, edge_id="e", lanes=(lanes,)),
-            replace(roads.edges[D], index=edges + 1, edge_id=":S", lanes=(lanes + 1,), internal=True),
-        ),
-        connections=(*roads.connections, Connection(SOUTH, lanes, (lanes + 1,), "l", None, -1, False, "S")),
-    )
-    monkeypatch.setattr(road_users, "LONG_VEHICLE_RADIUS_M", 8.0)
-    chooser = RouteChooser(bent, EdgeGraph.of(bent))
-    assert [chooser.leads_on(lane, BUS_M) for lane in (SOUTH, NEAR, B_LEFT, C_LEFT)] == [False, False, True, True]
-    assert all(chooser.leads_on(lane, CAR_M) for lane in (SOUTH, NEAR, B_LEFT))
-    with monkeypatch.context() as wide:
-        wide.setattr(road_users, "LONG_VEHICLE_RADIUS_M", 1.0)
-        assert RouteChooser(bent, EdgeGraph.of(bent)).leads_on(NEAR, BUS_M)
-    assert {chooser.draw((B,), 250.0, np.random.default_rng(seed), BUS_M)[1] for seed in range(20)} == {C}
-    assert chooser.draw((N,), 250.0, np.random.default_rng(0), BUS_M) == (N, D, edges), "no other way"
-
-
-def test_an_emv_turns_off_more_rarely_than_civilians() -> None:
-    """From B two lanes lead on and one turns: 0.1 of 2.1 and 0.35 of 2.35 ways."""
-    roads = streets()
-    chooser = RouteChooser(roads, EdgeGraph.of(roads))
-    factory = VehicleFactory(roads, same_drivers(), {})
-    rng = np.random.default_rng(4)
-
-    def turning(way: Callable[[], tuple[int, ...]]) -> float:
-        return float(np.mean([way()[1] == D for _ in range(3000)]))
-
-    assert turning(lambda: factory.draw_way((B,), 150.0, rng)) == pytest.approx(0.1 / 2.1, abs=0.012)
-    assert turning(lambda: chooser.draw((B,), 150.0, rng, CAR_M)) == pytest.approx(0.35 / 2.35, abs=0.02)
-
-
-def test_a_lane_fits_where_it_leads_to(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
-    for edge in range(len(network.edges)):
-        for following in graph.successors[edge]:
-            leading = {movement.from_lane for movement in movements(network, edge, following)}
-            for lane in driving_lanes(network, edge):
-                assert chooser.fits(edge, following, lane.index, CAR_M) == (lane.index in leading)
 
 
 def arc(radius_m: float, start_rad: float, end_rad: float) -> np.ndarray:
@@ -224,57 +138,9 @@ def test_in_a_lane_that_only_turns_tightly_cars_turn_slowly_and_who_cannot_goes_
     assert chooser.draw([A], 150.0, np.random.default_rng(1), vehicle_m, A_RIGHT) == (A,)
 
 
-@pytest.mark.parametrize("lane", [B_LEFT, C_LEFT])
-@pytest.mark.parametrize(("from_line_m", "tight"), [(2.0, True), (20.0, False)])
-def test_a_movements_bend_is_that_of_the_junction_and_6_m_on_both_sides(
-    lane: int, from_line_m: float, tight: bool
-) -> None:
-    """A right angle in the lane before or behind the junction."""
-    roads = streets()
-    corner = {B_LEFT: -from_line_m, C_LEFT: 20.0 + from_line_m}[lane]
-    side = (corner, 58.25)
-    points = {B_LEFT: [side, (corner, -1.75), (0.0, -1.75)], C_LEFT: [(20.0, -1.75), (corner, -1.75), side]}[lane]
-    lanes = list(roads.lanes)
-    lanes[lane] = replace(lanes[lane], centre=Polyline.through(points))
-    network = replace(roads, lanes=tuple(lanes))
-    chooser = RouteChooser(network, EdgeGraph.of(network))
-    radius_m = chooser.radius_m(network.connections[STRAIGHT + 1])
-    assert (radius_m < 10.0) is tight
-    assert np.isinf(radius_m) is not tight
-
-
-NETWORK = streets()
-FACTORY = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS)
-DRAWS = 4000
-
-
-def test_classes_come_by_their_shares_whatever_the_sum() -> None:
-    shares = [(ActorClass.SEDAN, 6.0), (ActorClass.BUS, 1.0), (ActorClass.TRUCK, 3.0)]
-    rng = np.random.default_rng(0)
-    counts = Counter(FACTORY.draw_class(shares, rng) for _ in range(DRAWS))
-    for kind, share in shares:
-        assert counts[kind] / DRAWS == pytest.approx(share / 10.0, abs=0.03)
-
-
 def test_a_class_without_dimensions_is_refused() -> None:
     with pytest.raises(InputError, match="dimensions: 'BUS'"):
-        VehicleFactory(NETWORK, same_drivers(), {}).size(ActorClass.BUS)
-
-
-def test_a_body_has_the_size_of_its_class_and_paints_come_by_their_shares() -> None:
-    rng = np.random.default_rng(1)
-    driver = FACTORY.draw_driver(ActorClass.BUS, rng)
-    spot = Spot(A_LEFT, 30.0, 5.0)
-    cars = [FACTORY.civilian("c", ActorClass.BUS, driver, ("a",), spot, rng) for _ in range(DRAWS)]
-    assert (cars[0].length_m, cars[0].width_m, cars[0].height_m) == DIMENSIONS[ActorClass.BUS]
-    assert not cars[0].is_emv
-    paints = Counter(car.colour_rgb for car in cars)
-    assert paints[236, 236, 234] / DRAWS == pytest.approx(0.26, abs=0.03)
-    assert paints[176, 84, 32] / DRAWS == pytest.approx(0.01, abs=0.006)
-    emv = FACTORY.emv("e", ActorClass.AMBULANCE, driver, ("a",), spot)
-    assert emv.is_emv
-    assert (emv.length_m, emv.width_m, emv.height_m) == DIMENSIONS[ActorClass.AMBULANCE]
-    assert emv.colour_rgb == (240, 240, 236)
+        VehicleFactory(streets(), same_drivers(), {}).size(ActorClass.BUS)
 
 
 def test_who_does_not_turn_left_goes_on_otherwise_where_there_is_a_way(
@@ -351,24 +217,6 @@ def test_there_are_as_many_again_in_reserve_and_the_seed_decides() -> None:
 def test_a_few_sidewalks_have_room_for_few() -> None:
     walks = [CITY.lanes[CITY.edges[STREETS[0].edge].lanes[0]]]
     assert len(planned(400, near=STREETS[:1])) == 2 * int(walks[0].length_m / 4.0)
-
-
-def test_people_start_and_end_on_sidewalks_of_the_streets() -> None:
-    people, edges = planned(40), {CITY.edges[lane.edge].edge_id for lane in STREETS}
-    for walker in people:
-        edge = CITY.edge_by_id[walker.edge]
-        sidewalk = CITY.lanes[edge.lanes[0]]
-        assert sidewalk.kind is LaneKind.SIDEWALK
-        assert 0.0 <= walker.place_m <= sidewalk.length_m
-        assert {walker.edge, *walker.goals} <= edges
-        assert (walker.length_m, walker.width_m) == (4.6, 1.8), "as the table of these tests gives every class"
-
-
-def test_paces_are_those_of_people() -> None:
-    paces = np.array([walker.speed_mps for walker in planned(400)])
-    assert paces.mean() == pytest.approx(PACE_MPS.mean, abs=0.03)
-    assert PACE_MPS.minimum <= paces.min() < 1.0
-    assert 1.7 < paces.max() <= PACE_MPS.maximum
 
 
 def test_a_street_without_sidewalk_has_no_people() -> None:

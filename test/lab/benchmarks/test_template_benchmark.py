@@ -1,7 +1,7 @@
 """Benchmarks over many episodes: templates, rescue lanes, left-hand traffic, surrogate safety."""
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from json import loads
 from pathlib import Path
@@ -26,7 +26,6 @@ from siren_ros.lab.benchmarks.rescue_lane import (
     means_of,
     sumo_states,
 )
-from siren_ros.lab.benchmarks.rescue_lane import row_of as rescue_row_of
 from siren_ros.lab.benchmarks.surrogate_safety import (
     LENGTH_M as CAR_LENGTH_M,
 )
@@ -109,18 +108,6 @@ def names(record):
     return frozenset(actor.name for actor in record.actors.values() if not actor.is_emv)
 
 
-def test_an_open_lane_is_driven_through_in_the_time_that_its_length_takes():
-    record = judged(jam(drive_m=800.0))
-    figures = figures_of(record, names(record))
-    assert (figures.open_before, figures.open_after) == (1.0, 1.0)
-    way_m = 19 * 8.0 + 4.0 + 6.0  # from the rear of the last car to the front of the first one, and the EMV's length
-    assert figures.through_s == pytest.approx(way_m / 8.0, abs=0.6)
-    assert figures.jam_m == pytest.approx(way_m, abs=4.0)
-    assert (figures.overlaps, figures.emv_overlaps, figures.overtaking) == (0, 0, 0)
-    assert np.isnan(figures.off_middle), "nobody of the jam flows"
-    assert rescue_row_of("0 SIREN", asdict(figures)).split()[:4] == ["0", "SIREN", "1.00", "1.00"]
-
-
 def test_an_emv_that_stays_in_the_jam_has_no_time():
     record = judged(jam())
     short = replace(record, states=record.states[: int(35.0 / STEP_S)])
@@ -128,13 +115,6 @@ def test_an_emv_that_stays_in_the_jam_has_no_time():
     assert np.isnan(figures.through_s)
     assert 20.0 < figures.jam_m < 60.0
     assert np.isnan(figures.open_after), f"nobody looked {AFTER_S:.0f} s later"
-
-
-def test_bodies_that_overlap_and_civilians_that_overtake_are_counted():
-    record = judged(jam(more=[(303.0, AT_SIDE_M), (320.0, -0.5 * WIDTH_M)]))
-    figures = figures_of(record, names(record))
-    assert figures.overlaps == 2, "two cars, and the EMV with one in the corridor"
-    assert figures.emv_overlaps == 1
 
 
 def test_a_civilian_that_comes_from_behind_overtakes():

@@ -36,14 +36,12 @@ from made_streets import (
     streets,
     template_with,
 )
-from traffic_helpers import DIMENSIONS, load_map
+from traffic_helpers import DIMENSIONS
 
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.errors import InputError, MapError
 from siren_ros.running.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.simulation.roads.routing import EdgeGraph
-from siren_ros.simulation.roads.site_finder import find_sites, require_site
 from siren_ros.simulation.roads.sites import Site, SiteKind
 from siren_ros.simulation.scenario.driver_parameters import EmvDriver
 from siren_ros.simulation.scenario.episode import EpisodeRequest
@@ -69,24 +67,17 @@ from siren_ros.simulation.traffic.demand.emv_start import (
     depart_speed_mps,
     early_m_of,
     emv_start,
-    following_starts,
     lane_before,
     long_enough_route,
-    prolonged,
     start_m_of,
     stays_inside,
     travel_lane,
     unhindered_arrival_s,
     way_to_stop_line_m,
 )
-from siren_ros.simulation.traffic.demand.plan import Spot, chain_along
+from siren_ros.simulation.traffic.demand.plan import Spot
 from siren_ros.simulation.traffic.demand.road_users import VehicleFactory
 from siren_ros.simulation.world.actors import ActorClass
-
-
-@pytest.fixture(scope="module")
-def town() -> RoadNetwork:
-    return load_map(None)[1]
 
 
 def demand(start_m: float, speed_mps: float = 10.0, depart_mps: float = 10.0) -> EmvDemand:
@@ -98,16 +89,6 @@ def test_speeding_up_follows_the_constant_acceleration() -> None:
     changing_m = (12.0**2 - 6.0**2) / (2.0 * EMV_ACCEL_MPS2)
     expected_s = (12.0 - 6.0) / EMV_ACCEL_MPS2 + (200.0 - changing_m) / 12.0
     assert unhindered_arrival_s(NETWORK, start_at(110.0), demand(0.0, 12.0, 6.0)) == pytest.approx(expected_s, abs=0.15)
-
-
-def test_nobody_starts_on_a_shoulder(town: RoadNetwork) -> None:
-    """The site is a turn along the shoulder; the EMV comes in the lane next to it and has to choose the shoulder."""
-    site = require_site(town, SiteKind.SHOULDER_RIGHT_TURN)
-    start = emv_start(town, site, start_m_of(town, site, demand(-70.0)))
-    shoulder, lane = town.lanes[site.approach_lane], town.lanes[start.lane]
-    assert shoulder.kind is LaneKind.SHOULDER
-    assert lane.kind is LaneKind.DRIVING
-    assert town.neighbour(town.lanes[start.lanes_to_site[-1]], -1) == shoulder
 
 
 def set_up(template: str, values: str, seed: int = 0) -> EpisodeSetup:
@@ -130,28 +111,6 @@ def test_every_template_takes_more_emvs_and_one_that_crosses(name: str) -> None:
     assert second[-len(first) :] == third[-len(first) :] == first
     assert across[-len(first) :] != first
     assert setup.description.crossed_junctions == {4: setup.plan.crossed}
-
-
-@pytest.mark.parametrize(("name", "after_s"), [("S1", -2.0), ("S2", 5.0), ("S4", 0.0), ("S6", -2.0)])
-def test_the_crossing_emv_comes_from_the_side_to_the_first_ones_junction_in_time(name: str, after_s: float) -> None:
-    """Into the site's junction, or into the first one behind the site's road."""
-    setup = set_up(name, f"emv.crossing=1,emv.crossing_after_s={after_s}")
-    network, site, across = setup.network, setup.site, setup.plan.emvs[-1]
-    assert setup.plan.crossed == (site.junction or network.edges[site.stretch[-1]].to_junction)
-    spot = across.spot
-    assert any(area.lane == spot.lane and area.from_m < spot.front_m < area.to_m for area in setup.plan.stage)
-    # No crossing queue stands in its lane; the other lanes keep theirs, and the volume stays.
-    alone = set_up(name, "")
-    edges = [network.edge_by_id[edge].index for edge in across.route]
-    chain = chain_along(network, network.lanes[spot.lane], edges).lanes
-    before = chain[: next(at for at, lane in enumerate(chain) if network.lanes[lane].kind is LaneKind.INTERNAL)]
-    queues = [[v.spot.lane for v in one.plan.groups if v.name.startswith("crossing")] for one in (setup, alone)]
-    assert bool(queues[0]) is (name in {"S4", "S6"})
-    assert len(queues[0]) <= len(queues[1])
-    assert not {*queues[0]} & set(before)
-    assert setup.plan.civilians == alone.plan.civilians
-    assert (len(alone.plan.emvs), alone.description.crossed_junctions) == (1, {})
-    assert "crossing" not in alone.description.parameters
 
 
 def side_streets() -> RoadNetwork:
@@ -233,30 +192,6 @@ def test_where_the_side_street_is_too_short_or_full_no_emv_starts() -> None:
     assert (first.lane, first.front_m) == (FAR, 8.0), "its body is on the road"
     soon, near = crossing_start(NETWORK, ways, emv_demand(0.0), -1.0, ())
     assert (soon.junction, way_to_stop_line_m(NETWORK, near)) == ("J", pytest.approx(10.0)), "the nearest start"
-
-
-def test_followers_keep_the_headway_where_the_approach_has_to_be_prolonged(town: RoadNetwork) -> None:
-    network, template = town, load_template("S2")
-    graph, pair = EdgeGraph.of(network), replace(template.emv, count=2)
-    for site in find_sites(network, template.site_kind):
-        before_m = graph.route_length_m(site.route[: site.site_position])
-        longer = prolonged(network, site, before_m + 60.0)
-        if len(longer.route) > len(site.route):
-            break
-    else:
-        pytest.fail("no road leads to any approach")
-    assert longer.route[longer.site_position] == site.site_edge
-    headway_m = before_m + 30.0
-    with pytest.raises(MapError):
-        emv_start(network, site, start_m_of(network, site, pair) - headway_m - 60.0)
-    first, second = following_starts(network, site, pair, headway_m)
-    assert second.route[-len(first.route) :] == first.route
-    assert len(second.route) > len(first.route)
-    points = [np.array(network.lanes[start.lane].centre.at(start.front_m)) for start in (first, second)]
-    assert np.linalg.norm(points[0] - points[1]) < headway_m + 60.0
-    at_edge = replace(pair, start_m=0.0)
-    third = following_starts(network, site, replace(at_edge, count=3), 0.5 * (headway_m + 60.0))[-1]
-    assert third == following_starts(network, site, at_edge, headway_m + 60.0)[-1], "the second one of twice that"
 
 
 NETWORK = streets()
@@ -391,14 +326,6 @@ def test_in_a_bend_the_lateral_acceleration_is_the_limit() -> None:
     fast = emv_demand(0.0, 30.0)
     assert depart_speed_mps(network, start, fast) == pytest.approx(mps, rel=0.03)
     assert unhindered_arrival_s(network, start, fast) == pytest.approx((20.0 * np.pi - 10.0) / mps, rel=0.04)
-
-
-def test_departing_and_arriving_on_a_straight_way() -> None:
-    start = start_at(110.0)
-    assert depart_speed_mps(NETWORK, start, emv_demand(0.0, 10.0)) == pytest.approx(10.0)
-    there = replace(start, lane=B_LEFT, front_m=120.0, lanes_to_site=(B_LEFT,))
-    assert unhindered_arrival_s(NETWORK, there, emv_demand(0.0, 10.0)) == 0.0
-    assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0)) == 10.0
 
 
 def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:

@@ -229,13 +229,6 @@ def test_a_jam_fills_every_lane_and_long_vehicles_stand_in_the_right_one() -> No
         planned(jam, start=short, junction=None)
 
 
-@pytest.mark.parametrize("spacing_m", [1.0, 9.0, 50.0])
-def test_who_starts_close_to_the_next_one_keeps_that_headway_and_others_their_own(spacing_m: float) -> None:
-    (one,) = planned(replace(platoon(1), spacing_m=spacing_m)).vehicles
-    headway_s = (spacing_m - one.driver.driving.min_gap_m) / 8.0
-    assert one.driver.tau_s == pytest.approx(min(max(headway_s, LEAST_HEADWAY_S), 1.2))
-
-
 def test_who_starts_before_a_bend_can_brake_for_it() -> None:
     """A quarter circle of 12 m, driven at 6 m/s, begins 4.5 m ahead of the foremost, and is full 2 m later."""
     lanes, angle = list(NETWORK.lanes), np.linspace(0.0, np.pi / 2.0, 40)
@@ -368,16 +361,6 @@ def test_the_last_one_of_a_stream_comes_in_time_although_nobody_starts_in_a_junc
             assert low_mps <= vehicle.spot.speed_mps <= high_mps
 
 
-@pytest.mark.parametrize("limit_mps", [LIMIT_MPS, 6.0])
-def test_a_crossing_stream_drives_with_two_seconds_between_its_vehicles(limit_mps: float) -> None:
-    lanes = tuple(replace(lane, speed_limit_mps=limit_mps) for lane in NETWORK.lanes)
-    free = replace(with_connection(CROSSING, signal_id=None), lanes=lanes)
-    vehicles = planned(crossing(4), network=free).vehicles
-    pace_mps = min(8.0, limit_mps)
-    assert {vehicle.spot.speed_mps for vehicle in vehicles} == {pace_mps}
-    assert -np.diff(fronts_m(vehicles)) == pytest.approx([2.0 * pace_mps] * 3)
-
-
 def test_a_stream_drives_on_where_its_lane_leads() -> None:
     """The right lane leads south alone; behind the site the route is what is left of the EMV's."""
     stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.EMV), vehicles=2)
@@ -432,30 +415,6 @@ def test_nobody_stands_nearer_than_the_own_standing_distance(standing: bool) -> 
     asked_m = [max(2.0, vehicle.driver.driving.min_gap_m if standing else 0.0) for vehicle in vehicles]
     assert (max(asked_m) > 3.0) == standing
     assert -np.diff(fronts_m(vehicles)) - CAR_M == pytest.approx(asked_m[1:])
-
-
-@pytest.mark.parametrize("line_m", [130.0, 140.0, 300.0])
-def test_queues_in_lanes_that_grow_out_of_one_lane_keep_their_spacing_in_it(line_m: float) -> None:
-    """One lane fans out into two before the line; between 100 and 120 m is its junction."""
-    road = Road()
-    road.edge(0.0, 100.0, (0,))
-    road.edge(100.0, 120.0, (0,), LaneKind.INTERNAL)
-    road.edge(120.0, line_m, (0, 1))
-    road.connect(0, 2, (1,))
-    road.connect(0, 3, (1,))
-    start = EmvStart(0, 0.0, (0, 2), (0, 2))
-    queues = [
-        replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, 3, standing=True), name="own"),
-        replace(group(Placement.ADJACENT_LANE, GroupAnchor.EMV, 3), name="beside", first_gap_m=30.0),
-        replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, 3), name="behind", optional=True),
-    ]
-    plan = planned(*queues, network=road.built(), start=start, **vars(road.site((0, 2), 2, ())))
-    places = [(vehicle.spot.lane, vehicle.spot.front_m) for vehicle in plan.vehicles]
-    assert len(places) >= 7
-    for lane in (0, 2, 3):
-        fronts = sorted(front for at, front in places if at == lane)
-        gaps = np.diff(fronts) - CAR_M
-        assert (gaps >= 5.0 - 1e-6).all(), (lane, fronts)
 
 
 @pytest.mark.parametrize("spacings_m", [(4.0, 11.0), (11.0, 4.0)])

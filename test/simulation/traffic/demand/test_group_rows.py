@@ -39,10 +39,9 @@ from made_streets import (
 from siren_ros.base.numerics.geometry import Polyline
 from siren_ros.simulation.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.simulation.scenario.scenario import DemandGroup, GroupAnchor, Placement
-from siren_ros.simulation.scenario.templates import load_template
 from siren_ros.simulation.traffic.demand.emv_start import EmvStart, lane_before
 from siren_ros.simulation.traffic.demand.group_demand import before_bends_mps
-from siren_ros.simulation.traffic.demand.group_rows import GroupRow, approach_row, connection_from, group_rows
+from siren_ros.simulation.traffic.demand.group_rows import GroupRow, connection_from, group_rows
 from siren_ros.simulation.traffic.demand.plan import chain_of
 
 NETWORK: Final = streets()
@@ -379,16 +378,6 @@ def test_drivers_wait_in_a_turning_lane_that_branches_off_from_the_emvs_lane_beh
     assert rows(turning, taken, network=branching, connections=(3,)) == []
 
 
-@pytest.mark.parametrize(("lane", "first"), [(C_LEFT, A_LEFT), (C_RIGHT, A_RIGHT)])
-def test_a_row_before_the_site_reaches_back_over_several_edges(lane: int, first: int) -> None:
-    """200 m, 10 m, 100 m, 20 m and 200 m: all of them lead to the end of the last edge."""
-    roads = streets()
-    start = EmvStart(A_LEFT, 30.0, (A, B, C), (A_LEFT,))
-    row = approach_row(roads, replace(signal_site(), site_edge=C), start, roads.lanes[lane])
-    assert (row.chain.lanes[0], row.chain.lanes[-1]) == (first, lane)
-    assert (row.anchor_m, row.edges) == (pytest.approx(530.0), (A, B, C))
-
-
 def test_of_two_lanes_that_lead_into_one_the_leftmost_is_before() -> None:
     roads = streets()
     merging = replace(roads.connections[0], to_lane=B_LEFT)
@@ -399,31 +388,3 @@ def test_of_two_lanes_that_lead_into_one_the_leftmost_is_before() -> None:
         assert before is not None
         assert before.from_lane == A_LEFT
         assert lane_before(network, network.lanes[B_LEFT], A)[0].index == A_LEFT
-
-
-def fanning_road() -> Road:
-    """One lane for 100 m, then a junction of 20 m and two lanes up to the site."""
-    road = Road()
-    road.edge(0.0, 100.0, (0,))
-    road.edge(120.0, 150.0, (0, 1))
-    road.edge(150.0, 300.0, (0, 1))
-    for source, target in ((0, 1), (0, 2), (1, 3), (2, 4)):
-        road.connect(source, target)
-    return road
-
-
-@pytest.mark.parametrize("approach_lane", [1, 2])
-@pytest.mark.parametrize("arrival_s", [10.0, 20.0])
-def test_a_stream_that_the_emv_comes_up_next_to_starts_where_it_comes_with_the_emv(
-    approach_lane: int, arrival_s: float
-) -> None:
-    road, group = fanning_road(), load_template("S3").demand.groups[0]
-    assert (group.placement, group.anchor) == (Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL)
-    start = EmvStart(0, 10.0, (0, 1, 2), (0, approach_lane))
-    site, rng = road.site((0, 1, 2), approach_lane, (2, 3)), np.random.default_rng(0)
-    (row,) = group_rows(road.built(), site, start, group, arrival_s, rng)
-    assert approach_lane not in row.chain.lanes
-    line_m = sum(road.lanes[lane].length_m for lane in row.chain.lanes[:2])
-    early_m = group.first_gap_m - (0.0 - 8.0)  # its junctions have no paths
-    # The lanes fan out at a corner, at which the stream slows down.
-    assert row.anchor_m == pytest.approx(line_m - group.speed_mps * arrival_s - early_m, abs=2.5)

@@ -15,8 +15,9 @@ from matplotlib.text import Annotation, Text
 
 
 def shown(figure: Figure) -> list[Any]:
-    """The axes from top left on, then texts and legends of the figure itself."""
-    return [_axes(axes) for axes in figure.axes] + [[_text(text) for text in figure.texts], *_legends(figure.legends)]
+    """The axes from top left on, each before those in it, then texts and legends of the figure itself."""
+    every = [part for axes in figure.axes for part in (axes, *axes.child_axes)]
+    return [_axes(axes) for axes in every] + [[_text(text) for text in figure.texts], *_legends(figure.legends)]
 
 
 def _axes(axes: Axes) -> dict[str, Any]:

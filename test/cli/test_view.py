@@ -66,6 +66,13 @@ def test_a_bag_or_live_but_not_both(options: list[str], named: str, siren) -> No
     assert named in siren(["view", *options], 2).err
 
 
+@pytest.mark.parametrize("words", [["view", "--live"], ["replay", "BAG"]])
+def test_what_needs_ros_says_so_where_there_is_none(bag, siren, monkeypatch, words: list[str]) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    monkeypatch.setattr("os.execv", lambda *_: pytest.fail("it became another program"))
+    assert "a ROS 2 environment" in siren([str(bag) if word == "BAG" else word for word in words], 2).err
+
+
 def test_sensors_are_a_choice_and_the_command_says_what_is_there(typestore, tmp_path, capsys) -> None:
     bag, page = write_made_bag(tmp_path / "bag", typestore), str(tmp_path / "page.html")
     assert main(["export", "html", str(bag), "--out", page, "--show", "lidar"]) == 0

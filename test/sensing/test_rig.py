@@ -67,6 +67,7 @@ def test_a_step_with_everything_due(observe):
     assert decoded.shape == (120, 160, 3)
     assert np.abs(decoded.astype(int) - frame.rgb).mean() < 4
     assert len(sweep.payload) == sweep.points.nbytes
+    assert seen.labels == {}, "the suite asks for an instance picture, not for boxes"
 
 
 def test_measurements_in_the_background_are_the_same(boxes, traffic):

@@ -258,7 +258,7 @@ def test_scenarionet_has_a_database_of_the_split(exported, made_drive):
     assert json.loads((out / "dataset.json").read_text())["counts"] == {"scenarios": 1, "tracks": 3}
 
 
-FOUND = description(made_record(), made_tracks(), "one", 1)
+FOUND = description(made_record(), made_tracks(), "one", 9)
 PATHS = 12
 
 
@@ -279,7 +279,7 @@ def test_tracks_fill_the_frames_at_which_they_are_there():
     assert FOUND["tracks"]["1"]["metadata"]["is_emv"] is True
     assert FOUND["tracks"]["9"]["metadata"]["class"] == "bus"
     assert FOUND["metadata"]["ts"] == pytest.approx(0.1 * np.arange(FRAMES))
-    assert FOUND["metadata"]["sdc_id"] == "1"
+    assert FOUND["metadata"]["sdc_id"] == "9"
 
 
 def test_a_light_shows_the_friendliest_movement_of_its_lane():

@@ -90,20 +90,29 @@ def test_two_rounds_that_meet_go_on_alike_and_agree() -> None:
 
 
 def decided(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
-    """From 9 s on a decision falls the other way where ``b`` is small, which nothing tells before."""
+    """From 9 s on a decision falls the other way where ``b`` is small, not told before; over 3 s another ``a`` fits."""
     residuals = []
     for values in tries:
         wrong = 20.0 * (1.0 + values["b"]) if horizon_s > 6.0 and values["b"] < 0.6 else 0.0
         follows = 10.0 * (values["b"] - SWINGS["b"]) if horizon_s > 6.0 and not wrong else 0.0
-        residuals.append(np.array([30.0 * (values["a"] - SWINGS["a"]), follows, wrong, 0.1]))
+        residuals.append(
+            np.array([30.0 * (values["a"] - (0.05 if horizon_s < 6.0 else SWINGS["a"])), follows, wrong, 0.1])
+        )
     return residuals
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_decision_that_falls_another_way_is_left_by_evolution(seed: int) -> None:
     """Least squares runs to the wrong end: the error falls with ``b`` where the decision is wrong."""
-    tried = tried_on(decided, 300)
-    search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(seed))
+    over_whole: list[float] = []
+
+    def told(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+        over_whole.extend(values["a"] for values in tries if horizon_s == WHOLE)
+        return decided(tries, horizon_s)
+
+    tried = tried_on(told, 300)
+    search_rounds(tried, (3.0, 6.0, WHOLE), 15, np.random.default_rng(seed))
+    assert min(over_whole) > 0.15, "evolution begins where the horizon before ended, not where the first one did"
     assert tried.best == pytest.approx([SWINGS["a"], SWINGS["b"]], abs=1e-3)
     assert tried.best_error_m == pytest.approx(0.1, rel=1e-3)
 

@@ -18,7 +18,7 @@ from siren_ros.reports.episode_page.build import episode_data, episode_page, tit
 from siren_ros.reports.episode_page.columns import measures_of_emvs
 from siren_ros.scoring.judging.outcome import evaluate_predicate
 from siren_ros.simulation.behaviour.driving.navigator import SpeedLimit
-from siren_ros.simulation.world.actors import Event, EventKind, Mode, Owner
+from siren_ros.simulation.world.actors import ActorClass, Event, EventKind, Mode, Owner
 
 RecordOf = Callable[..., EpisodeRecord]
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>"
@@ -240,6 +240,9 @@ def test_marks_and_texts_of_events_and_without_states_there_is_no_page(record: E
     )
     actors = {key: replace(actor, name="\u202ecar") for key, actor in record.actors.items()}
     head, _ = unpacked(episode_data(replace(record, events=(event,), actors=actors)))
+    bus = record.actors | {9: replace(record.actors[2], actor_id=9, actor_class=ActorClass.BUS)}
+    _, columns = unpacked(episode_data(record, against=(record, replace(record, actors=bus))))
+    assert {"shape.BUS.xyz", "shape.SEDAN.xyz"} <= columns.keys(), "shapes of actors of all episodes"
     assert (
         next(row[4] for row in head["events"] if row[1] == "lane_change_started") == "reason a\\u202eb\\n, distance 2 m"
     )

@@ -122,6 +122,11 @@ def test_a_stream_next_to_the_emv_needs_a_lane_there(town: RoadNetwork) -> None:
     optional = replace(with_stream, demand=replace(template.demand, groups=(replace(stream, optional=True),)))
     assert {len(site.connections) for site in good_sites(town, with_stream)} == {2}
     assert {len(site.connections) for site in good_sites(town, optional)} == {1, 2}
+    beside = replace(
+        template, demand=replace(template.demand, groups=(replace(stream, placement=Placement.ADJACENT_LANE),))
+    )
+    alone = Lack("no second lane that leads on beside the EMV's")
+    assert all((alone in texts) == (len(site.connections) < 2) for site, texts in shortcomings(town, beside).items())
 
 
 def test_the_strongest_control_of_a_map_is_taken(town: RoadNetwork) -> None:

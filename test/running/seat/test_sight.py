@@ -1,5 +1,7 @@
 """The lanes beside a path, and what a driver sees along it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made_record import IN_TURN_LANE, LEFT_X_M, line
@@ -21,6 +23,9 @@ def test_the_left_lane_has_one_to_its_right() -> None:
     way = Way.of(NETWORK, Polyline.through(line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))))
     lanes = way.lanes
     assert [lanes.offset_m(20, lane) for lane in (-2, -1, 0, 1)] == [-3.5, -3.5, 0.0, 0.0]
+    fast = replace(NETWORK, lanes=tuple(replace(lane, speed_limit_mps=30.0) for lane in NETWORK.lanes))
+    assert all(Way.of(fast, one.curve).duty.all() for one in (way, WAY)), "a rescue lane out of town, in both lanes"
+    assert not WAY.duty.any()
 
 
 def test_a_lane_that_ends_at_a_junction_comes_nearer_on_the_way_across() -> None:

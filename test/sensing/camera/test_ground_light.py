@@ -1,5 +1,6 @@
 """Light on the ground by day and at night, its projections, rain, and which walls lie in the sun."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from siren_ros.sensing.look import Look
 from siren_ros.sensing.meshes.mesh import Material, Mesh, SemanticClass
 from siren_ros.sensing.scene.kerbside import street_lamp, turned
 from siren_ros.sensing.specification import transform
-from siren_ros.simulation.world.actors import ActorClass
+from siren_ros.simulation.world.actors import ActorClass, Lights
 from siren_ros.simulation.world.carrier import CameraIntrinsics
 
 CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
@@ -41,6 +42,22 @@ def test_each_street_lamp_is_found_once_and_lights_the_road_below_it_at_night(bo
     assert middles.shape == (3, 3)
     assert np.linalg.norm(middles[:, :2] - places, axis=1) == pytest.approx(1.5, abs=0.1)
     assert middles[:, 2] == pytest.approx(7.9, abs=0.1)
+
+
+def test_walls_have_the_light_that_falls_before_them(boxes):
+    wall, seen = boxes.box((12.5, 0.0, 3.0), (1.0, 1.0, 6.0), Material.BUILDING_WALL), []
+    for x_m in (6.5, 18.0, 40.0):  # 5.5 m before the face, 6 m behind it, farther
+        scene = boxes.scene(wall, turned(street_lamp(8.0), x_m, -1.5, 0.0, np.pi / 2))
+        seen.append(picture(boxes.renderer(scene, NIGHT), boxes.placed()).rgba[80:118, 156:164, :3].mean())
+    assert seen[0] > seen[1] > 1.5 * seen[2]
+
+
+def test_beacons_light_the_road_on_all_sides(boxes):
+    renderer, blue = boxes.renderer(boxes.scene(), NIGHT), []
+    for yaw_rad, lights in itertools.product((0.0, np.pi / 2), (0, int(Lights.BEACON))):
+        image = picture(renderer, boxes.placed((ActorClass.BUS, 18.0, 0.0, yaw_rad), lights=[lights]))
+        blue.append(image.rgba[160:165, 150:170, 2].mean())
+    assert min(blue[1] - blue[0], blue[3] - blue[2]) > 10.0, "9 m behind and 9 m beside"
 
 
 def test_rain_falls_over_the_colours_alone(boxes):

@@ -23,6 +23,7 @@ from siren_ros.simulation.world.actors import ActorClass
 
 def samples_in(path):
     file = PackedSamples(path)
+    assert file.task == path.parent.name
     return [file[number] for number in range(len(file))]
 
 

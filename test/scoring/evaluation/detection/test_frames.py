@@ -105,6 +105,7 @@ def test_every_labelled_sweep_is_a_frame(episode: EpisodeFrames) -> None:
     assert np.flatnonzero(episode.keyframe).tolist() == [LABELLED.index(step) for step in (10, 20, 30, 40)]
     assert episode.pictured.all()
     assert (episode.episode_id, episode.template, episode.seed, episode.suite) == ("mine", "S2", 3, "made")
+    assert (episode.identity.text, bytes.fromhex(episode.identity.map_sha256)[:8]) == ("straight S2 3", b"straight")
     assert episode.lidar_frame == "lidar"
 
 

@@ -11,9 +11,7 @@ from evaluation.made_records import Track, moving, record_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_outputs import assert_known
-from shapely import Polygon
 
-from siren_ros.base.numerics.geometry import footprint_corners
 from siren_ros.errors import InputError
 from siren_ros.scoring.judging.surrogate_safety import (
     HORIZON_S,
@@ -34,22 +32,6 @@ from siren_ros.simulation.roads.road_network import RoadNetwork
 def straight_road() -> RoadNetwork:
     """Any map: the measures do not look at it."""
     return hand.crossing()
-
-
-def test_each_other_actor_has_its_extremes(straight_road) -> None:
-    """One vehicle ahead that the subject comes closer to, and one that is never in its way."""
-    places = {1: (0.0, 0.0, 10.0), 4: (20.0, 0.0, 0.0), 7: (0.0, 9.0, 10.0)}
-    tracks = {actor: moving(*place, steps=21) for actor, place in places.items()}
-    ahead, aside = pair_measures(*conflict_series(record_with(tracks, straight_road), 1))
-    assert (ahead.actor_id, aside.actor_id) == (4, 7)
-    assert ahead.time_to_collision_s.value == pytest.approx((20.0 - 10.0 - 4.6) / 10.0)
-    assert ahead.time_to_collision_s.step == 20
-    assert ahead.required_deceleration_mps2.value == pytest.approx(10.0**2 / (2.0 * 5.4))
-    assert ahead.gap_m.value == pytest.approx(5.4)
-    assert ahead.encroachment is None
-    assert aside.time_to_collision_s is None
-    assert aside.required_deceleration_mps2 is None
-    assert aside.gap_m.value == pytest.approx(9.0 - 1.8)
 
 
 def test_a_window_leaves_out_what_happens_outside(straight_road) -> None:
@@ -249,36 +231,6 @@ def test_one_pair_touches_and_another_does_not(straight_road) -> None:
     assert contacts.time_s == pytest.approx([0.0, 2.0, np.inf])
     assert contacts.closing_mps == pytest.approx([6.0, 8.0, 0.0])
     assert contacts.required_deceleration_mps2 == pytest.approx([np.inf, 2.0, 0.0])
-
-
-@pytest.mark.parametrize("hand", [1.0, -1.0])
-@pytest.mark.parametrize("heading_rad", [0.0, 2.2])
-@pytest.mark.parametrize("angle_rad", [0.5, 0.9])
-def test_in_a_bend_the_front_meets_what_stands_in_it(straight_road, hand, heading_rad, angle_rad) -> None:
-    """A car stands in the bend, along it, some angle ahead: its rear is met by the front's outer or inner corner.
-
-    Both bodies are boxes on one circle; the time is that at which a search in steps of a millisecond finds them
-    overlapping.
-    """
-    speed_mps, radius_m = 9.0, 20.0
-
-    def pose(angle: float) -> tuple[float, float, float]:
-        """Place and heading on the circle after an angle."""
-        ahead, aside = radius_m * np.sin(angle), hand * radius_m * (1.0 - np.cos(angle))
-        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
-        return cos * ahead - sin * aside, sin * ahead + cos * aside, heading_rad + hand * angle
-
-    def body(angle: float) -> Polygon:
-        x, y, yaw = pose(angle)
-        return Polygon(footprint_corners(*(np.array([value]) for value in (x, y, yaw, LENGTH_M, WIDTH_M)))[0])
-
-    x, y, yaw = pose(angle_rad)
-    subject, rate = placed(0.0, 0.0, speed_mps, heading_rad), hand * speed_mps / radius_m
-    contacts = first_instant(straight_road, subject, placed(x, y, 0.0, yaw), yaw_rate_radps=rate)
-    standing = body(angle_rad)
-    times = np.arange(0.0, 3.0, 0.001)
-    first = next(time for time in times if body(time * speed_mps / radius_m).intersects(standing))
-    assert contacts.time_s[0] == pytest.approx(first, abs=0.01)
 
 
 def on_ways(tracks, road):

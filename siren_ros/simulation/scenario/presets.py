@@ -14,6 +14,8 @@ from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters, check_driver_value
 
 _SHARE_TOLERANCE = 1e-6
+REGION_M: Final = 40.0
+"""Radius of the interaction region (paper, table of control constants), and default response distance of templates."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +114,15 @@ class DriverPreset:
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
 
-        The distance is the new mean of the response distance; spread and limits scale with it. The delay is added to
-        every reaction delay. ``compliance`` is a factor 0–1 on the shares that comply at once or late.
+        The response distance scales as the scenario's value over 40 m, every template's default: a preset whose drivers
+        respond at 20 m keeps them there as long as nobody asks for another distance. The delay is added to every
+        reaction delay. ``compliance`` is a factor 0–1 on the shares that comply at once or late.
         """
         complies, late = self.compliance.complies * compliance, self.compliance.late * compliance
         return replace(
             self,
             reaction_delay_s=self.reaction_delay_s.shifted(extra_delay_s),
-            response_distance_m=self.response_distance_m.scaled(response_distance_m / self.response_distance_m.mean),
+            response_distance_m=self.response_distance_m.scaled(response_distance_m / REGION_M),
             compliance=ComplianceShares(complies, late, 1.0 - complies - late),
         )
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -6,7 +8,8 @@ from hypothesis import strategies as st
 
 from siren_ros.base.params.folders import names_in_params, params_dir
 from siren_ros.errors import InputError
-from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal, load_preset
+from siren_ros.simulation.scenario.presets import REGION_M, Attention, TruncatedNormal, load_preset
+from siren_ros.simulation.scenario.templates import load_template
 
 
 def test_realistic_preset_draws_its_mean_and_spread():
@@ -29,6 +32,14 @@ def test_scenario_values_move_the_distributions():
     assert shares.late == pytest.approx(0.5 * preset.compliance.late)
     assert shares.complies + shares.late + shares.never == pytest.approx(1.0)
     assert preset.for_scenario(40.0, 0.0, 0.5).reaction_delay_s == preset.reaction_delay_s
+
+
+@pytest.mark.parametrize(("asked_m", "mean_m"), [(40.0, 12.0), (60.0, 18.0)])
+def test_drivers_of_a_preset_respond_at_its_own_distance_until_a_scenario_asks_for_another(asked_m, mean_m):
+    near = replace(load_preset("realistic"), response_distance_m=TruncatedNormal(12.0, 4.0, 4.0, 30.0))
+    drawn = near.for_scenario(asked_m, 0.0, 1.0).response_distance_m
+    assert (drawn.mean, drawn.std / drawn.mean) == pytest.approx((mean_m, 1.0 / 3.0))
+    assert {load_template(name).response.response_distance_m for name in names_in_params("templates")} == {REGION_M}
 
 
 @given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))

@@ -12,10 +12,9 @@ from siren_ros.base.numerics.arrays import random_stream
 from siren_ros.base.params.parameters import FILES_ON_DISK, InputFiles, StrictMapping
 from siren_ros.errors import InputError
 from siren_ros.simulation.scenario.driver_parameters import DriverParameters, check_driver_value
+from siren_ros.simulation.scenario.paper import PAPER_CONSTANTS
 
 _SHARE_TOLERANCE = 1e-6
-REGION_M: Final = 40.0
-"""Radius of the interaction region (paper, table of control constants), and default response distance of templates."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ class DriverPreset:
     rescue_at_once: float = 1.0
     """Share of the motorway's jams whose drivers form the rescue lane unasked."""
     rescue_late: float = 0.0
-    """Share of those who form it only when an EMV with a siren comes; the others do not, unless they yield to it."""
+    """Share of those whose drivers form it only when an EMV with a siren comes; in the others they only yield to it."""
     rescue_near_m: TruncatedNormal = TruncatedNormal(0.0, 0.0, 0.0, 0.0)
     """Distance to that EMV at which they do."""
     filtering: float = 0.0
@@ -114,15 +113,16 @@ class DriverPreset:
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with the values of a scenario.
 
-        The response distance scales as the scenario's value over 40 m, every template's default: a preset whose drivers
-        respond at 20 m keeps them there as long as nobody asks for another distance. The delay is added to every
-        reaction delay. ``compliance`` is a factor 0–1 on the shares that comply at once or late.
+        The response distance scales as the scenario's value over the radius of the paper's interaction region, 40 m and
+        every template's default: a preset whose drivers respond at 20 m keeps them there unless another one is asked.
+        The delay is added to every reaction delay. ``compliance`` is a factor 0–1 on the shares that comply at once or
+        late.
         """
         complies, late = self.compliance.complies * compliance, self.compliance.late * compliance
         return replace(
             self,
             reaction_delay_s=self.reaction_delay_s.shifted(extra_delay_s),
-            response_distance_m=self.response_distance_m.scaled(response_distance_m / REGION_M),
+            response_distance_m=self.response_distance_m.scaled(response_distance_m / PAPER_CONSTANTS.region_enter_m),
             compliance=ComplianceShares(complies, late, 1.0 - complies - late),
         )
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from siren_ros.base.params.folders import names_in_params, params_dir
 from siren_ros.errors import InputError
-from siren_ros.simulation.scenario.presets import REGION_M, Attention, TruncatedNormal, load_preset
+from siren_ros.simulation.scenario.presets import Attention, TruncatedNormal, load_preset
 from siren_ros.simulation.scenario.templates import load_template
 
 
@@ -39,7 +39,7 @@ def test_drivers_of_a_preset_respond_at_its_own_distance_until_a_scenario_asks_f
     near = replace(load_preset("realistic"), response_distance_m=TruncatedNormal(12.0, 4.0, 4.0, 30.0))
     drawn = near.for_scenario(asked_m, 0.0, 1.0).response_distance_m
     assert (drawn.mean, drawn.std / drawn.mean) == pytest.approx((mean_m, 1.0 / 3.0))
-    assert {load_template(name).response.response_distance_m for name in names_in_params("templates")} == {REGION_M}
+    assert {load_template(name).response.response_distance_m for name in names_in_params("templates")} == {40.0}
 
 
 @given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))

@@ -135,8 +135,9 @@ def plan_groups(
         _check_room(group, len(rows), placed // len(rows) if every else placed)
         if group.placement is Placement.CROSSING:
             planner.keep_crossing_free(rows)
-    jam = on_top, tuple(heads.values()), planner.late_s
-    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing), *jam)
+    stage = tuple(planner.crossing_stage)
+    placed_groups = tuple(vehicles), planner.foremost_m, stage, tuple(crossing), on_top, tuple(heads.values())
+    return GroupPlan(*placed_groups, late_s=planner.late_s)
 
 
 def _through(network: RoadNetwork, site: Site) -> tuple[int, ...]:
